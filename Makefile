@@ -57,10 +57,10 @@ DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -isystem $(GEN) -DCANWIRE_VERSION='"$(VER
 
 LIB_SOURCES := $(wildcard lib/*.c lib/*/*.c)
 # all of daemon/ but the main functions; an archive, so that each program takes what it needs
-PARTS_SOURCES := $(filter-out daemon/cli/main.c daemon/preload/%, \
+PARTS_SOURCES := $(filter-out daemon/cli/main.c daemon/usb/main.c daemon/preload/%, \
   $(wildcard daemon/*/*.c daemon/*/*/*.c))
 PRELOAD_SOURCES := $(wildcard daemon/preload/*.c)
-DAEMON_SOURCES := daemon/main.c $(filter-out daemon/cli/%,$(PARTS_SOURCES))
+DAEMON_SOURCES := daemon/main.c $(filter-out daemon/cli/% daemon/usb/%,$(PARTS_SOURCES))
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
 FUZZ_TARGETS := $(patsubst tests/fuzz/%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
@@ -78,6 +78,7 @@ LAYOUT := $(GEN)/lib/format/layout.h
 DAEMON := $(BUILD)/canwired
 TOOL := $(BUILD)/canwire
 PRELOAD := $(BUILD)/libcanwire-socketcan.so
+USB := $(BUILD)/canwire-usb
 CONFORMANCE := $(BUILD)/conformance
 MAN_PAGES := $(patsubst daemon/man/%.md,$(BUILD)/man/%,$(wildcard daemon/man/*.md))
 DIFFERENTIAL := $(BUILD)/differential
@@ -95,7 +96,7 @@ all: ## install what the build needs, then build canwired and canwire
 	@scripts/install-deps build
 	@$(MAKE) --no-print-directory build
 
-build: $(DAEMON) $(TOOL) $(PRELOAD) ## canwired and canwire alone, with what is installed
+build: $(DAEMON) $(TOOL) $(USB) $(PRELOAD) ## the programs alone, with what is installed
 
 # The compiler runs only when ccache has no result; the first call installs missing packages.
 dev: ## for the loop of a developer: build/debug, and the unit tests that a change concerns
@@ -308,7 +309,10 @@ $(PRELOAD): $(call objects,$(PRELOAD_SOURCES))
 	$(call tell,LD,$@) $(CC) $(PRELOAD_CFLAGS) -shared -Wl,-z,relro -Wl,-z,now -Wl,-z,defs \
 	  -Wl,-soname,$(@F) $(filter-out -pie -fPIE,$(LDFLAGS)) -o $@ $^ -ldl
 
-$(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) systemd/realtime.conf \
+$(USB): $(call objects,daemon/usb/main.c) $(PARTS) $(LIB)
+	$(call link,$(LINK_LTO)) -lsystemd $(TOOL_LIBS)
+
+$(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) $(USB) systemd/realtime.conf \
   $(wildcard config/*.md config/*.yaml config/lcm/*.lcm config/schema/*.json)
 	@mkdir -p $(@D)
 	@scripts/man --build $(BUILD) $< >$@

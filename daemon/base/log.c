@@ -43,9 +43,10 @@ static struct {
     pthread_once_t once;
     int journal; /* -1: messages go to standard error */
     char bus[NAME_BYTES];
+    const char *program;
     bool rig; /* of several buses */
     atomic_uint lost;
-} state = {.once = PTHREAD_ONCE_INIT, .journal = -1};
+} state = {.once = PTHREAD_ONCE_INIT, .journal = -1, .program = "canwired"};
 
 static _Thread_local const char *entered; /* the bus of a rig, or NULL */
 
@@ -84,7 +85,7 @@ static int send_record(const message *m)
     char number[] = {(char)('0' + m->priority), '\0'};
     size_t size = add_field(record, 0, "MESSAGE", m->text);
     size = add_field(record, size, "PRIORITY", number);
-    size = add_field(record, size, "SYSLOG_IDENTIFIER", "canwired");
+    size = add_field(record, size, "SYSLOG_IDENTIFIER", state.program);
     size = add_field(record, size, "CANWIRE_BUS", entered ? entered : state.bus);
     size = add_field(record, size, "CANWIRE_NODE", m->node);
     return sendto(state.journal, record, size, MSG_DONTWAIT | MSG_NOSIGNAL,
@@ -136,7 +137,7 @@ static void put(message *m)
     (void)pthread_once(&state.once, open_journal);
     plain_make(m->text, ' ');
     if (state.journal < 0)
-        fprintf(stderr, "canwired: %s%s\n", word(m->priority), m->text);
+        fprintf(stderr, "%s: %s%s\n", state.program, word(m->priority), m->text);
     else
         send_message(m);
 }
@@ -151,6 +152,11 @@ print(priority p, const char *node, const char *format, va_list args)
                          (int)NAME_BYTES, node);
     (void)vsnprintf(m.text + used, sizeof m.text - (size_t)used, format, args);
     put(&m);
+}
+
+void log_set_program(const char *name)
+{
+    state.program = name;
 }
 
 void log_set_bus(const char *bus)

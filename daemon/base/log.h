@@ -9,6 +9,9 @@
 #ifndef CANWIRE_BASE_LOG_H
 #define CANWIRE_BASE_LOG_H
 
+/* Sets the name of the program; it must stay. Without it that is canwired. */
+void log_set_program(const char *name);
+
 /* Sets the bus of all later messages. Call it before other threads are started. */
 void log_set_bus(const char *bus);
 

@@ -82,7 +82,7 @@ static void add_port(bus_files *files, const json_t *node)
 {
     const char *text = json_string_value(json_object_get(node, "port"));
     const portname port = portname_parse(text ? text : "");
-    if (port.kind == PORTNAME_UNIX)
+    if (port.path)
         add_socket(files, port.path, "the bus' port");
 }
 

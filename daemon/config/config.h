@@ -166,7 +166,8 @@ typedef struct cfg_node {
     char *port;          /* interface name, or NULL; of all guests the same */
     uint8_t guest;       /* number of a guest, from 1 on; 0: it is none */
     cfg_place port_place;
-    char *peer;          /* interface at the other end of the port, a vxcan pair; or NULL */
+    char *peer;          /* interface at the other end of the port, a vxcan pair, or what a port usb
+                            makes; or NULL */
     char *netns;         /* network namespace that the peer is in; NULL: that of the port */
     cfg_kind kind;
     bool no_exception;   /* a protocol exception is a form error (D16) */
@@ -403,6 +404,9 @@ const cfg_place *cfg_find_master(const cfg *config);
 
 /* Returns true when settings take `time-triggered` from a node that has a schedule. */
 bool cfg_stops_schedule(const cfg_node *node, const cw_settings *settings);
+
+/* Returns true for a node with `port: { usb: … }`, whose controller is in a program. */
+bool cfg_is_usb(const cfg_node *node);
 
 /* Returns true when a node knows CAN FD frames. */
 bool cfg_knows_fd(const cfg *config, const cfg_node *node);

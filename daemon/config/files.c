@@ -58,7 +58,7 @@ static void add_sockets(fileuses *all, const cfg *config)
         use = at_place(config, node->port_place);
         use.what = "port";
         use.path = port.path;
-        if (port.kind == PORTNAME_UNIX && node->guest <= 1) /* guests share one */
+        if (port.path && node->guest <= 1) /* guests share one */
             fileuses_add_socket(all, &use);
     }
 }

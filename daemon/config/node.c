@@ -11,9 +11,13 @@
 #include "config/values.h"
 #include "config/wake.h"
 
+#include <net/if.h>
+#include <stdio.h>
 #include <string.h>
 
 #define NETNS_NAME_MAX 64u
+#define USB_SOCKETS "/run/canwire/"
+#define USB_FRAMES 10u /* that the driver peak_usb has under way */
 #define QUEUE_DEFAULT 16u
 /* The default queue of a node on an interface, where nothing delays a program. Kernel ISO-TP writes
  * all 586 frames of 4095 bytes at once, and J1939's transport protocol 255. */
@@ -24,7 +28,8 @@
 static void check_interface(schema *self, const schema_key *key, const yaml_node_t *value,
                             const char *name, const char *netns);
 static schema_reader read_guest_port, read_node_name, read_port, read_peer, read_peer_name,
-    read_netns, read_mode, read_when_full, read_fd, read_exception, read_wake;
+    read_netns, read_usb_name, read_usb_socket, read_mode, read_when_full, read_fd, read_exception,
+    read_wake;
 static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
 static const schema_range warning_range = {1, 255, sizeof(uint16_t)};
@@ -216,6 +221,13 @@ static const schema_key peer_keys[] = {
     {.name = NULL},
 };
 
+static const schema_key usb_keys[] = {
+    {.name = "usb", .read = read_usb_name, .required = true},
+    {.name = "netns", .read = read_netns},
+    {.name = "socket", .read = read_usb_socket},
+    {.name = NULL},
+};
+
 static char no_name[] = "";
 
 void cfg_node_defaults(cfg_node *node)
@@ -256,6 +268,9 @@ static void read_node(schema *self, yaml_node_t *value, cfg_node *node)
     node->when_full = CFG_WHEN_FULL_DROP; /* without port */
     node->line = (int)value->start_mark.line + 1;
     schema_map(self, "node", value, node_keys, node);
+    if (cfg_is_usb(node) && node->queue < USB_FRAMES)
+        schema_complain(self, value, "queue: a port usb needs %u or more, not %u", USB_FRAMES,
+                        (unsigned)node->queue);
     walk->unnamed = walk->unnamed || *node->name == '\0';
     if (walk->config->vxcan && portname_is_interface(node->port) && *node->name && !node->peer)
         name_peer(self, value, node);
@@ -271,6 +286,7 @@ void cfg_read_defaults(schema *self, const schema_key *key, yaml_node_t *value, 
     if (value->type != YAML_MAPPING_NODE)
         return;
     walk->default_map = value;
+    walk->default_order = schema_find(self, value, "order");
     walk->default_queue = schema_find(self, value, "queue");
     walk->default_when_full = schema_find(self, value, "when-full");
 }
@@ -323,20 +339,26 @@ static char *read_interface(schema *self, const schema_key *key, const yaml_node
     return schema_copy(self, text);
 }
 
-/* Resolves the path of unix:PATH, which is relative to the file. */
-static char *resolve_port(schema *self, const schema_key *key, const yaml_node_t *value,
-                          const portname *name)
+/* Resolves the path of a socket, which is relative to the file. kind: "unix:" or "usb:". */
+static char *resolve_path(schema *self, const schema_key *key, const yaml_node_t *value,
+                          const char *kind, const char *text)
 {
-    char *path = cfg_resolve_path(self, cfg_of(self)->file, name->path);
-    char *port = path ? schema_alloc(self, strlen("unix:") + strlen(path) + 1, 1) : NULL;
+    char *path = cfg_resolve_path(self, cfg_of(self)->file, text);
+    char *port = path ? schema_alloc(self, strlen(kind) + strlen(path) + 1, 1) : NULL;
 
     if (!port)
         return NULL;
-    strcpy(stpcpy(port, "unix:"), path);
+    strcpy(stpcpy(port, kind), path);
     if (strlen(path) > PORTNAME_PATH_MAX)
         schema_complain(self, value, "%s: the path of a socket has at most %u bytes, not %zu (%s)",
                         key->name, PORTNAME_PATH_MAX, strlen(path), path);
     return port;
+}
+
+static char *resolve_port(schema *self, const schema_key *key, const yaml_node_t *value,
+                          const portname *name)
+{
+    return resolve_path(self, key, value, "unix:", name->path);
 }
 
 static char *read_socket(schema *self, const schema_key *key, const yaml_node_t *value)
@@ -381,7 +403,7 @@ static char *read_port_name(schema *self, const schema_key *key, const yaml_node
     if (!text)
         return NULL;
     const portname name = portname_parse(text);
-    if (name.kind == PORTNAME_INVALID)
+    if (name.kind == PORTNAME_INVALID || name.kind == PORTNAME_USB)
         schema_expected(self, key, value, PORTNAME_EXPECTED);
     if (name.kind == PORTNAME_TCP)
         return complete_tcp(self, &name, node);
@@ -418,12 +440,68 @@ static void check_interface(schema *self, const schema_key *key, const yaml_node
         }
 }
 
+static void read_usb_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+
+    node->peer = read_interface(self, key, value);
+}
+
+static void read_usb_socket(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg_node *node = object;
+    const char *text = schema_text(self, key, value, "the path of a socket");
+
+    if (text)
+        node->port = resolve_path(self, key, value, "usb:", text);
+}
+
+/* Returns the socket of an adapter without one of its own. */
+static char *name_usb_socket(schema *self, const cfg_node *node)
+{
+    static const char folder[] = "usb:" USB_SOCKETS;
+    const char *netns = node->netns ? node->netns : "";
+    const size_t room = sizeof folder + strlen(netns) + strlen(".") + IFNAMSIZ + strlen(".usb");
+    char *port = schema_alloc(self, room, 1);
+
+    if (port)
+        (void)snprintf(port, room, "%s%s%s%s.usb", folder, netns, *netns ? "." : "", node->peer);
+    return port;
+}
+
+/* Reads `port: { usb: can0 }`. Its frames wait in the kernel, and leave in their order, as the
+ * adapter has it. */
+static void read_usb(schema *self, const schema_key *key, yaml_node_t *value, cfg_node *node)
+{
+    const cfg_walk *walk = self->user;
+
+    node->when_full = CFG_WHEN_FULL_DROP;
+    if (!walk->default_order)
+        node->order = CW_ORDER_FIFO;
+    schema_map(self, key->name, value, usb_keys, node);
+    if (!node->peer)
+        return;
+    check_interface(self, key, value, node->peer, node->netns);
+    if (!node->port)
+        node->port = name_usb_socket(self, node);
+    check_interface(self, key, value, node->port, NULL);
+}
+
+bool cfg_is_usb(const cfg_node *node)
+{
+    return node->port && portname_parse(node->port).kind == PORTNAME_USB;
+}
+
 static void read_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_walk *walk = self->user;
     cfg_node *node = object;
 
     node->port_place = cfg_place_of(value);
+    if (value->type == YAML_MAPPING_NODE) {
+        read_usb(self, key, value, node);
+        return;
+    }
     node->port = read_port_name(self, key, value, node);
     bool interface = portname_is_interface(node->port);
     if (interface && !walk->default_queue)
@@ -452,6 +530,9 @@ static void read_when_full(schema *self, const schema_key *key, yaml_node_t *val
 
     if (!node->port)
         schema_complain(self, value, "%s: only a node with port can be held back", key->name);
+    else if (cfg_is_usb(node))
+        schema_complain(self, value, "%s: the kernel holds the frames of a port usb back",
+                        key->name);
     schema_read_choice(self, key, value, object);
 }
 

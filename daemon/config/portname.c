@@ -80,9 +80,13 @@ portname portname_parse(const char *text)
     const char *number = behind(text, "fd:");
     const char *address = behind(text, "tcp:");
     tunnelname tunnel;
+    const char *adapter = behind(text, "usb:");
     if (name.path)
         name.kind = is_path(name.path) ? PORTNAME_UNIX : PORTNAME_INVALID;
-    else if (number)
+    else if (adapter) {
+        name.path = adapter;
+        name.kind = is_path(adapter) ? PORTNAME_USB : PORTNAME_INVALID;
+    } else if (number)
         name.kind = parse_fd(&name.fd, number) ? PORTNAME_FD : PORTNAME_INVALID;
     else if (address)
         name.kind = parse_tcp(&name, address) ? PORTNAME_TCP : PORTNAME_INVALID;

@@ -10,8 +10,8 @@
 #define PORTNAME_INTERFACE_EXPECTED                                                                \
     "the name of an interface, at most 15 bytes without '/', ':' and white space"
 #define PORTNAME_EXPECTED                                                                          \
-    PORTNAME_INTERFACE_EXPECTED ", or unix:PATH, or fd:NUMBER, or tcp:[HOST:]PORT, or " \
-                                "cannelloni:udp,peer=HOST:PORT"
+    PORTNAME_INTERFACE_EXPECTED ", or unix:PATH, or fd:NUMBER, or tcp:[HOST:]PORT, or "            \
+                                "cannelloni:udp,peer=HOST:PORT, or { usb: INTERFACE }"
 
 #define PORTNAME_PATH_MAX 107u /* sun_path with its final 0 has 108 bytes */
 
@@ -26,11 +26,12 @@ typedef enum portname_kind {
     PORTNAME_FD,        /* fd:NUMBER, a connected socket that was inherited */
     PORTNAME_TCP,       /* tcp:[HOST:]PORT[/NAME], for programs that speak as to socketcand */
     PORTNAME_TUNNEL,    /* cannelloni:…, to another machine; see tunnelname.h */
+    PORTNAME_USB,       /* usb:PATH, a socket that canwire-usb connects to */
 } portname_kind;
 
 typedef struct portname {
     portname_kind kind;
-    const char *path; /* UNIX: part of the text */
+    const char *path; /* UNIX, USB: part of the text */
     int fd;           /* FD */
     net_address address; /* TCP */
     const char *bus;     /* TCP: what programs open; NULL: the name of the node */

@@ -20,11 +20,17 @@ static unsigned modes_of(const engine *e, unsigned node)
 }
 
 /* Tells the clients of a port what has become of a frame of theirs. */
-static void tell_clients(const engine *e, port *p, const cw_event *event)
+static void tell_clients(const engine *e, unsigned node, const cw_event *event)
 {
+    port *p = e->now.ports[node];
+    const bool controlled = port_has_controller(p);
     port_set_time(p, event->tick, (int64_t)clock_realtime_ns(e->clock, event->tick));
+    if (controlled)
+        engine_tell_state(e, node, event);
     if (event->kind == CW_EVENT_TX || event->kind == CW_EVENT_DROP)
         port_ended(p, event);
+    if (controlled)
+        engine_settle(e, node, event);
 }
 
 static void deliver(engine *e, unsigned node, const cw_event *event)
@@ -32,7 +38,7 @@ static void deliver(engine *e, unsigned node, const cw_event *event)
     errframe error;
     bool received = event->kind == CW_EVENT_RX;
     if (e->now.ports[node] && port_is_shared(e->now.ports[node]))
-        tell_clients(e, e->now.ports[node], event);
+        tell_clients(e, node, event);
     if (!e->now.ports[node] && received)
         conserve_missed(&e->books, node, e->config->nodes[node].port != NULL);
     else if (!e->now.ports[node])

@@ -10,6 +10,7 @@
  *   core.c     advances the bus, with its inputs, to a tick
  *   links.c    detaches and attaches nodes with their interfaces
  *   guests.c   ... and with their clients
+ *   orders.c   ... and as their controllers say, which are in programs
  *   go_over.c  changes to another configuration
  *   engine.c   start and stop; wake-ups
  *   group.c    wake-ups of several engines with one clock and one timer
@@ -184,6 +185,9 @@ bool engine_watch_links(engine *e);
 
 void engine_unwatch_links(engine *e);
 
+/* Changes the link of a node. The bus has been advanced to the present. */
+void engine_set_link(engine *e, unsigned node, report_link state);
+
 /* Adapts to a changed configuration: links by old node become links by new node. */
 void engine_carry_links_over(engine *e, const reload *r);
 
@@ -198,6 +202,20 @@ void engine_unwatch_door(engine *e);
 
 /* Takes the nodes of guests off the bus whose clients have gone. */
 void engine_see_guests_off(engine *e);
+
+/* ---- orders.c -------------------------------------------------------------------------------- */
+
+/* Does what the controllers of nodes have ordered. The bus has been advanced to the present. */
+void engine_obey(engine *e);
+
+/* Sets again what the controller of a node has set, after a reload. */
+void engine_keep_settings(engine *e, unsigned node);
+
+/* Tells the controller of a node its state, when an event has come. */
+void engine_tell_state(const engine *e, unsigned node, const cw_event *event);
+
+/* After an event: lets the controller know when its node has no more frames. */
+void engine_settle(const engine *e, unsigned node, const cw_event *event);
 
 /* ---- go_over.c ------------------------------------------------------------------------------- */
 

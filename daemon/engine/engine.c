@@ -167,6 +167,7 @@ bool engine_go(engine *e, uint64_t now)
     engine_run_to_boundary(e, now);
     const bool present = (!e->next || !engine_turn_is_over(e)) && catch_up(e, now);
     engine_see_guests_off(e);
+    engine_obey(e);
     return present;
 }
 

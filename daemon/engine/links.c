@@ -67,8 +67,7 @@ static void report_mtu(engine *e, unsigned node)
                          config->port, mtu, config->port, config->port, (unsigned)CANFD_MTU);
 }
 
-/* Changes the link of a node. The bus has been advanced to the present. */
-static void set_link(engine *e, unsigned node, report_link state)
+void engine_set_link(engine *e, unsigned node, report_link state)
 {
     const cfg_node *config = &e->config->nodes[node];
     if (e->links.state[node] == state)
@@ -96,7 +95,7 @@ static void lose_port(engine *e, unsigned node)
     }
     e->links.refused &= ~bit_of(node);
     e->links.mtu[node] = MTU_FITS; /* as far as the log has told of the next one */
-    set_link(e, node, REPORT_LINK_MISSING);
+    engine_set_link(e, node, REPORT_LINK_MISSING);
 }
 
 static void start_retrying(engine *e, unsigned node, const char *error)
@@ -173,7 +172,7 @@ static void take_interface(engine *e, unsigned node, unsigned index, report_link
     if (!e->now.ports[node])
         gain_port(e, node);
     if (has_index(e, node, index))
-        set_link(e, node, state);
+        engine_set_link(e, node, state);
 }
 
 /* Notes the kind of an interface: only the counters of a vcan show frames sent without loopback. */
@@ -281,12 +280,18 @@ static bool open_port(engine *e, unsigned node)
     return e->now.ports[node] != NULL;
 }
 
+/* A node whose controller is in a program is off until that says otherwise. */
+static report_link link_of_opened(const cfg *config, unsigned node)
+{
+    return cfg_is_usb(&config->nodes[node]) ? REPORT_LINK_DOWN : REPORT_LINK_UP;
+}
+
 /* Opens the port of a node, or names a missing one. Of several canwired that start at once, the one
  * with the first port gets all others. The refused ones open no more ports. */
 static bool open_or_name_port(engine *e, unsigned node, bool good)
 {
     const cfg_node *config = &e->config->nodes[node];
-    e->links.state[node] = REPORT_LINK_UP;
+    e->links.state[node] = link_of_opened(e->config, node);
     if (good || !port_exists(config->port))
         return open_port(e, node) && good;
     return false;
@@ -345,7 +350,7 @@ static report_link link_after(const engine *e, const reload *r, const report_lin
         return e->now.ports[node] ? REPORT_LINK_UP : REPORT_LINK_DOWN;
     if (r->port_from[node] != CW_NO_NODE)
         return before[r->port_from[node]];
-    return e->now.ports[node] ? REPORT_LINK_UP : REPORT_LINK_MISSING;
+    return e->now.ports[node] ? link_of_opened(e->config, node) : REPORT_LINK_MISSING;
 }
 
 void engine_carry_links_over(engine *e, const reload *r)
@@ -359,6 +364,7 @@ void engine_carry_links_over(engine *e, const reload *r)
     for (unsigned i = 0; i < e->config->node_count; i++) {
         report_link state = link_after(e, r, before, i);
         e->links.state[i] = state;
+        engine_keep_settings(e, i);
         inputs_attach(&e->inputs, i, state == REPORT_NO_LINK || state == REPORT_LINK_UP);
         report_small_buffer(e, i);
         e->links.mtu[i] = r->port_from[i] != CW_NO_NODE ? told[r->port_from[i]] : MTU_FITS;

@@ -47,6 +47,10 @@ typedef struct port_kind {
     bool (*is_over)(const port *p);
     /* See port_tunnel(); NULL: it is none. */
     bool (*tunnel)(const port *p, port_tunnel_info *out);
+    /* See port_obeyed(), port_tell_state() and port_settle(); NULL: it has no controller. */
+    void (*obeyed)(port *p, const char *problem);
+    void (*tell_state)(port *p, const message_state *state);
+    void (*settle)(port *p);
     /* Bytes for the kernel's data beside a message, at most PORT_CONTROL_BYTES. More room would
      * accept file descriptors that a sender passes along. */
     size_t control_bytes;
@@ -60,6 +64,15 @@ typedef struct port_messages {
     unsigned char controls[PORT_BATCH][PORT_CONTROL_BYTES];
 } port_messages;
 
+/* Orders of the controller of the node, and the state that it has been told. */
+typedef struct port_commands {
+    port_command next;
+    bool waits; /* `next` is to be obeyed; nothing is read before */
+    char settings[MESSAGE_SETTINGS_BYTES]; /* those that were obeyed last */
+    bool told_any;
+    message_state told;
+} port_commands;
+
 /* The common part of all kinds, at their beginning. */
 struct port {
     const port_kind *kind;
@@ -70,6 +83,7 @@ struct port {
     uint32_t drops;        /* the kernel's counter, modulo 2^32 */
     uint64_t reported_dropped; /* part of stats.kernel_dropped that the ECU knows of ... */
     uint64_t reported_tick; /* ... and the time of that report */
+    port_commands *commands; /* NULL: its node has no controller elsewhere */
     bool shared;           /* see port_is_shared() */
     uint64_t now_tick;     /* of what is sent now, see port_set_time() ... */
     int64_t now_realtime_ns;

@@ -17,6 +17,9 @@ port *port_unix_open(const char *path, char error[PORT_ERROR_TEXT_MAX]);
 /* Opens a socket at a path, where clients ask for nodes of their own: a door, see door.h. */
 port *port_unix_open_door(const char *path, char error[PORT_ERROR_TEXT_MAX]);
 
+/* Opens a socket at a path, where the controller of the node connects. */
+port *port_unix_open_usb(const char *path, char error[PORT_ERROR_TEXT_MAX]);
+
 /* Opens a port on a connected socket that was inherited; the port takes it over. */
 port *port_unix_adopt(int fd, char error[PORT_ERROR_TEXT_MAX]);
 

@@ -368,6 +368,16 @@ int links_set(links *l, const char *name, const char *alias)
     return ask(l, &r, NULL, NULL);
 }
 
+int links_move(links *l, unsigned index, const char *name, int netns_fd)
+{
+    request r = make_request(RTM_NEWLINK, NLM_F_ACK);
+    r.info.ifi_index = (int)index;
+    put_text(&r, IFLA_IFNAME, name);
+    if (netns_fd >= 0)
+        put(&r, IFLA_NET_NS_FD, &netns_fd, sizeof netns_fd);
+    return ask(l, &r, NULL, NULL);
+}
+
 int links_remove(links *l, const char *name)
 {
     request r = make_request(RTM_DELLINK, NLM_F_ACK);

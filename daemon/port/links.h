@@ -54,6 +54,10 @@ int links_set_mtu(links *l, const char *name, unsigned mtu);
 /* Sets an interface up and gives it an alias; NULL keeps the alias. */
 int links_set(links *l, const char *name, const char *alias);
 
+/* Renames an interface that is down, and moves it into the namespace of netns_fd, unless that is
+ * -1. index: of the interface. */
+int links_move(links *l, unsigned index, const char *name, int netns_fd);
+
 /* Removes an interface, and with it the peer of a vxcan. */
 int links_remove(links *l, const char *name);
 

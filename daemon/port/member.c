@@ -55,6 +55,11 @@ void member_flushed(member *c, const message_head *head)
     c->kind->flushed(c, head);
 }
 
+void member_tell_state(member *c, const message_head *head, const message_state *state)
+{
+    c->kind->tell_state(c, head, state);
+}
+
 void member_refuse(member *c, unsigned type, int code, const char *text)
 {
     const message_head head = {.type = MESSAGE_ERROR, .number = type};

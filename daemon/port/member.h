@@ -63,6 +63,7 @@ typedef enum member_result {
     MEMBER_CONTROL,     /* a message about the client itself, or a wrong one */
     MEMBER_FRAME,
     MEMBER_GREETS,      /* its hello: the port answers */
+    MEMBER_COMMAND,     /* an order: port.commands has it */
     MEMBER_GONE         /* it has gone, or must go */
 } member_result;
 
@@ -80,6 +81,9 @@ void member_tell(member *c, const message_head *head, int code, const char *text
 
 /* Answers a flush. */
 void member_flushed(member *c, const message_head *head);
+
+/* Tells a controller the state of its node. */
+void member_tell_state(member *c, const message_head *head, const message_state *state);
 
 /* Receives into `room` bytes, with the time stamp of what has come, or 0. cut: a message had no
  * room. Returns the size, 0 at the end, and -1 with errno. */
@@ -103,6 +107,8 @@ struct member_kind {
     void (*welcome)(member *c, const char *node, bool fd);
     void (*tell)(member *c, const message_head *head, int code, const char *text);
     void (*flushed)(member *c, const message_head *head); /* NULL: it has no flush */
+    /* NULL: it is never a controller */
+    void (*tell_state)(member *c, const message_head *head, const message_state *state);
     bool (*takes)(const member *c, const void *frame, size_t size);
     bool (*send)(member *c, const message_head *head, const void *frame, size_t size);
 };

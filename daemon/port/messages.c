@@ -68,6 +68,12 @@ static void flushed(member *c, const message_head *head)
     (void)send_message(c, &own, "", 0);
 }
 
+static void tell_state(member *c, const message_head *head, const message_state *state)
+{
+    message_head own = *head;
+    (void)send_message(c, &own, state, sizeof *state);
+}
+
 /* ---- Filters --------------------------------------------------------------------------------- */
 
 /* Returns true when a filter is for a frame, as the kernel's can_rcv_list_find() has it. A filter
@@ -155,6 +161,8 @@ static member_result take_options(member *c, port *p, const message *m, size_t s
 {
     if (size != sizeof m->head + sizeof m->options || !are_options(m->options.options))
         return complain(c, p, MESSAGE_OPTIONS, EINVAL, "options that are not known");
+    if ((m->options.options ^ c->options) & MESSAGE_CONTROLLER)
+        return complain(c, p, MESSAGE_OPTIONS, EINVAL, "the hello says who is the controller");
     c->options = m->options.options;
     c->error_mask = m->options.error_mask;
     return MEMBER_CONTROL;
@@ -206,6 +214,23 @@ static member_result take_flush(member *c, port *p, const message *m, size_t siz
     return MEMBER_CONTROL;
 }
 
+/* Takes what the controller of the node orders. */
+static member_result take_control(member *c, port *p, const message *m, size_t size)
+{
+    const size_t before = sizeof m->head + sizeof m->control.order;
+    if (!p->commands || !(c->options & MESSAGE_CONTROLLER))
+        return complain(c, p, MESSAGE_CONTROL, EPERM, "only the controller may do this");
+    if (size < before || size - before >= sizeof m->control.settings ||
+        m->control.order >= MESSAGE_ORDERS)
+        return complain(c, p, MESSAGE_CONTROL, EINVAL, "no order that is known");
+    port_command *command = &p->commands->next;
+    command->order = (message_order)m->control.order;
+    memcpy(command->settings, m->control.settings, size - before);
+    command->settings[size - before] = '\0';
+    p->commands->waits = true;
+    return MEMBER_COMMAND;
+}
+
 /* Takes a message of a client that is there. */
 static member_result take(member *c, port *p, const message *m, size_t size, port_frame *out)
 {
@@ -220,6 +245,8 @@ static member_result take(member *c, port *p, const message *m, size_t size, por
         return take_filters(c, p, m, size);
     case MESSAGE_FLUSH:
         return take_flush(c, p, m, size);
+    case MESSAGE_CONTROL:
+        return take_control(c, p, m, size);
     default:
         return complain(c, p, m->head.type, EOPNOTSUPP, "a type that is not known");
     }
@@ -245,5 +272,6 @@ const member_kind member_messages = {.read = read_message,
                                      .welcome = welcome,
                                      .tell = tell,
                                      .flushed = flushed,
+                                     .tell_state = tell_state,
                                      .takes = takes,
                                      .send = send_frame};

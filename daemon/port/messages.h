@@ -9,6 +9,8 @@
 #ifndef CANWIRE_PORT_MESSAGES_H
 #define CANWIRE_PORT_MESSAGES_H
 
+#include "port/control.h"
+
 #include <linux/can.h>
 #include <stdint.h>
 
@@ -25,6 +27,8 @@ typedef enum message_type {
     MESSAGE_DROPPED,   /* from the port: a frame of the client that the bus will not carry */
     MESSAGE_ERROR,     /* from the port: message_error, for a message that it has not understood */
     MESSAGE_FLUSH,     /* asks for the end of earlier frames; the answer comes behind it */
+    MESSAGE_CONTROL,   /* from a client that is the controller: message_control */
+    MESSAGE_STATE,     /* to such a client: message_state, whenever something in it changes */
 } message_type;
 
 /* Flags of a frame from the port. */
@@ -38,7 +42,8 @@ typedef enum message_type {
 #define MESSAGE_JOIN 0x08u     /* a frame must pass all filters, as CAN_RAW_JOIN_FILTERS */
 #define MESSAGE_TELL_DROPPED 0x10u /* it gets MESSAGE_DROPPED */
 #define MESSAGE_FLUSHES 0x20u      /* it may send MESSAGE_FLUSH */
-#define MESSAGE_OPTIONS_KNOWN 0x3Fu
+#define MESSAGE_CONTROLLER 0x40u   /* it is the node's controller: MESSAGE_CONTROL, MESSAGE_STATE */
+#define MESSAGE_OPTIONS_KNOWN 0x7Fu
 
 /* Each message begins so. */
 typedef struct message_head {
@@ -66,6 +71,12 @@ typedef struct message_options {
     uint32_t error_mask;
 } message_options;
 
+typedef struct message_control {
+    uint32_t order;                        /* a message_order */
+    char settings[MESSAGE_SETTINGS_BYTES]; /* a JSON object of keys of `canwire set`, or nothing;
+                                              the message ends with it */
+} message_control;
+
 #define MESSAGE_TEXT_BYTES 120u
 
 typedef struct message_error {
@@ -80,6 +91,8 @@ typedef struct message {
         message_hello hello;
         message_options options;
         message_error error;
+        message_control control;
+        message_state state;
         struct can_frame frame;
         struct canfd_frame fd;
         struct can_filter filters[MESSAGE_FILTERS_MAX];

@@ -30,6 +30,8 @@ port *port_open(const char *text, const char *bus, char error[PORT_ERROR_TEXT_MA
         return port_socketcan_open(text, bus, error);
     case PORTNAME_UNIX:
         return port_unix_open(name.path, error);
+    case PORTNAME_USB:
+        return port_unix_open_usb(name.path, error);
     case PORTNAME_FD:
         return port_unix_adopt(name.fd, error);
     case PORTNAME_TCP:

@@ -291,6 +291,52 @@ bool port_tunnel(const port *p, port_tunnel_info *out)
     return p->kind->tunnel && p->kind->tunnel(p, out);
 }
 
+/* ---- The controller ------------------------------------------------------------------------- */
+
+bool port_has_controller(const port *p)
+{
+    return p && p->commands;
+}
+
+const port_command *port_next_command(const port *p)
+{
+    return p && p->commands && p->commands->waits ? &p->commands->next : NULL;
+}
+
+void port_obeyed(port *p, const char *problem)
+{
+    port_commands *c = p->commands;
+    c->waits = false;
+    if (*c->next.settings && !problem)
+        memcpy(c->settings, c->next.settings, sizeof c->settings);
+    p->kind->obeyed(p, problem);
+}
+
+const char *port_settings(const port *p)
+{
+    return p->commands->settings;
+}
+
+message_state port_told_state(const port *p)
+{
+    return p->commands->told;
+}
+
+void port_tell_state(port *p, const message_state *state)
+{
+    port_commands *c = p->commands;
+    if (c->told_any && memcmp(&c->told, state, sizeof *state) == 0)
+        return;
+    c->told_any = true;
+    c->told = *state;
+    p->kind->tell_state(p, state);
+}
+
+void port_settle(port *p)
+{
+    p->kind->settle(p);
+}
+
 /* ---- Writing and counting -------------------------------------------------------------------- */
 
 static size_t make_classical(struct canfd_frame *made, const cw_frame *in)

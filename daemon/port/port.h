@@ -6,6 +6,7 @@
 #define CANWIRE_PORT_PORT_H
 
 #include "canwire.h"
+#include "port/control.h"
 #include "trace/errframe.h"
 
 #define PORT_BATCH 64          /* frames of one read */
@@ -40,6 +41,12 @@ typedef struct port_sharing {
     port_echo echo;
     bool beacon;      /* tcp: tells the local network of itself */
 } port_sharing;
+
+/* The order of a program that is the controller of the node. */
+typedef struct port_command {
+    message_order order;
+    char settings[MESSAGE_SETTINGS_BYTES]; /* "": none */
+} port_command;
 
 /* One of the programs at a port. */
 typedef struct port_client_info {
@@ -151,6 +158,29 @@ bool port_client(const port *p, unsigned n, port_client_info *out);
 
 /* Describes a port that is the end of a tunnel. Returns false for other kinds. */
 bool port_tunnel(const port *p, port_tunnel_info *out);
+
+/* Returns true for a port whose node has its controller in a program: the node is on the bus only
+ * while that program says so. */
+bool port_has_controller(const port *p);
+
+/* Returns what the controller has ordered, NULL: nothing. The port is not read meanwhile. */
+const port_command *port_next_command(const port *p);
+
+/* Says that this is done; problem: why not, or NULL. */
+void port_obeyed(port *p, const char *problem);
+
+/* Returns the settings that the controller has set last; "": none. */
+const char *port_settings(const port *p);
+
+/* Returns what the controller was told last; all zero: nothing yet. */
+message_state port_told_state(const port *p);
+
+/* Tells the controller the state of its node, if that is not what it was told last. */
+void port_tell_state(port *p, const message_state *state);
+
+/* Says that the node has no frame any more. Frames of which it was not told what has become of them
+ * count as sent: rules have changed them. */
+void port_settle(port *p);
 
 /* Writes a frame, a CAN FD frame with CANFD_FDF. Returns false, and counts the failure, when the
  * kernel does not take it. */

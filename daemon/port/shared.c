@@ -115,8 +115,19 @@ static void count_out(port *p)
         underway_free(&s->underway);
 }
 
+/* A node without its controller leaves the bus. */
+static void lose_controller(port *p)
+{
+    p->commands->next = (port_command){.order = MESSAGE_OFF};
+    p->commands->waits = true;
+    p->commands->told_any = false;
+    p->commands->told = (message_state){.state = 0};
+}
+
 void shared_disconnect(port *p, member *c)
 {
+    if (p->commands && c->state == MEMBER_THERE && (c->options & MESSAGE_CONTROLLER))
+        lose_controller(p);
     member_close(c);
     count_out(p);
 }
@@ -251,15 +262,33 @@ static unsigned count_there(const port_shared *s)
     return count;
 }
 
-void shared_greet(port *p, member *c)
+static member *find_controller(port_shared *s)
 {
-    if (count_there(own(p)) < own(p)->sharing.max) {
-        member_welcome(c, own(p)->node, own(p)->sharing.fd);
-        return;
-    }
-    member_refuse(c, MESSAGE_HELLO, EBUSY, too_many);
+    for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++)
+        if (s->programs[i].state == MEMBER_THERE && (s->programs[i].options & MESSAGE_CONTROLLER))
+            return &s->programs[i];
+    return NULL;
+}
+
+/* Refuses a hello. */
+static void send_off(port *p, member *c, int code, const char *why)
+{
+    member_refuse(c, MESSAGE_HELLO, code, why);
     p->stats.refused++;
     shared_disconnect(p, c);
+}
+
+void shared_greet(port *p, member *c)
+{
+    const bool controls = c->options & MESSAGE_CONTROLLER;
+    if (controls && !p->commands)
+        send_off(p, c, EOPNOTSUPP, "the node has its own controller; one of a port usb has not");
+    else if (controls && find_controller(own(p)))
+        send_off(p, c, EBUSY, "the node has a controller already");
+    else if (!controls && count_there(own(p)) >= own(p)->sharing.max)
+        send_off(p, c, EBUSY, too_many);
+    else
+        member_welcome(c, own(p)->node, own(p)->sharing.fd);
 }
 
 static void answer_flush(port *p, member *c);
@@ -294,7 +323,9 @@ static unsigned read_programs(port *p, port_frame *frames, unsigned max, bool *m
 {
     port_shared *s = own(p);
     unsigned count = 0;
-    for (unsigned messages = 0; ready && count < max && messages < max + CONTROLS_MAX; messages++) {
+    for (unsigned messages = 0; ready && count < max && messages < max + CONTROLS_MAX &&
+                                !port_next_command(p);
+         messages++) {
         const unsigned i = choose(p, ready);
         unsigned some;
         bool waits;
@@ -309,7 +340,7 @@ static unsigned read_programs(port *p, port_frame *frames, unsigned max, bool *m
         if (!is_alone(p))
             ready |= look(p); /* a filter that another one has sent meanwhile may come first */
     }
-    *more = ready != 0;
+    *more = ready != 0 && !port_next_command(p);
     s->crowded = s->crowded && *more;
     if (count > 0)
         (void)look(p); /* a program that has connected before a frame was sent sees it */
@@ -318,9 +349,11 @@ static unsigned read_programs(port *p, port_frame *frames, unsigned max, bool *m
 
 unsigned shared_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
 {
-    const uint64_t ready = look(p);
     unsigned count = 0;
     *more = false;
+    if (port_next_command(p))
+        return 0;
+    const uint64_t ready = look(p);
     if (own(p)->client_count > 0)
         count = read_programs(p, frames, max, more, ready);
     else if (ready)
@@ -495,6 +528,37 @@ void shared_ended(port *p, const cw_event *event)
     answer_flush(p, sender);
 }
 
+/* ---- The controller -------------------------------------------------------------------------- */
+
+void shared_obeyed(port *p, const char *problem)
+{
+    member *controller = find_controller(own(p));
+    if (controller && problem)
+        member_refuse(controller, MESSAGE_CONTROL, EINVAL, problem);
+}
+
+void shared_tell_state(port *p, const message_state *state)
+{
+    const message_head head = head_of(p, MESSAGE_STATE);
+    member *controller = find_controller(own(p));
+    if (controller)
+        member_tell_state(controller, &head, state);
+}
+
+void shared_settle(port *p)
+{
+    port_shared *s = own(p);
+    for (size_t i = 0; i < s->underway.count; i++) {
+        const port_frame *frame = &s->underway.frames[i].frame;
+        member *sender = find_client(s, frame->client);
+        if (sender && comes_back(frame))
+            give_back(p, sender, frame);
+    }
+    underway_free(&s->underway);
+    for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++)
+        answer_flush(p, &s->programs[i]);
+}
+
 /* ---- Sharing --------------------------------------------------------------------------------- */
 
 void shared_share(port *p, const port_sharing *sharing)
@@ -539,6 +603,7 @@ void shared_close(port *p)
     if (ecu_of(p) >= 0)
         (void)close(ecu_of(p));
     underway_free(&s->underway);
+    free(p->commands);
     if (s->timer >= 0)
         (void)close(s->timer);
     if (p->fd >= 0)

@@ -100,5 +100,8 @@ void shared_crowd(port *p);
 void shared_handed_in(port *p, const port_frame *frame);
 void shared_ended(port *p, const cw_event *event);
 bool shared_client(const port *p, unsigned n, port_client_info *out);
+void shared_obeyed(port *p, const char *problem);
+void shared_tell_state(port *p, const message_state *state);
+void shared_settle(port *p);
 
 #endif

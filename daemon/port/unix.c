@@ -39,6 +39,7 @@
 /* The kinds of sockets. */
 typedef enum unix_use {
     FOR_PROGRAMS = 0, /* of a node, at a path or inherited */
+    FOR_CONTROLLER,   /* ... whose controller is one of them */
     FOR_ONE,          /* of a guest, whose client is alone */
     FOR_GUESTS        /* a door */
 } unix_use;
@@ -274,6 +275,9 @@ static const port_kind unix_kind = {.close = close_port,
                                     .ended = shared_ended,
                                     .client = shared_client,
                                     .is_over = is_over,
+                                    .obeyed = shared_obeyed,
+                                    .tell_state = shared_tell_state,
+                                    .settle = shared_settle,
                                     .control_bytes = PORT_STAMP_BYTES};
 
 static const shared_ways unix_ways = {.member = &member_messages,
@@ -294,16 +298,36 @@ static port *make_port(void)
     return NULL;
 }
 
-port *port_unix_open(const char *path, char error[PORT_ERROR_TEXT_MAX])
+static port *open_at(const char *kind, const char *path, char error[PORT_ERROR_TEXT_MAX])
 {
     char why[PATHSOCKET_ERROR_MAX] = "";
     port *p = make_port();
     bool good = p && pathsocket_open(&own(p)->listener, path, SOCK_SEQPACKET, BACKLOG, "port", why);
     if (good && shared_watch(p, own(p)->listener.fd, SHARED_LISTENER))
         return p;
-    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "unix:%s: %s", path, *why ? why : strerror(errno));
+    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s:%s: %s", kind, path,
+                   *why ? why : strerror(errno));
     if (p)
         close_port(p);
+    return NULL;
+}
+
+port *port_unix_open(const char *path, char error[PORT_ERROR_TEXT_MAX])
+{
+    return open_at("unix", path, error);
+}
+
+port *port_unix_open_usb(const char *path, char error[PORT_ERROR_TEXT_MAX])
+{
+    port *p = open_at("usb", path, error);
+    if (!p)
+        return NULL;
+    own(p)->use = FOR_CONTROLLER;
+    p->commands = calloc(1, sizeof *p->commands);
+    if (p->commands)
+        return p;
+    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "usb:%s: %s", path, strerror(ENOMEM));
+    close_port(p);
     return NULL;
 }
 

@@ -19,17 +19,23 @@ static size_t bytes_of(const cw_bus_config *config)
     return (cw_bus_size(config) + align - 1) / align * align;
 }
 
-void bus_take_guests_off(cw_bus *bus, const cfg *config)
+static void take_off(cw_bus *bus, const cfg *config, bool usb)
 {
     cw_event event;
     for (unsigned i = 0; i < config->node_count; i++) {
-        if (config->nodes[i].guest == 0)
+        const cfg_node *node = &config->nodes[i];
+        if (node->guest == 0 && !(usb && cfg_is_usb(node)))
             continue;
         while (cw_node_attach(bus, i, false) == CW_FULL)
             (void)cw_bus_poll(bus, &event);
     }
     while (cw_bus_poll(bus, &event))
         continue;
+}
+
+void bus_take_guests_off(cw_bus *bus, const cfg *config)
+{
+    take_off(bus, config, false);
 }
 
 cw_bus *bus_make(void **memory, const cfg *config)
@@ -52,7 +58,7 @@ cw_bus *bus_make(void **memory, const cfg *config)
     }
     if (bus) {
         release_add_replies(bus, config);
-        bus_take_guests_off(bus, config);
+        take_off(bus, config, true);
     }
     return bus;
 }

@@ -199,7 +199,8 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     put_bool(object, "pushing_back", own->pushed_back);
     put(object, "interface",
         config->nodes[node].port ? interface_json(&own->interface) : json_null());
-    if (own->port && portname_is_shared(config->nodes[node].port))
+    if (own->port && (portname_is_shared(config->nodes[node].port) ||
+                      cfg_is_usb(&config->nodes[node])))
         put(object, "clients", clients_json(own->port));
     put_tunnel(object, own->port);
     put_bool(object, "conserved", own->conserved);

@@ -30,6 +30,13 @@ SO_RCVBUFFORCE = 33
 MULTICAST_ROUTE = "224.0.0.0/4 dev lo"
 
 
+def pytest_collection_modifyitems(items):
+    """Adapters appear in the initial network namespace: a host runs their tests in a guest."""
+    if os.environ.get("CANWIRE_PLACE") == "host":
+        items[:] = [item for item in items
+                    if item.path.name != "test_usb.py" or item.name == "test_usb_in_the_guest"]
+
+
 def ip(*lines):
     """Runs `ip` commands, one a line."""
     text = "\n".join(lines) + "\n"

@@ -11,9 +11,10 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 MUST = [  # of each kind
-    "/bin/canwire", "/sbin/canwired", "/lib/canwire/libcanwire-socketcan.so",
+    "/bin/canwire", "/sbin/canwired", "/sbin/canwire-usb", "/lib/canwire/libcanwire-socketcan.so",
     "/lib/systemd/system/canwired@.service",
     "/lib/systemd/system/canwire-vcan@.service", "/lib/systemd/system/canwired@.socket",
+    "/lib/systemd/system/canwire-usb@.service", "/share/man/man8/canwire-usb.8",
     "/lib/sysusers.d/canwire.conf",
     "/lib/tmpfiles.d/canwire.conf", "/lib/sysctl.d/10-canwire.conf",
     "/share/bash-completion/completions/canwire",
@@ -133,7 +134,7 @@ def test_configurations_stay(make):
     assert set(tree(make.root)) == {"etc", "etc/canwire", "etc/canwire/rig.yaml"}
 
 
-@pytest.mark.parametrize("program", ["bin/canwire", "sbin/canwired"])
+@pytest.mark.parametrize("program", ["bin/canwire", "sbin/canwired", "sbin/canwire-usb"])
 def test_programs_are_hardened(make, program):
     """As those of Debian's packages: what readelf says of what is installed."""
     make("install")

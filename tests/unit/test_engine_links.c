@@ -224,6 +224,12 @@ void inputs_attach(inputs *in, unsigned node, bool on)
     bus.attached[node] = on;
 }
 
+void engine_keep_settings(engine *e, unsigned node)
+{
+    (void)e;
+    (void)node;
+}
+
 void engine_read_rest(engine *e, unsigned node)
 {
     (void)e;

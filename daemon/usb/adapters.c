@@ -1,0 +1,308 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * adapters.c - starts a process for each adapter, and unplugs those that do not answer.
+ */
+#include "usb/adapters.h"
+
+#include "base/log.h"
+#include "config/portname.h"
+#include "usb/naming.h"
+#include "usb/privileges.h"
+#include "usb/serve.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <net/if.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#define SILENT_TICKS 10u /* of this process, which a busy machine delays, too */
+#define RETRY_TICKS 10u
+#define NAMESPACE_BYTES 80u
+#define PATH_BYTES 108u
+
+typedef struct adapter {
+    char name[IF_NAMESIZE];
+    char netns[NAMESPACE_BYTES]; /* "": none */
+    char path[PATH_BYTES];
+    int port;     /* -1: not plugged in */
+    pid_t server; /* 0: none */
+    pid_t namer;
+    int beat;     /* signs of life come here */
+    unsigned silent;
+    unsigned rest; /* ticks until it is tried again */
+    bool settled;  /* it has its name, or could not have it */
+    int told;      /* the errno that the log has */
+    bool wanted;
+} adapter;
+
+struct adapters {
+    vhci files;
+    size_t count;
+    adapter all[ADAPTERS_MAX];
+};
+
+adapters *adapters_new(const vhci *files)
+{
+    adapters *a = calloc(1, sizeof *a);
+    if (a)
+        a->files = *files;
+    return a;
+}
+
+/* ---- Processes ------------------------------------------------------------------------------- */
+
+/* A child must not live longer than this process, or nobody would look after it. */
+static void begin_child(pid_t parent)
+{
+    (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+    (void)signal(SIGTERM, SIG_DFL);
+    (void)signal(SIGINT, SIG_DFL);
+    (void)signal(SIGHUP, SIG_IGN);
+    if (getppid() != parent)
+        _exit(EXIT_FAILURE);
+}
+
+static _Noreturn void run_server(const adapters *all, const adapter *a, int kernel, int beat,
+                                 pid_t parent)
+{
+    usb_identity who = {.number = (uint32_t)a->port};
+    (void)snprintf(who.serial, sizeof who.serial, "%s%s%s", a->netns, *a->netns ? "." : "",
+                   a->name);
+    begin_child(parent);
+    (void)close(all->files.attach);
+    (void)close(all->files.detach);
+    if (!privileges_drop_all()) {
+        log_node_error(a->name, "privileges: %s", strerror(errno));
+        _exit(EXIT_FAILURE);
+    }
+    _exit(serve(kernel, beat, &who, a->path) ? EXIT_SUCCESS : EXIT_FAILURE);
+}
+
+static void start_namer(adapter *a)
+{
+    const pid_t parent = getpid();
+    a->namer = fork();
+    if (a->namer != 0)
+        return;
+    begin_child(parent);
+    _exit(name_interface(a->port, a->name, *a->netns ? a->netns : NULL) ? EXIT_SUCCESS
+                                                                        : EXIT_FAILURE);
+}
+
+static void stop_process(pid_t *process)
+{
+    if (*process <= 0)
+        return;
+    (void)kill(*process, SIGKILL);
+    while (waitpid(*process, NULL, 0) < 0 && errno == EINTR)
+        continue;
+    *process = 0;
+}
+
+/* ---- One adapter ----------------------------------------------------------------------------- */
+
+static void unplug(adapters *all, adapter *a)
+{
+    if (a->port < 0)
+        return;
+    vhci_detach(&all->files, a->port);
+    stop_process(&a->server);
+    stop_process(&a->namer);
+    (void)close(a->beat);
+    a->beat = -1;
+    a->port = -1;
+    a->rest = RETRY_TICKS;
+}
+
+static void complain(adapter *a, int number)
+{
+    if (a->told != number)
+        log_node_error(a->name, "it cannot be plugged in: %s%s", strerror(number),
+                       number == EBUSY ? " (all ports of vhci-hcd are taken)" : "");
+    a->told = number;
+    a->settled = true;
+    a->rest = RETRY_TICKS;
+}
+
+static int find_port(const adapters *all)
+{
+    int used[ADAPTERS_MAX];
+    size_t count = 0;
+    for (size_t i = 0; i < all->count; i++)
+        if (all->all[i].port >= 0)
+            used[count++] = all->all[i].port;
+    return vhci_find_port(used, count);
+}
+
+/* The kernel asks the device who it is as soon as it is plugged in, so the server comes first. */
+static bool start_server(const adapters *all, adapter *a, const int kernel[2], const int beat[2])
+{
+    const pid_t parent = getpid();
+    a->server = fork();
+    if (a->server == 0) {
+        (void)close(kernel[0]);
+        (void)close(beat[0]);
+        run_server(all, a, kernel[1], beat[1], parent);
+    }
+    a->beat = beat[0];
+    return a->server > 0 && vhci_attach(&all->files, a->port, kernel[0]);
+}
+
+static void plug_in(adapters *all, adapter *a)
+{
+    int kernel[2], beat[2];
+    a->port = find_port(all);
+    if (a->port < 0) {
+        complain(a, errno);
+        return;
+    }
+    if (pipe2(beat, O_CLOEXEC | O_NONBLOCK) != 0 ||
+        socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, kernel) != 0) {
+        a->port = -1; /* without descriptors the process is of no more use: systemd's limit */
+        complain(a, errno);
+        return;
+    }
+    const bool good = start_server(all, a, kernel, beat);
+    const int number = errno;
+    (void)close(kernel[0]); /* the kernel keeps it */
+    (void)close(kernel[1]);
+    (void)close(beat[1]);
+    a->silent = 0;
+    if (!good) {
+        unplug(all, a);
+        complain(a, number);
+        return;
+    }
+    start_namer(a);
+}
+
+static bool has_ended(pid_t *process, bool *good)
+{
+    int status;
+    if (*process <= 0 || waitpid(*process, &status, WNOHANG) != *process)
+        return false;
+    *process = 0;
+    *good = WIFEXITED(status) && WEXITSTATUS(status) == EXIT_SUCCESS;
+    return true;
+}
+
+static void look_at_namer(adapters *all, adapter *a)
+{
+    bool good;
+    if (!has_ended(&a->namer, &good))
+        return;
+    a->settled = true;
+    if (good) {
+        a->told = 0;
+        log_node_info(a->name, "plugged in at port %d of vhci-hcd%s%s", a->port,
+                      *a->netns ? ", in namespace " : "", a->netns);
+    } else {
+        unplug(all, a);
+    }
+}
+
+/* Takes the signs of life. */
+static void look_at_beat(adapter *a)
+{
+    char signs[64];
+    const ssize_t count = read(a->beat, signs, sizeof signs);
+    a->silent = count > 0 ? 0 : a->silent + 1;
+}
+
+static void look_after(adapters *all, adapter *a)
+{
+    bool good;
+    if (a->port < 0) {
+        a->rest -= a->rest > 0;
+        if (a->rest == 0)
+            plug_in(all, a);
+        return;
+    }
+    look_at_beat(a);
+    if (has_ended(&a->server, &good)) {
+        log_node_warning(a->name, "unplugged%s",
+                         good ? " by the kernel" : ": its process has ended");
+        unplug(all, a);
+    } else if (a->silent >= SILENT_TICKS) {
+        log_node_error(a->name, "its process does not answer: unplugged, so that the network's "
+                                "configuration does not wait for it");
+        unplug(all, a);
+    } else {
+        look_at_namer(all, a);
+    }
+}
+
+/* ---- All ------------------------------------------------------------------------------------- */
+
+void adapters_free(adapters *a)
+{
+    for (size_t i = 0; a && i < a->count; i++)
+        unplug(a, &a->all[i]);
+    free(a);
+}
+
+void adapters_tick(adapters *a)
+{
+    for (size_t i = 0; i < a->count; i++)
+        look_after(a, &a->all[i]);
+}
+
+bool adapters_are_ready(const adapters *a)
+{
+    for (size_t i = 0; i < a->count; i++)
+        if (!a->all[i].settled)
+            return false;
+    return true;
+}
+
+static adapter make_adapter(const cfg_node *node)
+{
+    adapter made = {.port = -1, .beat = -1, .wanted = true};
+    (void)snprintf(made.name, sizeof made.name, "%s", node->peer);
+    (void)snprintf(made.netns, sizeof made.netns, "%s", node->netns ? node->netns : "");
+    (void)snprintf(made.path, sizeof made.path, "%s", portname_parse(node->port).path);
+    return made;
+}
+
+static bool is_same(const adapter *a, const adapter *b)
+{
+    return strcmp(a->name, b->name) == 0 && strcmp(a->netns, b->netns) == 0 &&
+           strcmp(a->path, b->path) == 0;
+}
+
+static void want(adapters *a, const cfg_node *node)
+{
+    const adapter made = make_adapter(node);
+    for (size_t i = 0; i < a->count; i++)
+        if (is_same(&a->all[i], &made)) {
+            a->all[i].wanted = true;
+            return;
+        }
+    if (a->count < ADAPTERS_MAX)
+        a->all[a->count++] = made;
+}
+
+void adapters_set(adapters *a, const cfg *const *buses, size_t count)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < a->count; i++)
+        a->all[i].wanted = false;
+    for (size_t i = 0; i < count; i++)
+        for (size_t k = 0; k < buses[i]->node_count; k++)
+            if (cfg_is_usb(&buses[i]->nodes[k]))
+                want(a, &buses[i]->nodes[k]);
+    for (size_t i = 0; i < a->count; i++) {
+        if (a->all[i].wanted)
+            a->all[kept++] = a->all[i];
+        else
+            unplug(a, &a->all[i]);
+    }
+    a->count = kept;
+}

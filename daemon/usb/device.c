@@ -1,0 +1,448 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * device.c - the adapter: requests of the kernel's USB stack on one side, the node on the other.
+ */
+#include "usb/device.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <linux/can/error.h>
+#include <linux/usbip.h>
+#include <stdio.h>
+#include <string.h>
+
+#define HEAD_BYTES 48u
+#define HEAD_WORDS (HEAD_BYTES / 4u)
+#define TRANSFER_MAX 65536u /* of a request; the driver's longest has 2048 */
+#define RECORDS_MAX (256u << 10)
+
+/* Commands of USB/IP. */
+enum { SUBMIT = 1, UNLINK = 2, SUBMITTED = 3, UNLINKED = 4 };
+
+#define ENDPOINT_COMMANDS 1u
+#define ENDPOINT_FRAMES 2u
+
+/* Classes of error frames that the driver makes itself, from the status. */
+#define OWN_CLASSES (CAN_ERR_CRTL | CAN_ERR_RESTARTED | CAN_ERR_BUSOFF)
+
+typedef struct usb_request {
+    uint32_t command;
+    uint32_t number;
+    bool reads; /* from the device */
+    unsigned endpoint;
+    uint32_t length; /* SUBMIT: of the data */
+    uint32_t victim; /* UNLINK */
+    unsigned char setup[8];
+} usb_request;
+
+void device_init(usb_device *d, const usb_identity *who, const device_calls *calls, void *user)
+{
+    d->who = *who;
+    d->calls = calls;
+    d->user = user;
+}
+
+void device_free(usb_device *d)
+{
+    buffer_free(&d->in);
+    buffer_free(&d->out);
+    buffer_free(&d->records);
+}
+
+/* ---- Answers --------------------------------------------------------------------------------- */
+
+/* Answers a request. status: 0 or a negative errno; length: of the data that were carried. */
+static bool answer(usb_device *d, uint32_t command, uint32_t number, int status, uint32_t length,
+                   const void *data, size_t size)
+{
+    uint32_t head[HEAD_WORDS] = {0};
+    head[0] = htonl(command);
+    head[1] = htonl(number);
+    head[5] = htonl((uint32_t)status);
+    head[6] = htonl(length);
+    return buffer_append(&d->out, (const char *)head, sizeof head) &&
+           (size == 0 || buffer_append(&d->out, data, size));
+}
+
+static bool answer_data(usb_device *d, uint32_t number, const void *data, size_t size)
+{
+    return answer(d, SUBMITTED, number, 0, (uint32_t)size, data, size);
+}
+
+static void forget_held(usb_device *d, unsigned place)
+{
+    d->held_count--;
+    memmove(&d->held[place], &d->held[place + 1], (d->held_count - place) * sizeof d->held[0]);
+}
+
+static void forget_read(usb_device *d, unsigned place)
+{
+    d->read_count--;
+    memmove(&d->reads[place], &d->reads[place + 1], (d->read_count - place) * sizeof d->reads[0]);
+}
+
+static unsigned find_held(const usb_device *d, uint32_t number)
+{
+    unsigned i = 0;
+    while (i < d->held_count && d->held[i].number != number)
+        i++;
+    return i;
+}
+
+/* A frame was sent. The driver starts its queue again. */
+static void answer_sent(usb_device *d, unsigned place)
+{
+    const held_frame *h = &d->held[place];
+    (void)answer(d, SUBMITTED, h->number, 0, h->bytes, NULL, 0);
+    forget_held(d, place);
+    d->burst = d->held_count;
+}
+
+/* A frame will not be sent. After ten of them the driver's queue may stand still, and only a
+ * success starts it again, or a restart. So the last one of such a row is reported as sent. */
+static void answer_failed(usb_device *d, unsigned place)
+{
+    const uint32_t number = d->held[place].number;
+    if (d->held_count == 1 && d->burst >= 10 && d->on && d->state.state != 3) {
+        answer_sent(d, place);
+        return;
+    }
+    (void)answer(d, SUBMITTED, number, -EPROTO, 0, NULL, 0);
+    forget_held(d, place);
+}
+
+static void fail_all(usb_device *d)
+{
+    while (d->held_count > 0) {
+        (void)answer(d, SUBMITTED, d->held[0].number, -EPROTO, 0, NULL, 0);
+        forget_held(d, 0);
+    }
+    d->burst = 0;
+}
+
+/* ---- Records for the driver ------------------------------------------------------------------ */
+
+/* Returns the bytes of whole records at the begin that fit. */
+static size_t whole_records(const buffer *records, size_t room)
+{
+    const unsigned char *first = (const unsigned char *)buffer_first(records);
+    const size_t length = buffer_length(records);
+    size_t size = 0;
+    while (size < length) {
+        const size_t one = first[size] | (size_t)first[size + 1] << 8;
+        if (size + one > room)
+            break;
+        size += one;
+    }
+    return size;
+}
+
+/* Answers a request to read with all records that fit. */
+static void deliver(usb_device *d)
+{
+    for (unsigned i = 0; i < d->read_count && buffer_length(&d->records) > 0;) {
+        const read_request *r = &d->reads[i];
+        const size_t size =
+            r->endpoint == ENDPOINT_FRAMES ? whole_records(&d->records, r->room) : 0;
+        if (size == 0) {
+            i++;
+            continue;
+        }
+        (void)answer_data(d, r->number, buffer_first(&d->records), size);
+        buffer_take(&d->records, size);
+        forget_read(d, i);
+    }
+}
+
+static void record(usb_device *d, const unsigned char *bytes, size_t size)
+{
+    if (buffer_length(&d->records) + size > RECORDS_MAX ||
+        !buffer_append(&d->records, (const char *)bytes, size))
+        d->overrun = true;
+}
+
+/* ---- Commands -------------------------------------------------------------------------------- */
+
+#define SETTINGS_PART 200u
+
+/* The driver does not tell the propagation segment: the controller does not need it. */
+static void print_timing(char *text, const char *prefix, const peak_timing *t)
+{
+    unsigned phase1 = t->tseg2 > t->sjw ? t->tseg2 : t->sjw;
+    if (phase1 > t->tseg1)
+        phase1 = t->tseg1;
+    (void)snprintf(text, SETTINGS_PART,
+                   ",\"%sbrp\":%u,\"%sprop-seg\":%u,\"%sphase-seg1\":%u,\"%sphase-seg2\":%u,"
+                   "\"%ssjw\":%u",
+                   prefix, t->brp, prefix, t->tseg1 - phase1, prefix, phase1, prefix, t->tseg2,
+                   prefix, t->sjw);
+}
+
+static void print_settings(char text[MESSAGE_SETTINGS_BYTES], const usb_device *d)
+{
+    char slow[SETTINGS_PART] = "", fast[SETTINGS_PART] = "";
+    if (d->has_slow)
+        print_timing(slow, "", &d->slow);
+    if (d->has_fast && d->fd)
+        print_timing(fast, "d", &d->fast);
+    (void)snprintf(text, MESSAGE_SETTINGS_BYTES,
+                   "{\"clock\":\"" PEAK_CLOCK "\"%s%s,\"triple-sampling\":%s,\"listen-only\":%s,"
+                   "\"one-shot\":%s,\"restart-ms\":0}",
+                   slow, fast, d->slow.triple ? "true" : "false",
+                   d->listen_only ? "true" : "false", d->one_shot ? "true" : "false");
+}
+
+static void order(usb_device *d, message_order what, bool with_settings)
+{
+    char text[MESSAGE_SETTINGS_BYTES] = "";
+    if (with_settings)
+        print_settings(text, d);
+    d->calls->order(d->user, what, text);
+}
+
+/* On the bus. When it is there already, this is the restart after bus-off, and the driver has
+ * forgotten its frames. */
+static void set_on(usb_device *d, bool listen_only)
+{
+    if (d->on) {
+        fail_all(d);
+        order(d, MESSAGE_RESTART, false);
+        return;
+    }
+    d->on = true;
+    d->listen_only = listen_only;
+    d->state = (message_state){.state = 0};
+    order(d, MESSAGE_ON, true);
+}
+
+static void set_off(usb_device *d)
+{
+    if (d->on)
+        order(d, MESSAGE_OFF, false);
+    d->on = false;
+    d->one_shot = false;
+    buffer_take(&d->records, buffer_length(&d->records));
+    fail_all(d);
+}
+
+static void obey(usb_device *d, const peak_command *c)
+{
+    switch (c->opcode) {
+    case PEAK_RESET_MODE:
+        set_off(d);
+        break;
+    case PEAK_NORMAL_MODE:
+    case PEAK_LISTEN_ONLY_MODE:
+        set_on(d, c->opcode == PEAK_LISTEN_ONLY_MODE);
+        break;
+    case PEAK_TIMING_SLOW:
+        d->slow = c->timing;
+        d->has_slow = true;
+        break;
+    case PEAK_TIMING_FAST:
+        d->fast = c->timing;
+        d->has_fast = true;
+        break;
+    default: /* lights, filters, counters that a restart resets anyway */
+        break;
+    }
+}
+
+/* ---- Requests -------------------------------------------------------------------------------- */
+
+static bool take_control(usb_device *d, const usb_request *r)
+{
+    unsigned char data[USB_ANSWER_MAX];
+    const int size = usb_answer(data, &d->who, r->setup);
+    if (size < 0)
+        return answer(d, SUBMITTED, r->number, -EPIPE, 0, NULL, 0);
+    if (!r->reads)
+        return answer(d, SUBMITTED, r->number, 0, r->length, NULL, 0);
+    return answer_data(d, r->number, data, (uint32_t)size < r->length ? (size_t)size : r->length);
+}
+
+static bool take_read(usb_device *d, const usb_request *r)
+{
+    if (d->read_count == DEVICE_READS_MAX)
+        return answer(d, SUBMITTED, r->number, -ENOMEM, 0, NULL, 0);
+    d->reads[d->read_count++] =
+        (read_request){.number = r->number, .room = r->length, .endpoint = r->endpoint};
+    deliver(d);
+    return true;
+}
+
+static bool take_commands(usb_device *d, const usb_request *r, const unsigned char *data)
+{
+    peak_command command;
+    size_t at = 0;
+    while (peak_take_command(&command, data, r->length, &at))
+        obey(d, &command);
+    return answer(d, SUBMITTED, r->number, 0, r->length, NULL, 0);
+}
+
+/* All frames of the driver have the mode that it has. */
+static void choose_one_shot(usb_device *d, bool one_shot)
+{
+    if (d->one_shot == one_shot)
+        return;
+    d->one_shot = one_shot;
+    d->calls->order(d->user, MESSAGE_SET,
+                    one_shot ? "{\"one-shot\":true}" : "{\"one-shot\":false}");
+}
+
+/* The driver has one frame in a request. */
+static bool take_frame(usb_device *d, const usb_request *r, const unsigned char *data)
+{
+    size_t at = 0;
+    held_frame held = {.number = r->number, .bytes = r->length};
+    if (!d->on || d->held_count == DEVICE_HELD_MAX ||
+        peak_take_frame(&held.frame, data, r->length, &at) != PEAK_FRAME)
+        return answer(d, SUBMITTED, r->number, -EPROTO, 0, NULL, 0);
+    choose_one_shot(d, held.frame.one_shot);
+    d->held[d->held_count++] = held;
+    d->burst++;
+    d->calls->send(d->user, held.number, &held.frame);
+    return true;
+}
+
+static bool take_submit(usb_device *d, const usb_request *r, const unsigned char *data)
+{
+    if (r->endpoint == 0)
+        return take_control(d, r);
+    if (r->endpoint > ENDPOINT_FRAMES)
+        return answer(d, SUBMITTED, r->number, -EPIPE, 0, NULL, 0);
+    if (r->reads)
+        return take_read(d, r);
+    return r->endpoint == ENDPOINT_COMMANDS ? take_commands(d, r, data) : take_frame(d, r, data);
+}
+
+/* Takes a request back. One that has been answered is gone: the kernel knows that by the 0. */
+static bool take_unlink(usb_device *d, const usb_request *r)
+{
+    const unsigned held = find_held(d, r->victim);
+    unsigned read = 0;
+    while (read < d->read_count && d->reads[read].number != r->victim)
+        read++;
+    const bool found = held < d->held_count || read < d->read_count;
+    if (held < d->held_count)
+        forget_held(d, held);
+    if (read < d->read_count)
+        forget_read(d, read);
+    return answer(d, UNLINKED, r->number, found ? -ECONNRESET : 0, 0, NULL, 0);
+}
+
+static usb_request parse(const char *bytes)
+{
+    uint32_t head[HEAD_WORDS];
+    memcpy(head, bytes, sizeof head);
+    usb_request r = {
+        .command = ntohl(head[0]),
+        .number = ntohl(head[1]),
+        .reads = ntohl(head[3]) == 1,
+        .endpoint = ntohl(head[4]),
+        .length = ntohl(head[6]),
+        .victim = ntohl(head[5]),
+    };
+    memcpy(r.setup, (const char *)head + 40, sizeof r.setup);
+    return r;
+}
+
+/* Takes the first request, when it is whole. Returns the number of its bytes; 0: it is not whole,
+ * -1: it cannot be understood. */
+static long take_first(usb_device *d)
+{
+    if (buffer_length(&d->in) < HEAD_BYTES)
+        return 0;
+    const usb_request r = parse(buffer_first(&d->in));
+    if (r.command == UNLINK)
+        return take_unlink(d, &r) ? (long)HEAD_BYTES : -1;
+    if (r.command != SUBMIT || r.length > TRANSFER_MAX)
+        return -1;
+    const size_t whole = HEAD_BYTES + (r.reads ? 0 : r.length);
+    if (buffer_length(&d->in) < whole)
+        return 0;
+    const char *data = buffer_first(&d->in) + HEAD_BYTES;
+    return take_submit(d, &r, (const unsigned char *)data) ? (long)whole : -1;
+}
+
+bool device_take(usb_device *d, const void *bytes, size_t size)
+{
+    long taken;
+    if (!buffer_append(&d->in, bytes, size))
+        return false;
+    while ((taken = take_first(d)) > 0)
+        buffer_take(&d->in, (size_t)taken);
+    return taken == 0;
+}
+
+/* ---- From the node --------------------------------------------------------------------------- */
+
+void device_begin(usb_device *d, bool fd)
+{
+    d->fd = fd;
+    if (!d->on)
+        return;
+    order(d, MESSAGE_ON, true);
+    for (unsigned i = 0; i < d->held_count; i++)
+        d->calls->send(d->user, d->held[i].number, &d->held[i].frame);
+}
+
+/* Returns false for an error frame of which nothing is left: the driver makes such ones itself. */
+static bool fit_error(struct can_frame *frame)
+{
+    frame->can_id &= ~(canid_t)OWN_CLASSES;
+    return frame->can_id & CAN_ERR_MASK & ~(canid_t)CAN_ERR_CNT;
+}
+
+void device_received(usb_device *d, const void *frame, size_t size, uint64_t us)
+{
+    unsigned char bytes[PEAK_RECORD_MAX];
+    struct can_frame classical;
+    memcpy(&classical, frame, sizeof classical);
+    const bool error = classical.can_id & CAN_ERR_FLAG;
+    if (!d->on || (error && !fit_error(&classical)))
+        return;
+    if (d->overrun) {
+        d->overrun = false;
+        record(d, bytes, peak_put_overrun(bytes, us));
+    }
+    record(d, bytes, peak_put_frame(bytes, error ? &classical : frame, size, us));
+    deliver(d);
+}
+
+void device_was_sent(usb_device *d, uint32_t number)
+{
+    const unsigned place = find_held(d, number);
+    if (place < d->held_count)
+        answer_sent(d, place);
+}
+
+void device_was_dropped(usb_device *d, uint32_t number)
+{
+    const unsigned place = find_held(d, number);
+    if (place < d->held_count)
+        answer_failed(d, place);
+}
+
+static unsigned status_bits(uint32_t state)
+{
+    static const unsigned bits[] = {0, PEAK_WARNING, PEAK_WARNING | PEAK_PASSIVE, PEAK_BUS_OFF};
+    return state < sizeof bits / sizeof bits[0] ? bits[state] : 0;
+}
+
+/* The driver compares counters to see which side a state is of, so they come first. A status
+ * without bits sets its counters to 0, so they come again. */
+void device_state(usb_device *d, const message_state *state, uint64_t us)
+{
+    unsigned char bytes[PEAK_RECORD_MAX];
+    const bool changed = state->state != d->state.state;
+    if (!d->on)
+        return;
+    d->state = *state;
+    record(d, bytes, peak_put_counters(bytes, state->tec, state->rec, us));
+    if (changed) {
+        record(d, bytes, peak_put_status(bytes, status_bits(state->state), us));
+        record(d, bytes, peak_put_counters(bytes, state->tec, state->rec, us));
+    }
+    deliver(d);
+}

@@ -1,0 +1,35 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * vhci.h - the ports of the kernel's virtual USB host controllers (module vhci-hcd), by sysfs.
+ */
+#ifndef CANWIRE_USB_VHCI_H
+#define CANWIRE_USB_VHCI_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#define VHCI_BUS_ID_MAX 32u
+
+/* Files that only root may open; whoever has them open may write. */
+typedef struct vhci {
+    int attach;
+    int detach;
+} vhci;
+
+/* Opens the files. Returns false with errno set; ENOENT: the module is not loaded. */
+bool vhci_open(vhci *v);
+
+/* Finds a free high-speed port that is not among the used ones. Returns -1 with errno set; EBUSY:
+ * all are taken. */
+int vhci_find_port(const int *used, size_t count);
+
+/* Gives a connected socket to a port; the kernel keeps it. Returns false with errno set. */
+bool vhci_attach(const vhci *v, int port, int socket);
+
+/* Unplugs a port. */
+void vhci_detach(const vhci *v, int port);
+
+/* Returns true when the kernel knows the device at a port, with the name of its USB device. */
+bool vhci_bus_id(char out[VHCI_BUS_ID_MAX], int port);
+
+#endif

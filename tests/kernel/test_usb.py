@@ -1,0 +1,607 @@
+# SPDX-License-Identifier: MIT
+"""A real can0: the driver peak_usb on an adapter that canwire-usb emulates.
+
+Needs the kernel's modules for it and the initial network namespace: the QEMU guest has both.
+"""
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+
+from canbits import ERROR, FD, Frame
+from conftest import (CANWIRED, PATIENCE_S, RECEIVE_BUFFER_BYTES, ROOT, SO_RCVBUFFORCE, Daemon,
+                      wait_until)
+from test_faults import CANWIRE, Shell
+
+CANWIRE_USB = os.environ.get("CANWIRE_USB") or Path(CANWIRED).with_name("canwire-usb")
+ACCEPTED = 21  # on a bus that sends nothing: ten requests, txqueuelen 10, and one on the way
+RAW_ERR_FILTER = 2
+SO_TIMESTAMPING = 37
+RAW_HARDWARE, RX_HARDWARE = 1 << 6, 1 << 2
+
+BUS = """
+bus: {{ name: usb, bitrate: 500000{more} }}
+control: usb.sock
+nodes:
+{nodes}
+"""
+
+
+def run(*words, check=True):
+    done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert not check or done.returncode == 0, (words, done.stderr)
+    return done.stdout
+
+
+def ip(line, check=True):
+    return run("ip", *line.split(), check=check)
+
+
+def node(name, interface, more="", port=""):
+    return (f"  - {{ name: {name}, port: {{ usb: {interface}, socket: {name}.usb{port} }}{more} }}")
+
+
+class Rig:
+    """canwired and canwire-usb for one bus."""
+
+    def __init__(self, nodes, more=""):
+        self.folder = Path(tempfile.mkdtemp(dir="/run"))
+        self.folder.chmod(0o755)  # processes without privileges read the configuration
+        self.text = BUS.format(nodes="\n".join(nodes), more=more)
+        self.daemon = self.adapters = None
+        self.start_daemon()
+        self.start_adapters()
+
+    def start_daemon(self):
+        (self.folder / "notify").unlink(missing_ok=True)
+        self.daemon = Daemon(self.folder, self.text)
+        self.daemon.wait_ready()
+        self.shell = Shell(self.daemon)
+
+    def start_adapters(self):
+        with (self.folder / "usb.log").open("a") as log:
+            self.adapters = subprocess.Popen([CANWIRE_USB, self.daemon.config], stderr=log)
+
+    def log(self):
+        text = (self.folder / "usb.log").read_text()
+        assert "Sanitizer" not in text and "runtime error:" not in text, text
+        return text
+
+    def wait_for(self, *interfaces):
+        def there_or_dead():
+            return all(map(exists, interfaces)) or self.adapters.poll() is not None
+
+        wait_until(there_or_dead, interfaces)
+        assert self.adapters.poll() is None, self.log()
+
+    def servers(self):
+        """Returns the processes that answer the kernel, by the start."""
+        children = run("pgrep", "-P", str(self.adapters.pid), check=False).split()
+        return [int(child) for child in children]
+
+    def node(self, name):
+        nodes = json.loads(self.shell.run("status", "usb", "--json"))["nodes"]
+        return next(n for n in nodes if n["name"] == name)
+
+    def close(self):
+        self.adapters.terminate()
+        assert self.adapters.wait(PATIENCE_S) == 0, self.log()
+        self.daemon.close()
+        self.log()
+
+
+if os.environ.get("CANWIRE_PLACE") == "host":
+    # conftest.py leaves this one test alone
+    def test_usb_in_the_guest():
+        words = ["-t", "600", "--", sys.executable, "-m", "pytest", "-q", __file__]
+        subprocess.run([ROOT / "scripts/guest", *words], check=True,
+                       env=dict(os.environ, CANWIRE_GUEST="qemu"))
+
+
+def exists(interface):
+    return Path(f"/sys/class/net/{interface}").exists()
+
+
+
+
+def details(interface):
+    return json.loads(ip(f"-j -details -statistics link show {interface}"))[0]
+
+
+def can_info(interface):
+    return details(interface)["linkinfo"]
+
+
+def state(interface):
+    return can_info(interface)["info_data"]["state"]
+
+
+def counter(interface):
+    bec = can_info(interface)["info_data"].get("berr_counter", {"tx": 0, "rx": 0})
+    return bec["tx"], bec["rx"]
+
+
+def tx_packets(interface):
+    return int(Path(f"/sys/class/net/{interface}/statistics/tx_packets").read_text())
+
+
+def batch(*lines):
+    """Runs `ip` commands; a process costs much in an emulated machine."""
+    subprocess.run(["ip", "-batch", "-"], input="\n".join(lines) + "\n", text=True, check=True,
+                   timeout=PATIENCE_S)
+
+
+def lines_up(interface, options):
+    return (f"link set {interface} down", f"link set {interface} type can {options}",
+            f"link set {interface} up")
+
+
+def up(interface, options="bitrate 500000"):
+    batch(*lines_up(interface, options))
+
+
+class Can:
+    """A raw socket with all error frames."""
+
+    def __init__(self, interface, fd=False, own=False):
+        self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self.socket.setsockopt(socket.SOL_CAN_RAW, RAW_ERR_FILTER, 0x1FFFFFFF)
+        self.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, int(fd))
+        self.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, int(own))
+        self.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
+        self.socket.bind((interface,))
+        self.socket.settimeout(PATIENCE_S)
+
+    def send(self, *texts):
+        for text in texts:
+            self.socket.send(Frame.parse(text).pack())
+
+    def fill(self):
+        """Returns the number of frames that are taken until ENOBUFS."""
+        self.socket.setblocking(False)
+        for i in range(1000):
+            try:
+                self.socket.send(Frame(0x100 + i, 1, bytes([i])).pack())
+            except (BlockingIOError, OSError) as error:
+                assert error.errno == 105, error  # ENOBUFS
+                self.socket.settimeout(PATIENCE_S)
+                return i
+        raise AssertionError("it takes everything")
+
+    def receive(self, count=1):
+        """Returns frames, without error frames."""
+        frames = []
+        while len(frames) < count:
+            frame = Frame.unpack(self.socket.recv(16))
+            if not frame.can_id & ERROR:
+                frames.append(frame)
+        return frames
+
+    def errors_until(self, bits):
+        """Returns error frames up to the first of one of these classes: class and data[1]."""
+        seen = []
+        while not seen or not seen[-1][0] & bits:
+            can_id, _, data = struct.unpack("=I4x1s7s", self.socket.recv(16))[:3]
+            if can_id & ERROR:
+                seen.append((can_id & ~ERROR, data[0]))
+        return seen
+
+    def close(self):
+        self.socket.close()
+
+
+@pytest.fixture(name="can")
+def fixture_can():
+    opened = []
+
+    def make(*words, **more):
+        opened.append(Can(*words, **more))
+        return opened[-1]
+
+    yield make
+    for one in opened:
+        one.close()
+
+
+def add_group(path, line):
+    with Path(path).open("a", encoding="ascii") as file:
+        file.write(line + "\n")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fixture_kernel():
+    """The sockets are for a group, so that what answers the kernel needs no privileges. The kernel
+    must have nothing to complain about."""
+    before = {path: Path(path).read_text() for path in ("/etc/passwd", "/etc/group")}
+    add_group("/etc/group", "canwire:x:990:")
+    add_group("/etc/passwd", "canwire:x:990:990::/:/bin/false")
+    run("dmesg", "-C")
+    yield
+    for path, text in before.items():
+        Path(path).write_text(text)
+    log = run("dmesg")
+    assert "peak_usb" in log
+    for word in ("WARNING", "BUG", "Oops", "Call Trace", "unhandled", "refcount", "blocked for"):
+        assert word not in log, log
+
+
+@pytest.fixture(scope="module", name="pair")
+def fixture_pair():
+    """Two ECUs with a controller each, for tests that leave both processes running."""
+    rig = Rig([node("engine", "can0"), node("gearbox", "can1")])
+    rig.wait_for("can0", "can1")
+    yield rig
+    rig.close()
+
+
+@pytest.fixture(name="ends")
+def fixture_ends(pair, can):
+    """Both interfaces, down at first."""
+    modes = "type can one-shot off listen-only off restart-ms 0"
+    batch(*(f"link set {name} {what}" for name in ("can0", "can1") for what in ("down", modes)))
+    assert pair.daemon.process.poll() is None
+    return can
+
+
+def both_up(options="bitrate 500000"):
+    batch(*lines_up("can0", options), *lines_up("can1", options))
+
+
+# ---- Frames --------------------------------------------------------------------------------------
+
+
+def test_frames_both_ways(ends):
+    both_up()
+    sent = tx_packets("can0"), tx_packets("can1")
+    engine, gearbox = ends("can0"), ends("can1", own=True)
+    texts = ["123#DEADBEEF", "00000456#1122", "7FF#R3", "555#", "1FFFFFFF#0102030405060708"]
+    engine.send(*texts)
+    assert gearbox.receive(5) == [Frame.parse(t) for t in texts]
+    gearbox.send(*texts)
+    assert engine.receive(5) == [Frame.parse(t) for t in texts]
+    assert gearbox.receive(5) == [Frame.parse(t) for t in texts], "its own, echoed"
+    assert [tx_packets("can0") - sent[0], tx_packets("can1") - sent[1]] == [5, 5]
+    assert state("can0") == "ERROR-ACTIVE"
+
+
+def test_raw_dlc(ends):
+    up("can0", "bitrate 500000 cc-len8-dlc on")
+    up("can1", "bitrate 500000 cc-len8-dlc on")
+    engine, gearbox = ends("can0"), ends("can1")
+    frame = Frame.parse("123#1122334455667788_E")
+    engine.socket.send(frame.pack())
+    assert gearbox.receive() == [frame]
+
+
+def test_many_frames_keep_their_order(ends):
+    both_up()
+    engine, gearbox = ends("can0"), ends("can1")
+    sent = [Frame(0x100 + i % 0x400, 2, struct.pack(">H", i)) for i in range(600)]
+    for frame in sent:
+        while True:
+            try:
+                engine.socket.send(frame.pack())
+                break
+            except OSError as error:
+                assert error.errno == 105, error
+                time.sleep(0.001)
+    assert gearbox.receive(600) == sent
+
+
+def test_hardware_time_stamps_are_of_the_bus(pair, ends):
+    both_up()
+    engine, gearbox = ends("can0"), ends("can1")
+    gearbox.socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPING, RAW_HARDWARE | RX_HARDWARE)
+    stamps = []
+    for _ in range(2):
+        engine.send("123#1122")
+        _, extra, _, _ = gearbox.socket.recvmsg(16, 200)
+        times = struct.unpack("=6q", extra[0][2][:48])
+        stamps.append(times[4] * 10**6 + times[5] // 1000)
+    bus = json.loads(pair.shell.run("status", "usb", "--json"))["bus"]
+    assert 0 < stamps[0] < stamps[1] <= bus["time_ns"] // 1000, (stamps, bus["time_ns"])
+
+
+def test_a_held_bus_and_its_state(ends):
+    """Nobody acknowledges: the driver's queue is full, and the controller is error passive."""
+    up("can0")
+    engine, sent = ends("can0"), tx_packets("can0")
+    assert engine.fill() == ACCEPTED
+    wait_until(lambda: state("can0") == "ERROR-PASSIVE", "error passive")
+    assert counter("can0")[0] >= 128 and tx_packets("can0") == sent
+    assert can_info("can0")["info_xstats"]["error_passive"] >= 1
+    up("can1")
+    wait_until(lambda: tx_packets("can0") == sent + ACCEPTED, "all frames to be sent")
+
+
+def test_isotp_is_paced_by_the_echo(ends):
+    both_up()
+    data = bytes(range(256)) * 16
+    receiver = socket.socket(socket.AF_CAN, socket.SOCK_DGRAM, socket.CAN_ISOTP)
+    sender = socket.socket(socket.AF_CAN, socket.SOCK_DGRAM, socket.CAN_ISOTP)
+    with receiver, sender:
+        receiver.bind(("can1", 0x7E0, 0x7E8))
+        sender.bind(("can0", 0x7E8, 0x7E0))
+        receiver.settimeout(PATIENCE_S)
+        sender.settimeout(PATIENCE_S)
+        sender.send(data[:4095])
+        assert receiver.recv(5000) == data[:4095]
+    assert ends("can0").fill() > 0  # the queue goes on
+
+
+# ---- States --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(name="stuck")
+def fixture_stuck(pair):
+    """The engine's transmitter does not work: each attempt is a bit error."""
+    pair.shell.run("inject", "usb",
+                   "{ name: stuck, when: { time: 0s }, do: { stuck: recessive, on: engine.tx } }")
+    cleared = []
+
+    def clear():
+        if not cleared:
+            pair.shell.run("clear", "usb", "stuck")
+        cleared.append(True)
+
+    yield clear
+    clear()
+
+
+def test_bus_off_and_restart(ends, stuck):
+    """32 attempts to bus-off; the driver restarts the controller."""
+    up("can0", "bitrate 500000 restart-ms 100")
+    up("can1")
+    before = can_info("can0")["info_xstats"]
+    engine, gearbox = ends("can0"), ends("can1")
+    engine.send("123#1122")
+    seen = engine.errors_until(0x40)  # CAN_ERR_BUSOFF
+    assert seen == [(0x4, 0x08), (0x4, 0x20), (0x40, 0)], "TX warning, TX passive, bus-off"
+    assert engine.errors_until(0x100)[-1][0] == 0x100  # CAN_ERR_RESTARTED
+    stats = can_info("can0")["info_xstats"]
+    for key in ("error_warning", "error_passive", "bus_off", "restarts"):
+        assert stats[key] == before[key] + 1, key
+    stuck()
+    gearbox.send("321#")
+    assert engine.receive() == [Frame.parse("321#")]
+    engine.send("124#33")
+    assert gearbox.receive() == [Frame.parse("124#33")]
+
+
+def test_restart_by_hand(pair, ends, stuck):
+    up("can0")
+    up("can1")
+    engine, gearbox = ends("can0"), ends("can1")
+    restarts = pair.node("engine")["restarts"]
+    engine.send("123#1122")
+    wait_until(lambda: state("can0") == "BUS-OFF", "bus-off")
+    stuck()
+    assert pair.node("engine")["state"] == "bus-off"
+    ip("link set can0 type can restart")
+    wait_until(lambda: state("can0") == "ERROR-ACTIVE", "the restart")
+    wait_until(lambda: pair.node("engine")["state"] == "error-active", "128 x 11 bits")
+    gearbox.send("321#")
+    assert engine.receive() == [Frame.parse("321#")]
+    assert pair.node("engine")["restarts"] == restarts + 1
+
+
+def test_a_wrong_bit_rate(ends):
+    up("can0", "bitrate 250000")
+    up("can1")
+    engine, gearbox = ends("can0"), ends("can1")
+    engine.send("123#1122")
+    wait_until(lambda: counter("can0")[0] > 0 and counter("can1")[1] > 0, "errors on both sides")
+    up("can0")
+    ends("can0").send("124#33")
+    assert gearbox.receive() == [Frame.parse("124#33")], "the right bit rate"
+
+
+def test_one_shot(ends):
+    """Frames without acknowledgement are dropped; the queue goes on, also after ten of them."""
+    up("can0", "bitrate 500000 one-shot on")
+    engine, sent = ends("can0"), tx_packets("can0")
+    engine.send("123#1122")
+    wait_until(lambda: counter("can0")[0] == 8, "one attempt")
+    assert tx_packets("can0") == sent
+    for i in range(30):
+        engine.socket.send(Frame(0x200 + i, 0).pack())
+        time.sleep(0.002)
+    up("can1")
+    gearbox = ends("can1")
+    engine.send("124#33")
+    assert Frame.parse("124#33") in gearbox.receive()
+
+
+def test_listen_only(pair, ends):
+    up("can0", "bitrate 500000 listen-only on")
+    up("can1", "bitrate 500000 one-shot on")
+    gearbox, sent = ends("can1"), tx_packets("can1")
+    gearbox.send("123#1122")
+    wait_until(lambda: counter("can1")[0] == 8, "nobody to acknowledge")
+    assert pair.node("engine")["settings"]["listen-only"]
+    assert tx_packets("can1") == sent
+
+
+def test_bus_errors_are_error_frames_when_the_node_reports_them(pair, ends):
+    pair.shell.run("set", "usb", "gearbox", "berr-reporting=on")
+    up("can0", "bitrate 500000 one-shot on")
+    up("can1")
+    gearbox = ends("can1")
+    up("can0", "bitrate 250000 one-shot on")
+    ends("can0").send("123#1122")
+    assert gearbox.errors_until(0x80)[-1][0] & 0x88 == 0x88  # CAN_ERR_BUSERROR, CAN_ERR_PROT
+    pair.shell.run("set", "usb", "gearbox", "berr-reporting=off")
+
+
+# ---- Timing and settings -------------------------------------------------------------------------
+
+
+def test_the_node_has_the_timing_of_the_device(pair, ends):
+    assert ends
+    up("can0", "tq 125 prop-seg 6 phase-seg1 7 phase-seg2 2 sjw 1")
+    wait_until(lambda: pair.node("engine")["link"] == "up", "the node on the bus")
+    text = pair.shell.run("status", "usb", "--json")
+    assert '"link": "up"' in text or '"link":"up"' in text
+    ip("link set can0 down")
+    wait_until(lambda: pair.node("engine")["link"] == "down", "the node off the bus")
+
+
+def test_a_reload_keeps_what_the_device_has_set(pair, ends):
+    up("can0", "bitrate 250000")
+    up("can1", "bitrate 250000")
+    pair.shell.run("reload", "usb")
+    engine, gearbox = ends("can0"), ends("can1")
+    engine.send("123#1122")
+    assert gearbox.receive() == [Frame.parse("123#1122")]
+
+
+# ---- Processes -----------------------------------------------------------------------------------
+
+
+def takes_under(seconds, work):
+    begin = time.monotonic()
+    work()
+    took = time.monotonic() - begin
+    assert took < seconds, took
+
+
+def test_a_stopped_daemon_holds_up_nobody(pair, ends):
+    up("can0")
+    ends("can0").send("123#1122")
+    pair.daemon.process.send_signal(signal.SIGSTOP)
+    try:
+        takes_under(2, lambda: ip("link set can0 down"))
+        takes_under(2, lambda: up("can0"))
+        takes_under(2, lambda: ip("link set can0 down"))
+    finally:
+        pair.daemon.process.send_signal(signal.SIGCONT)
+    both_up()
+    engine, gearbox = ends("can0"), ends("can1")
+    engine.send("124#33")
+    assert gearbox.receive() == [Frame.parse("124#33")]
+
+
+def test_a_stopped_adapter_is_unplugged(pair, ends):
+    assert ends
+    stopped = pair.servers()
+    for process in stopped:
+        os.kill(process, signal.SIGSTOP)
+    takes_under(2.5, lambda: ip("link set can0 up", check=False))
+    wait_until(lambda: not set(pair.servers()) & set(stopped), "new processes")
+    pair.wait_for("can0", "can1")
+    assert "does not answer" in pair.log()
+    both_up()
+    ends("can0").send("124#33")
+
+
+def test_killed_processes(pair, ends):
+    both_up()
+    killed = pair.servers()
+    for process in killed:
+        os.kill(process, signal.SIGKILL)
+    wait_until(lambda: not set(pair.servers()) & set(killed), "the old ones to go")
+    wait_until(lambda: len(pair.servers()) == 2, "new ones")
+    pair.wait_for("can0", "can1")
+    both_up()
+    engine = ends("can0")
+    pair.daemon.process.kill()
+    pair.daemon.wait()
+    engine.send("125#44")  # waits
+    pair.start_daemon()
+    gearbox = ends("can1")
+    assert gearbox.receive() == [Frame.parse("125#44")]
+
+
+def test_renamed_interface(ends):
+    assert ends
+    ip("link set can1 name diag")
+    both = "bitrate 500000"
+    up("can0", both)
+    up("diag", both)
+    ends("can0").send("123#1122")
+    ip("link set diag down")
+    ip("link set diag name can1")
+
+
+def test_no_privileges_are_left(pair, ends):
+    assert ends
+    for process in pair.servers():
+        status = Path(f"/proc/{process}/status").read_text()
+        for line in (r"CapEff:\t0+", r"CapPrm:\t0+", r"Uid:\t990\t990\t990\t990",
+                     r"NoNewPrivs:\t1"):
+            assert re.search(f"^{line}$", status, re.M), status
+
+
+# ---- CAN FD, several adapters --------------------------------------------------------------------
+
+
+def pack_fd(can_id, data, flags):
+    return FD.pack(can_id, len(data), flags, data)
+
+
+def test_can_fd(can):
+    rig = Rig([node("engine", "fd0"), node("gearbox", "fd1")],
+              more=", dbitrate: 2000000")
+    try:
+        rig.wait_for("fd0", "fd1")
+        for interface in ("fd0", "fd1"):
+            up(interface, "bitrate 500000 dbitrate 2000000 fd on")
+        engine, gearbox = can("fd0", fd=True), can("fd1", fd=True)
+        for flags in (1, 0):
+            frame = pack_fd(0x123, bytes(range(64)), flags)
+            engine.socket.send(frame)
+            can_id, length, got, data = FD.unpack(gearbox.socket.recv(80))
+            assert (can_id, length, got & 1, data) == (0x123, 64, flags, bytes(range(64)))
+        gearbox.send("321#0102")
+        assert engine.receive() == [Frame.parse("321#0102")]
+        up("fd0", "bitrate 500000 dbitrate 1000000 fd on one-shot on")
+        can("fd0", fd=True).socket.send(pack_fd(0x124, bytes(64), 1))
+        wait_until(lambda: counter("fd1")[1] > 0, "errors by another data bit rate")
+    finally:
+        rig.close()
+
+
+def test_namespaces_and_many_adapters():
+    """Names that the kernel gives to others first, and a namespace of an ECU."""
+    ip("netns add engine")
+    names = [f"can{i}" for i in reversed(range(2, 8))]
+    nodes = [node(f"n{i}", name) for i, name in enumerate(names)]
+    nodes.append(node("own", "can0", port=", netns: engine"))
+    rig = Rig(nodes)
+    try:
+        rig.wait_for(*names)
+        wait_until(lambda: "can0" in ip("netns exec engine ip -o link show"), "can0 of the engine")
+        for i, name in enumerate(names):
+            serial = (Path(f"/sys/class/net/{name}/device").resolve().parent / "serial").read_text()
+            assert serial.strip() == name, i
+        ip("netns exec engine ip link set can0 type can bitrate 500000")
+        ip("netns exec engine ip link set can0 up")
+        wait_until(lambda: rig.node("own")["link"] == "up", "the node on the bus")
+    finally:
+        rig.close()
+        ip("netns del engine")
+    wait_until(lambda: not any(map(exists, names)), "the interfaces to go")
+
+
+def test_what_is_missing_is_said():
+    file = Path(tempfile.mkdtemp(dir="/run")) / "bus.yaml"
+    file.parent.chmod(0o755)
+    file.write_text("bus: { bitrate: 500000 }\nnodes: [ { name: a, port: { usb: x/y } } ]\n")
+    done = subprocess.run([CANWIRE_USB, file], capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "bus.yaml:2:34: usb: expected the name" in done.stderr
+    done = subprocess.run([CANWIRE_USB, "--user", "nobody-here", file], capture_output=True,
+                          text=True, check=False)
+    assert done.returncode == 1 and "user nobody-here: No such file" in done.stderr
+    assert subprocess.run([CANWIRE_USB], capture_output=True, check=False).returncode == 2
+    assert CANWIRE and shutil.which("ip")
