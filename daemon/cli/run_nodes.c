@@ -10,6 +10,7 @@
 #include "cli/client.h"
 #include "config/config.h"
 #include "config/portname.h"
+#include "config/rig.h"
 
 #include <errno.h>
 #include <limits.h>
@@ -120,6 +121,11 @@ static bool find_in_status(search *s)
 static bool find_in_file(search *s)
 {
     char directory[PATH_MAX];
+    if (rig_is_rig(s->node->bus)) {
+        plain_print(stderr, "canwire run: %s is a rig: --bus names one of its buses\n",
+                    s->node->bus);
+        return false;
+    }
     cfg *config = cfg_load(s->node->bus, stderr);
     if (!config)
         return false;

@@ -52,6 +52,12 @@ def test_wrong_command_lines(tmp_path, words, status, why):
     assert why in refused(tmp_path, *words, status=status)
 
 
+def test_a_rig_has_several_buses(tmp_path):
+    rig = ROOT / "config/rig/rig.yaml"
+    said = refused(tmp_path, "--bus", rig, "--as", "x", "true")
+    assert said == f"canwire run: {rig} is a rig: --bus names one of its buses\n"
+
+
 def test_the_library_must_be_there(bus, tmp_path):
     bus()
     words = ["--bus", "./share.sock", "--as", "engine", "true"]
@@ -231,6 +237,34 @@ def test_a_port_with_too_many_clients(bus):
     said = r.run("engine", "cansend", "engine", "001#", status=1).stderr
     assert "libcanwire-socketcan: engine: the port has as many clients as it takes" in said
     first.close()
+    r.stop()
+
+
+def test_a_program_that_reads_too_slowly_is_told_what_it_lost(bus):
+    """SO_RXQ_OVFL counts the frames that had no room."""
+    r = bus(bitrate=1000000)
+    program = SOCKET + """
+import sys
+S.setsockopt(socket.SOL_SOCKET, 40, 1)
+S.bind(('dash',))
+print('bound', flush=True)
+sys.stdin.readline()
+lost = 0
+while not lost:
+    data, beside, flags, address = S.recvmsg(16, 100)
+    lost = int.from_bytes(beside[0][2], 'little') if beside else 0
+print(beside[0][:2], lost > 0)
+"""
+    slow = subprocess.Popen(r.words("dash", sys.executable, "-c", program), cwd=r.folder,
+                            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    r.programs.append(slow)
+    assert slow.stdout.readline() == "bound\n"
+    sends = r.begin("engine", "cangen", "engine", "-g", "0", "-I", "1", "-L", "0", "-p", "10")
+    wait_until(lambda: r.nodes()["dash"]["clients"][0]["lost"] > 0, "its losses")
+    slow.stdin.write("read\n")
+    slow.stdin.flush()
+    assert slow.stdout.readline() == "(1, 40) True\n"
+    sends.kill()
     r.stop()
 
 

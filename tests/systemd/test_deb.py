@@ -15,6 +15,18 @@ NOT_OURS = ["/run/systemd", "/run/log", "/run/lock", "/var/lib/dpkg", "/var/lib/
             "/var/log", "/var/backups"]  # files of systemd and dpkg
 
 
+def run_at_a_node(*program):
+    """Runs a program with the library of the package; it needs no bus to begin."""
+    config, port = Path("/run/run.yaml"), Path("/run/run.sock")
+    config.write_text('bus: { bitrate: 500000 }\nnodes: [ { name: x, port: "unix:run.sock" } ]\n')
+    port.touch()
+    try:
+        return run("canwire", "run", "--bus", config, "--as", "x", *program).split()
+    finally:
+        config.unlink()
+        port.unlink()
+
+
 @pytest.fixture(scope="module", name="package")
 def fixture_package():
     found = sorted((ROOT / "build/deb").glob("canwire_*.deb"))
@@ -55,6 +67,7 @@ def test_it_is_installed_used_and_purged_without_a_trace(package):
     assert len(files) > 40 and [f for f in files if not f.is_file()] == []
     assert Path("/etc/canwire").is_dir() and Path("/run/canwire").is_dir()
     assert run("which", "canwire", "canwired").split() == ["/usr/bin/canwire", "/usr/sbin/canwired"]
+    assert "LD_PRELOAD=/usr/bin/../lib/canwire/libcanwire-socketcan.so" in run_at_a_node("env")
     assert "canwire" in accounts()[0] and "canwire" in accounts()[1]
     bus = use()
     dpkg("--purge", "canwire")
