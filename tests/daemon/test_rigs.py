@@ -291,6 +291,14 @@ def test_a_journal_repeats_both_buses(rig, tmp_path):
     assert times == sorted(times)
     once = sim("--journal", tmp_path / "j", "--events", "-", "--stats", tmp_path / "stats").stdout
     assert sim("--journal", tmp_path / "j", "--step", "--events", "-").stdout == once
+    for event in "fault", "safety:tx", "airbag:error":
+        kind = event.split(":")[-1]
+        end = next(e["t"] for e in whole if e["event"] == kind and
+                   (kind != "tx" or e["bus"] == "safety") and
+                   (kind != "error" or e["node"] == "airbag"))
+        got = sim("--journal", tmp_path / "j", "--until-event", event, "--events", "-").stdout
+        assert [json.loads(line) for line in got.splitlines()] == [
+            e for e in whole if e["t"] <= end]
     assert [b["bus"]["name"] for b in json.loads((tmp_path / "stats").read_text())["buses"]] == [
         "body", "safety"]
     assert "ok (bus body, safety" in canwire("check", "--journal", tmp_path / "j").stdout

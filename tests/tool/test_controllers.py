@@ -2,6 +2,7 @@
 """Filters and buffers of controllers, and controllers before CAN 2.0B, in simulated runs."""
 
 import json
+import random
 
 import pytest
 
@@ -427,3 +428,26 @@ def test_traffic_that_a_controller_refuses_is_an_error(tmp_path, frame, key, say
         (tmp_path / "t.yaml").write_text("bus: { bitrate: 500000 }\n" + text + "\n")
         done = canwire("check", tmp_path / "t.yaml", status=1)
         assert says in done.stderr and f"{key}: off" in done.stderr
+
+
+@pytest.mark.parametrize("keys", ["controller: mcp2515", "sample-point: 0.75"])
+@pytest.mark.parametrize("seed", range(4))
+def test_another_bit_timing_leaves_frames_and_hosts_their_times(tmp_path, keys, seed):
+    """Off the common grid of bits, with right clocks. Frames come anywhere in a bit."""
+    rng = random.Random(seed)
+    nodes = []
+    for name in "abc":
+        sent = ", ".join(
+            f"{{ send: '{rng.randrange(0x700):03X}#{rng.choice(('', '00', 'FF00FF'))}', "
+            f"every: {rng.randrange(300_000, 3_000_000)}ns, offset: {rng.randrange(900_000)}ns }}"
+            for _ in range(2))
+        host = f", service-time: {rng.randrange(50, 900)}us" if name != "b" else ""
+        model = f", controller: {{ model: basic{host} }}" if host else ", KEYS"
+        nodes.append(f"  - {{ name: {name}{model}, traffic: [ {sent} ] }}\n")
+    text = "".join(nodes) + (
+        "faults:\n  - { name: f, when: { frame: '000~7FF', every: 5 }, do: { flip: 'crc[2]', "
+        "at: [c] } }\n  - { name: r, when: { time: 7777777ns }, do: { software-reset: a } }\n")
+    on_grid, _ = run(tmp_path, text.replace(", KEYS", ""), "--until", "30ms")
+    off_grid, _ = run(tmp_path, text.replace("KEYS", keys), "--until", "30ms")
+    assert off_grid == on_grid and len(on_grid) > 150
+    assert {e["event"] for e in on_grid} >= {"rx", "tx", "error", "overrun", "arbitration-lost"}

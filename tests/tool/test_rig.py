@@ -335,7 +335,6 @@ def test_expectations_of_each_bus_are_judged(tmp_path):
 def test_endless_traffic_needs_an_end_and_bits_have_no_length(tmp_path):
     assert "never ends" in sim(EXAMPLE, status=1).stderr
     assert "several lengths" in sim(EXAMPLE, "--until", "3bit", status=2).stderr
-    assert "a rig has" in sim(EXAMPLE, "--vcd", tmp_path / "x", status=2).stderr
 
 
 def test_no_output_is_an_input(tmp_path):
@@ -389,7 +388,49 @@ def test_a_summary_tells_what_gateways_have_lost(tmp_path):
     assert "gateway g: body:gw to train:gw: forwarded 2 lost 3 dropped 0\n" in sim(file).stdout
 
 
-@pytest.mark.parametrize("option", ["--vcd", "--svg", "--until-event"])
+@pytest.mark.parametrize("option", ["--vcd", "--svg"])
 def test_what_a_rig_has_not_is_refused(tmp_path, option):
     error = sim(EXAMPLE, option, tmp_path / "x", status=2).stderr
-    assert "a rig has --until, --seed, --events, --log, --pcapng, --stats, --junit" in error
+    assert "bits of several lengths are not in one --vcd or --svg" in error
+    assert "for those of one bus run its own file" in error
+
+
+@pytest.mark.parametrize("text, awaited", [
+    ("rx:020", {"event": "rx", "frame": "020#01"}),
+    ("body:rx", {"event": "rx", "bus": "body"}),
+    ("powertrain:gateway:tx", {"event": "tx", "bus": "powertrain", "node": "gateway"}),
+    ("airbag:rx:400", {"event": "rx", "bus": "body", "node": "airbag", "frame": "400#00"}),
+    ("body:airbag:tx:050", {"event": "tx", "bus": "body", "frame": "050#01"}),
+    ("powertrain:tx", {"event": "tx", "bus": "powertrain"})])
+def test_a_run_ends_with_an_event_of_any_bus(text, awaited):
+    """All that comes up to its tick is there, and nothing behind it, on the other bus either."""
+    whole = events_of(EXAMPLE, "--until", "100ms")
+    end = next(e["t"] for e in whole if awaited.items() <= e.items())
+    assert events_of(EXAMPLE, "--until-event", text) == [e for e in whole if e["t"] <= end]
+    assert stats_of(EXAMPLE, "--until-event", text) == stats_of(
+        EXAMPLE, "--until", f"{round(end * 1e9)}ns")
+
+
+def test_an_event_that_does_not_come_is_told():
+    told = sim(EXAMPLE, "--until-event", "body:bus-off", "--until", "20ms", "--events", "-")
+    assert "--until-event body:bus-off: it did not happen" in told.stderr
+    assert told.stdout == sim(EXAMPLE, "--until", "20ms", "--events", "-").stdout
+    for text, message in (("explosion", "there is no event 'explosion'"),
+                          ("powertrain:door:tx", "there is no node 'door': there is engine, "),
+                          ("body:explosion", "there is no event 'explosion'")):
+        assert message in sim(EXAMPLE, "--until-event", text, status=1).stderr
+
+
+def test_captures_and_synchronisations_are_those_of_each_bus(tmp_path):
+    file = write(tmp_path, "buses: [ body.yaml, train.yaml ]\n", LOAD, LOAD)
+    for bus, ppm in ("body", 300), ("train", -700):
+        path = tmp_path / f"{bus}.yaml"
+        path.write_text(path.read_text().replace(
+            "name: other", f"name: other, ppm: {ppm}, local-time: {{ unit: 1us }}"))
+    for options in (["--captures"], ["--sync"], ["--captures", "--sync"], []):
+        got = events_of(file, "--until", "50ms", *options)
+        for option, event in ("--captures", "capture"), ("--sync", "sync"):
+            assert any(e["event"] == event for e in got) == (option in options)
+        for bus in "body", "train":
+            alone = events_of(tmp_path / f"{bus}.yaml", "--until", "50ms", *options)
+            assert without_bus(got, bus) == alone

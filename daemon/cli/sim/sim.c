@@ -70,8 +70,8 @@ static const char usage[] =
 static const char help[] =
     "\n"
     "Runs the bus that FILE describes in virtual time: same engine, no sockets, no LCM. Nodes\n"
-    "with a port are there but send nothing. FILE may be a rig of several buses: --until, --seed,\n"
-    "--events, --log, --pcapng, --stats, --junit and --step then are for all of them.\n"
+    "with a port are there but send nothing. FILE may be a rig of several buses: all options but\n"
+    "--vcd and --svg then are for all of them. The event of --until-event is that of any bus.\n"
     "\n"
     "  --journal FILE\n"
     "                 what canwired --journal has written down, once more\n"
@@ -481,7 +481,13 @@ static int parse_options(sim_options *o, int argc, char **argv)
     return check_options(o);
 }
 
-/* Runs a rig. It has no outputs of single bits yet. */
+static bool is_regular(const char *path)
+{
+    struct stat status;
+    return stat(path, &status) == 0 && S_ISREG(status.st_mode);
+}
+
+/* Runs a rig. It has no outputs of single bits. */
 static int run_rig(const sim_options *o)
 {
     const sim_rig_options options = {
@@ -489,14 +495,17 @@ static int run_rig(const sim_options *o)
         .has_until = o->until.text, .until = o->until.time,
         .has_seed = o->has_seed, .seed = o->seed, .events = o->outputs[OUT_EVENTS],
         .log = o->outputs[OUT_LOG], .pcapng = o->outputs[OUT_PCAPNG],
-        .junit = o->outputs[OUT_JUNIT], .stats = o->outputs[OUT_STATS], .step = o->step};
+        .junit = o->outputs[OUT_JUNIT], .stats = o->outputs[OUT_STATS], .step = o->step,
+        .until_event = o->until_event, .sync = o->sync, .captures = o->captures};
     if (o->until.time.bits > 0)
         return refuse("--until", "a rig has bits of several lengths; give a time such as 10ms");
-    if (o->until_event || o->outputs[OUT_VCD] || o->outputs[OUT_SVG] || o->sync ||
-        o->captures)
+    if (o->outputs[OUT_VCD] || o->outputs[OUT_SVG])
         return refuse(o->journal ? o->journal : o->file,
-                      "a rig has --until, --seed, --events, --log, --pcapng, --stats, --junit and "
-                      "--step");
+                      "bits of several lengths are not in one --vcd or --svg; for those of one bus "
+                      "run its own file");
+    if (o->journal && o->until_event && !is_regular(o->journal))
+        return refuse(o->journal, "the journal of a rig is read twice for --until-event: it has to "
+                      "be a file");
     if (o->journal && o->outputs[OUT_PCAPNG])
         return refuse(o->journal, "the journal of a rig has no --pcapng");
     return sim_rig_main(&options);

@@ -4,6 +4,9 @@
  *
  * The buses go from meeting to meeting (meeting.h). Their events are written in order as soon as
  * all buses are there.
+ *
+ * With an awaited event the run is done twice. A bus may be beyond it when another one comes to it.
+ * So the first run only finds out where it comes, and the second one ends there.
  */
 #include "cli/sim/sim_rig.h"
 
@@ -11,6 +14,7 @@
 #include "base/plain.h"
 #include "cli/cli.h"
 #include "cli/gateways_text.h"
+#include "cli/sim/sim_until.h"
 #include "cli/sim/summary.h"
 #include "config/files.h"
 #include "record/output.h"
@@ -40,6 +44,8 @@ typedef struct rig_bus {
     unsigned first_node; /* number of the nodes of the buses before it */
     sim_run run;
     sim_judge judge;
+    sim_until awaited; /* of a run that looks ahead */
+    uint32_t kinds;    /* of events that are kept */
     kept *list; /* events that some bus has not reached yet, in their order */
     size_t first;
     size_t end;
@@ -59,9 +65,14 @@ struct sim_rig {
     outfile stats;
     outfile junit;
     outfile no_junit; /* of a bus alone */
+    bool looks_ahead; /* for the awaited event; nothing is written */
+    bool endless;    /* without it: there is no other end */
+    uint64_t ends_at; /* tick of the awaited event; CW_NEVER: none */
+    unsigned awaits;  /* buses at which it may come */
     bool keeps;      /* events, since an output wants them */
     size_t count;    /* of kept events of all buses */
     size_t write_at; /* with a journal: this many events */
+    FILE *nowhere;   /* for messages of the journal to a run that looks ahead */
     bool no_memory;
 };
 
@@ -71,7 +82,7 @@ static bool has_frame(cw_event_kind kind)
 {
     return kind == CW_EVENT_RX || kind == CW_EVENT_TX || kind == CW_EVENT_DROP ||
            kind == CW_EVENT_ARBITRATION_LOST || kind == CW_EVENT_OVERRUN ||
-           kind == CW_EVENT_IMPROPER;
+           kind == CW_EVENT_IMPROPER || kind == CW_EVENT_CAPTURE;
 }
 
 /* Copies what there is of an event in place. */
@@ -175,7 +186,7 @@ static void keep_event(void *user, const cw_event *event)
     sim_rig *s = b->all;
     if (s->meeting.gateways && !gateways_note(s->meeting.gateways, b->index, event))
         s->no_memory = true;
-    if (!s->keeps)
+    if (!s->keeps || !(b->kinds >> event->kind & 1u))
         return;
     if (!keep(b, event)) {
         s->no_memory = true;
@@ -291,9 +302,16 @@ static bool has_failed(const sim_rig *s)
     return failed;
 }
 
+static void tell_quiet(const sim_rig *s)
+{
+    if (!s->looks_ahead)
+        plain_print(stderr, "canwire sim: ended after %u s of bus time without a frame (--until "
+                    "TIME waits longer)\n", QUIET_LIMIT_S);
+}
+
 static void simulate(sim_rig *s)
 {
-    const uint64_t until = until_of(s);
+    uint64_t until = until_of(s);
     uint32_t buses;
     for (size_t i = 0; i < s->bus_count; i++) {
         sim_begin(&s->buses[i].run);
@@ -302,13 +320,12 @@ static void simulate(sim_rig *s)
     while (!has_failed(s) && (until != CW_NEVER || !traffic_is_over(s))) {
         const uint64_t tick = next_meeting(s, &buses);
         if (until == CW_NEVER && is_quiet(s, tick)) {
-            plain_print(stderr,
-                        "canwire sim: ended after %u s of bus time without a frame (--until TIME "
-                        "waits longer)\n", QUIET_LIMIT_S);
+            tell_quiet(s);
             break;
         }
         go_to(s, tick, buses);
-        if (tick == until)
+        until = until_of(s); /* an awaited event has come */
+        if (tick >= until)
             break;
     }
     for (size_t i = 0; i < s->bus_count && until != CW_NEVER && !has_failed(s); i++)
@@ -367,7 +384,8 @@ static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
     rig_bus *b = user;
     (void)next;
     (void)from;
-    sim_judge_leave(&b->judge, &b->run);
+    if (!b->all->looks_ahead)
+        sim_judge_leave(&b->judge, &b->run);
     keep_names(b);
 }
 
@@ -377,7 +395,9 @@ static void go_over(void *user)
     const journal_player *player = b->all->player;
     sim_change(&b->run, journal_player_config_of(player, b->index),
                journal_player_bus_of(player, b->index));
-    sim_judge_enter(&b->judge, &b->run);
+    sim_until_change(&b->awaited);
+    if (!b->all->looks_ahead)
+        sim_judge_enter(&b->judge, &b->run);
 }
 
 static void *of_bus(void *user, size_t bus)
@@ -392,10 +412,11 @@ static bool open_journal(sim_rig *s)
                                         .renaming = keep_names, .leaving = leave,
                                         .changed = go_over, .of_bus = of_bus};
     const char *file = s->options->journal;
-    s->player = journal_player_open(file, &calls, s, stderr);
-    if (s->player && strcmp(journal_player_writer(s->player), CANWIRE_VERSION) != 0)
+    s->player = journal_player_open(file, &calls, s, s->looks_ahead ? s->nowhere : stderr);
+    const char *writer = s->player ? journal_player_writer(s->player) : CANWIRE_VERSION;
+    if (!s->looks_ahead && strcmp(writer, CANWIRE_VERSION) != 0)
         plain_print(stderr, "canwire sim: %s: written by canwire %s; this is " CANWIRE_VERSION "\n",
-                    file, journal_player_writer(s->player));
+                    file, writer);
     return s->player;
 }
 
@@ -422,24 +443,26 @@ static bool fail(const char *why)
     return false;
 }
 
-static bool check_end(const sim_rig *s, const cfg *config)
+/* Returns true when the buses end some time. */
+static bool check_end(sim_rig *s, const cfg *config)
 {
     const cfg_place *master = cfg_find_master(config);
-    if (s->options->has_until)
+    if (s->options->has_until || s->ends_at != CW_NEVER)
         return true;
-    if (master) {
+    if (master && !s->looks_ahead)
         plain_print(stderr, "%s:%d:%d: the schedule of a time master never ends: give --until "
-                    "TIME\n", config->file, master->line, master->column);
+                    "TIME or --until-event EVENT\n", config->file, master->line, master->column);
+    if (master)
         return false;
-    }
     for (size_t i = 0; i < config->node_count; i++)
         for (size_t t = 0; t < config->nodes[i].traffic_count; t++) {
             const cfg_traffic *traffic = &config->nodes[i].traffic[t];
             if (!cfg_traffic_is_endless(traffic))
                 continue;
-            plain_print(stderr,
-                        "%s:%d:%d: traffic without `count` never ends: give `count` or --until "
-                        "TIME\n", config->file, traffic->place.line, traffic->place.column);
+            if (!s->looks_ahead)
+                plain_print(stderr, "%s:%d:%d: traffic without `count` never ends: give `count`, "
+                            "--until TIME or --until-event EVENT\n", config->file,
+                            traffic->place.line, traffic->place.column);
             return false;
         }
     return true;
@@ -451,10 +474,11 @@ static bool open_run(sim_rig *s, rig_bus *b)
         return sim_open_bus(&b->run, journal_player_config_of(s->player, b->index),
                             journal_player_bus_of(s->player, b->index));
     cfg *config = s->config->buses[b->index];
-    fputs(config->warnings, stderr);
+    if (!s->looks_ahead)
+        fputs(config->warnings, stderr);
     if (s->options->has_seed)
         config->seed = s->options->seed;
-    return sim_open(&b->run, config, false);
+    return sim_open(&b->run, config, s->looks_ahead);
 }
 
 static bool has_output(const sim_rig_options *o)
@@ -462,10 +486,76 @@ static bool has_output(const sim_rig_options *o)
     return o->events || o->log || o->pcapng || o->stats || o->junit;
 }
 
+/* Ends all buses with the event, but for those that are beyond it. Another bus may still come to
+ * one before it. */
+static void end_at(void *user, uint64_t tick)
+{
+    sim_rig *s = user;
+    s->ends_at = least(s->ends_at, tick);
+    for (size_t i = 0; i < s->bus_count; i++)
+        s->buses[i].run.until = least(s->buses[i].run.until, s->ends_at);
+}
+
+/* Returns what the awaited event is at a bus: all but the name of the bus. NULL: it is one of
+ * another bus. */
+static const char *event_at(const sim_rig *s, const rig_bus *b)
+{
+    const char *text = s->options->until_event;
+    for (size_t i = 0; i < s->bus_count; i++) {
+        const char *name = s->buses[i].run.config->bus_name;
+        const size_t length = strlen(name);
+        if (strncmp(text, name, length) == 0 && text[length] == ':')
+            return i == b->index ? text + length + 1 : NULL;
+    }
+    return text;
+}
+
+/* Awaits the event at a bus that knows its words. */
+static void await(sim_rig *s, rig_bus *b, bool quiet)
+{
+    const char *text = event_at(s, b);
+    b->run.quiet = quiet;
+    if (text && sim_until_start(&b->awaited, text, &b->run))
+        s->awaits++;
+    else
+        b->awaited.text = NULL;
+    b->run.quiet = true;
+    sim_be_careful(&b->run, CW_NEVER);
+    b->awaited.found = end_at;
+    b->awaited.user = s;
+}
+
+/* Awaits the event at all buses that know its words. Returns false after a message when there is
+ * none. */
+static bool await_all(sim_rig *s)
+{
+    for (size_t i = 0; i < s->bus_count; i++)
+        await(s, &s->buses[i], true);
+    for (size_t i = 0; i < s->bus_count && s->awaits == 0; i++) {
+        const bool tells = event_at(s, &s->buses[i]);
+        if (tells)
+            await(s, &s->buses[i], false);
+        if (tells)
+            break;
+    }
+    return s->awaits > 0;
+}
+
+static void choose_events(rig_bus *b, const sim_rig_options *o)
+{
+    b->kinds = 1u << CW_EVENT_TX;
+    if (o->events || o->pcapng)
+        b->kinds = CW_EVENTS_USUAL;
+    if (o->sync)
+        b->kinds |= 1u << CW_EVENT_SYNC;
+    if (o->captures)
+        b->kinds |= 1u << CW_EVENT_CAPTURE;
+}
+
 static bool open_bus(sim_rig *s, size_t i)
 {
     rig_bus *b = &s->buses[i];
-    sim_sink keeper = {.user = b, .event = keep_event, .kinds = 1u << CW_EVENT_TX};
+    sim_sink keeper = {.user = b, .event = keep_event};
     s->bus_count++;
     b->all = s;
     b->index = i;
@@ -478,15 +568,19 @@ static bool open_bus(sim_rig *s, size_t i)
     if (s->options->has_until) /* the last tick whose time in events is not after TIME */
         b->run.until = text_time_ticks_sum(s->options->until, 1, (cfg_time){.ns = 1},
                                            b->run.config->rate) - 1;
+    b->run.until = least(b->run.until, s->ends_at);
     b->judge.junit = &s->no_junit;
     b->judge.to_stderr = has_output(s->options);
-    if (s->options->events || s->options->pcapng)
-        keeper.kinds = CW_EVENTS_USUAL;
+    choose_events(b, s->options);
+    keeper.kinds = b->kinds;
     if (s->meeting.gateways && gateways_nodes(s->meeting.gateways, i))
         keeper.kinds |= 1u << CW_EVENT_RX | 1u << CW_EVENT_DROP;
     sim_add_sink(&b->run, &keeper);
-    return (s->player || check_end(s, b->run.config)) &&
-           sim_judge_start(&b->judge, &b->run, s->player);
+    const bool ends = s->player || check_end(s, b->run.config);
+    if (!s->looks_ahead)
+        return ends && sim_judge_start(&b->judge, &b->run, s->player);
+    s->endless = s->endless || !ends;
+    return true;
 }
 
 /* No output may be an input or another output. */
@@ -616,6 +710,8 @@ static void tear_down(sim_rig *s)
     gateways_free(s->meeting.gateways);
     journal_player_close(s->player);
     rig_free(s->config);
+    if (s->nowhere)
+        (void)fclose(s->nowhere);
     free(s);
 }
 
@@ -626,8 +722,52 @@ static void begin_pcapng(sim_rig *s)
                          s->config->bus_count);
 }
 
+static void warn_once(sim_rig *s)
+{
+    size_t i = 0;
+    while (!s->buses[i].awaited.text)
+        i++;
+    sim_until_warn(&s->buses[i].awaited);
+}
+
+/* Finds where the awaited event comes; CW_NEVER: it does not. Returns false after a message. */
+static bool look_ahead(const sim_rig_options *options, uint64_t *ends_at)
+{
+    const sim_rig_options silent = {.file = options->file, .journal = options->journal,
+                                    .has_until = options->has_until, .until = options->until,
+                                    .until_event = options->until_event,
+                                    .has_seed = options->has_seed, .seed = options->seed,
+                                    .step = options->step};
+    sim_rig *s = calloc(1, sizeof *s);
+    if (!s)
+        return fail("out of memory");
+    s->options = &silent;
+    s->looks_ahead = true;
+    s->ends_at = CW_NEVER;
+    s->nowhere = fopen("/dev/null", "w");
+    bool good = (s->nowhere || fail("/dev/null cannot be opened")) && set_up(s) &&
+                await_all(s);
+    if (good && s->endless)
+        warn_once(s);
+    if (good)
+        (void)run(s); /* the other run says what is wrong */
+    *ends_at = s->ends_at;
+    tear_down(s);
+    return good;
+}
+
+static void tell_no_event(const sim_rig *s)
+{
+    if (s->options->until_event && s->ends_at == CW_NEVER)
+        plain_print(stderr, "canwire sim: --until-event %s: it did not happen\n",
+                    s->options->until_event);
+}
+
 int sim_rig_main(const sim_rig_options *options)
 {
+    uint64_t ends_at = CW_NEVER;
+    if (options->until_event && !look_ahead(options, &ends_at))
+        return CLI_BAD_INPUT;
     sim_rig *s = calloc(1, sizeof *s);
     bool met = true;
     if (!s) {
@@ -635,6 +775,7 @@ int sim_rig_main(const sim_rig_options *options)
         return CLI_BAD_INPUT;
     }
     s->options = options;
+    s->ends_at = ends_at;
     s->keeps = options->events || options->log || options->pcapng;
     bool good = set_up(s);
     if (good) {
@@ -642,6 +783,7 @@ int sim_rig_main(const sim_rig_options *options)
         (void)outfile_begin(&s->log);
         begin_pcapng(s);
         good = run(s);
+        tell_no_event(s);
         good = finish(s, &met) && good;
     }
     tear_down(s);

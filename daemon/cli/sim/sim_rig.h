@@ -15,6 +15,7 @@ typedef struct sim_rig_options {
     const char *journal; /* of canwired --journal for one; the other is NULL */
     bool has_until;
     cfg_time until; /* without bits */
+    const char *until_event; /* of any bus; NULL: none */
     bool has_seed;
     uint64_t seed;
     const char *events; /* names of outputs, or NULL */
@@ -23,6 +24,8 @@ typedef struct sim_rig_options {
     const char *stats;
     const char *junit;
     bool step;
+    bool sync;     /* --events has synchronisations */
+    bool captures; /* ... and captures */
 } sim_rig_options;
 
 /* Runs to the end. Returns the exit status. */

@@ -195,7 +195,10 @@ static void look_at_event(void *user, const cw_event *event)
         return;
     u->happened = true;
     u->tick = event->tick;
-    sim_stop(u->run, event->tick);
+    if (u->found)
+        u->found(u->user, event->tick);
+    else
+        sim_stop(u->run, event->tick);
 }
 
 bool sim_until_start(sim_until *u, const char *text, sim_run *run)
@@ -214,7 +217,8 @@ bool sim_until_start(sim_until *u, const char *text, sim_run *run)
 
 void sim_until_change(sim_until *u)
 {
-    sim_until again = {.text = u->text, .run = u->run, .nodes = UINT64_MAX, .warns = u->warns};
+    sim_until again = {.text = u->text, .run = u->run, .nodes = UINT64_MAX, .warns = u->warns,
+                       .found = u->found, .user = u->user};
     if (!u->text || u->happened)
         return;
     if (!read_event(&again, u->text))

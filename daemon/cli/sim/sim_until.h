@@ -18,6 +18,8 @@ typedef struct sim_until {
     unsigned filter_count;
     bool happened;
     uint64_t tick; /* ... at */
+    void (*found)(void *user, uint64_t tick); /* called in place of the stop, if it is not NULL */
+    void *user;
     bool warns;        /* see sim_until_warn() */
 } sim_until;
 
