@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: MIT
+"""README.md: ECUs in containers, and on other machines."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from cannelloni import Datagrams, pack
+from conftest import wait_until
+from readme import PATIENCE_S, Session, example
+from simtool import listens
+
+DUMPED = ["can0", "123", "[4]", "DE", "AD", "BE", "EF"]
+
+
+@pytest.fixture
+def namespaces():
+    yield
+    for name in ("engine", "dash"):
+        subprocess.run(["ip", "netns", "delete", name], check=False, capture_output=True)
+
+
+def test_ecus_in_containers(tmp_path, namespaces):
+    text, (make, up, bus, listener, sender) = example("boxes")
+    (tmp_path / "boxes.yaml").write_text(text)
+    with Session(tmp_path) as session:
+        session.run(make)
+        session.run(up)
+        session.run(bus)
+        wait_until(lambda: listens(tmp_path / "boxes.sock"), "the bus")
+        candump = session.run(listener)
+        lists = "ip netns exec dash cat /proc/net/can/rcvlist_all"
+        wait_until(lambda: "can0" in session.run(lists), "candump")
+        session.run(sender)
+        assert candump.communicate(timeout=PATIENCE_S)[0].split() == DUMPED
+
+
+def connected(session):
+    status = json.loads(session.run("canwire status ./far.sock --json"))
+    return [len(node.get("clients", [])) for node in status["nodes"]] == [0, 1]
+
+
+def test_an_ecu_and_a_tester_on_other_machines(tmp_path):
+    text, (bus, logger) = example("far")
+    (tmp_path / "far.yaml").write_text(text.replace("192.168.1.2", "127.0.0.2"))
+    with Session(tmp_path) as session:
+        session.run("ip link set lo up")
+        session.run(bus)
+        wait_until(lambda: listens(tmp_path / "far.sock"), "the bus")
+        tester = session.run(logger.replace("192.168.1.1", "127.0.0.1").replace(
+            "python3", sys.executable) + " &")
+        wait_until(lambda: connected(session), "the tester")
+        Datagrams("127.0.0.2").to(20000).send(0, pack(0x123, b"\xde\xad\xbe\xef"))
+        line = tester.stdout.readline()
+        while "123" not in line:
+            line = tester.stdout.readline()
+        assert "de ad be ef" in line
