@@ -22,6 +22,7 @@ import pytest
 from canbits import ERROR, FD, Frame
 from conftest import (CANWIRED, PATIENCE_S, RECEIVE_BUFFER_BYTES, ROOT, SO_RCVBUFFORCE, Daemon,
                       wait_until)
+from readme import Session, example
 from test_faults import CANWIRE, Shell
 
 CANWIRE_USB = os.environ.get("CANWIRE_USB") or Path(CANWIRED).with_name("canwire-usb")
@@ -605,3 +606,22 @@ def test_what_is_missing_is_said():
     assert done.returncode == 1 and "user nobody-here: No such file" in done.stderr
     assert subprocess.run([CANWIRE_USB], capture_output=True, check=False).returncode == 2
     assert CANWIRE and shutil.which("ip")
+
+
+def test_the_example_of_the_readme():
+    text, (modules, bus, adapters, link, show) = example("real")
+    folder = Path(tempfile.mkdtemp(dir="/run"))
+    folder.chmod(0o755)  # the adapters' processes have no privileges
+    (folder / "real.yaml").write_text(text)
+    with Session(folder) as session:
+        for line in modules, bus:
+            session.run(line)
+        wait_until((folder / "real.sock").exists, "the bus")
+        session.run(adapters)
+        wait_until(lambda: exists("can0"), "can0")
+        session.run(link)
+        shown = session.run(show)
+        assert "can state ERROR-ACTIVE" in shown and "bitrate 500000" in shown
+        session.run("cansend can0 123#DEADBEEF")
+        wait_until(lambda: tx_packets("can0") == 1, "the frame")
+    wait_until(lambda: not exists("can0"), "the end of can0")

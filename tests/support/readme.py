@@ -2,6 +2,7 @@
 """The examples of README.md: a configuration, and the commands below it, which are run as they
 stand there."""
 
+import getpass
 import os
 import re
 import subprocess
@@ -25,7 +26,8 @@ class Session:
 
     def __init__(self, folder):
         self.folder, self.background = folder, []
-        self.environment = {**os.environ, "PATH": f"{PROGRAMS}:{os.environ['PATH']}"}
+        self.environment = {**os.environ, "USER": getpass.getuser(),
+                            "PATH": f"{PROGRAMS}:{os.environ['PATH']}"}
 
     def __enter__(self):
         return self
