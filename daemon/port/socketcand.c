@@ -25,6 +25,8 @@
 
 #define LINE_BYTES 512u  /* the longest command, fdsend, has 220 */
 #define OUT_BYTES 320u   /* the longest answer, a CAN FD frame of BCM mode, has 240 */
+#define HELD_BYTES 65536u /* frames that are held back after a change of mode ... */
+#define HELD_NS INT64_C(50000000) /* ... for so long */
 #define WORDS_MAX 80u
 #define BUS_BYTES 33u
 #define DRAINS_MAX 64u
@@ -50,6 +52,9 @@ typedef struct talk {
     bool garbage;          /* bytes that are no command have been counted */
     char rest[OUT_BYTES];  /* the end of a message that the socket had no room for */
     size_t rest_bytes;
+    char *held;            /* frames that are held back; NULL: none is */
+    size_t held_bytes;
+    int64_t held_ns;       /* until then, CLOCK_MONOTONIC; 0: no longer */
     broadcast broadcast;
     int64_t statistics_ns; /* interval; 0: off */
     int64_t next_statistics_ns;
@@ -96,6 +101,42 @@ static bool put(member *c, const char *text, size_t bytes)
     t->rest_bytes = bytes - (size_t)sent;
     memcpy(t->rest, text + sent, t->rest_bytes);
     c->stuck = t->rest_bytes > 0;
+    return true;
+}
+
+/* Sends what has been held back. */
+static void release_held(member *c)
+{
+    talk *t = talk_of(c);
+    size_t at = 0;
+    t->held_ns = 0;
+    for (size_t i = 0; i < t->held_bytes; i++) {
+        if (t->held[i] != '>')
+            continue;
+        if (!put(c, t->held + at, i + 1 - at))
+            c->written--;
+        at = i + 1;
+    }
+    free(t->held);
+    t->held = NULL;
+    t->held_bytes = 0;
+}
+
+/* Sends a frame, or holds it back. A program that has asked for a mode may read its answer in one
+ * piece with what comes behind it, and python-can takes that for a wrong answer. */
+static bool put_or_hold(member *c, const char *text, size_t bytes)
+{
+    talk *t = talk_of(c);
+    if (t->held_ns == 0)
+        return put(c, text, bytes);
+    if (!t->held)
+        t->held = malloc(HELD_BYTES);
+    if (!t->held || t->held_bytes + bytes > HELD_BYTES) {
+        c->lost++;
+        return false;
+    }
+    memcpy(t->held + t->held_bytes, text, bytes);
+    t->held_bytes += bytes;
     return true;
 }
 
@@ -160,7 +201,7 @@ static bool put_frame(member *c, const struct canfd_frame *frame, size_t size, i
     for (unsigned i = 0; !remote && !error && i < frame->len; i++)
         add(&w, talk_of(c)->mode == BCM ? "%02X " : "%02X", frame->data[i]);
     add(&w, error || remote ? ">" : " >");
-    return put(c, w.text, w.bytes);
+    return put_or_hold(c, w.text, w.bytes);
 }
 
 static void set_wake(member *c)
@@ -169,6 +210,8 @@ static void set_wake(member *c)
     c->wake_ns = broadcast_next_ns(&t->broadcast);
     if (t->statistics_ns > 0 && (c->wake_ns == 0 || t->next_statistics_ns < c->wake_ns))
         c->wake_ns = t->next_statistics_ns;
+    if (t->held_ns != 0 && (c->wake_ns == 0 || t->held_ns < c->wake_ns))
+        c->wake_ns = t->held_ns;
 }
 
 static bool takes(const member *c, const void *frame, size_t size)
@@ -212,6 +255,7 @@ static void enter(member *c, talk_mode mode)
     broadcast_free(&t->broadcast); /* its socket is closed, in the terms of socketcand */
     t->mode = mode;
     t->statistics_ns = 0;
+    t->held_ns = clock_ns(CLOCK_MONOTONIC) + HELD_NS;
     c->options = MESSAGE_LOOPBACK | (t->fd ? MESSAGE_FD : 0) | (mode == BCM ? MESSAGE_RECV_OWN : 0);
     set_wake(c);
 }
@@ -590,6 +634,8 @@ static void send_due(member *c, const port *p, int64_t now_ns)
     talk *t = talk_of(c);
     struct can_frame frame;
     int64_t realtime_ns;
+    if (t->held_ns != 0 && t->held_ns <= now_ns)
+        release_held(c);
     while (broadcast_held(&t->broadcast, &frame, &realtime_ns, now_ns)) {
         struct canfd_frame copy = {.can_id = 0};
         memcpy(&copy, &frame, sizeof frame);
@@ -664,6 +710,7 @@ static void close_talk(member *c)
         if (recv(c->fd, bytes, sizeof bytes, MSG_DONTWAIT) <= 0)
             break;
     broadcast_free(&talk_of(c)->broadcast);
+    free(talk_of(c)->held);
     free(c->more);
     c->more = NULL;
 }

@@ -53,6 +53,7 @@ typedef struct tunnel {
     int timer;
     int64_t timer_ns; /* for which it is set, CLOCK_MONOTONIC; 0: it is not */
     int64_t retry_ns; /* when it connects again; 0: it does not */
+    bool readable;     /* something may wait at the link */
     bool room_watched; /* the loop is woken when the connection takes more */
     uint8_t number;    /* of the next packet */
     cannelloni_sequence sequence; /* of the peer */
@@ -461,12 +462,11 @@ static bool take_frame(tunnel *t, port_frame *out, bool *good)
 
 static bool read_more(tunnel *t)
 {
-    if (!t->name.tcp)
-        return read_packet(t);
-    const bool some = read_stream(t);
-    if (some && t->state == GREETING)
+    if (t->readable)
+        t->readable = t->name.tcp ? read_stream(t) : read_packet(t);
+    if (t->readable && t->state == GREETING)
         take_greeting(t);
-    return some;
+    return t->readable;
 }
 
 /* Takes up to max frames. *more: some may be left. */
@@ -493,6 +493,7 @@ static unsigned take_frames(tunnel *t, port_frame *frames, unsigned max, bool *m
 
 static void on_link(tunnel *t, uint32_t events)
 {
+    t->readable = true;
     if (t->state == CONNECTING && (events & (EPOLLOUT | EPOLLERR | EPOLLHUP)))
         complete_connection(t);
     else if (events & EPOLLOUT)

@@ -5,18 +5,20 @@ by the protocol of config/ports.md.
 This needs no CAN in the kernel.
 """
 
+import contextlib
 import json
 import logging
 import re
 import socket
 import subprocess
+import time
 import xml.etree.ElementTree as ElementTree
 
 import can
 import pytest
 
 from busclient import Client
-from simtool import CANWIRED, canwire, kill_all, listens, stop_canwired
+from simtool import CANWIRED, ROOT, canwire, kill_all, listens, stop_canwired
 from talker import PATIENCE_S, Talker, free_port
 from test_record import wait_until
 
@@ -143,6 +145,33 @@ def test_python_can_sees_what_was_sent_when_the_bus_has_sent_it(rig):
         while (message := second.recv(PATIENCE_S)).is_error_frame:
             pass
         assert message.arbitration_id == 0x123
+    r.stop()
+
+
+def test_python_can_comes_to_a_busy_bus(rig):
+    """It wants the answer to `rawmode` in a piece of its own."""
+    r = rig(bitrate=1000000, 
+            more="  - { name: load, traffic: [ { send: 100#1122334455667788, every: 150us } ] }\n")
+    for _ in range(3):
+        t = r.talk(mode=None)
+        began = time.monotonic()
+        assert t.ask("rawmode") == "< ok >"
+        assert t.receive().startswith("< frame 100 ") and time.monotonic() - began >= 0.05
+        with contextlib.suppress(can.CanError), r.can() as bus:  # if this processor is not away
+            assert seen(bus)[0] == seen(bus)[0] == 0x100
+    r.stop()
+
+
+def test_the_example_of_the_page(rig):
+    r = rig()
+    page = (ROOT / "config/ports.md").read_text()
+    example = next(text for text in re.findall(r"```python\n(.*?)```", page, re.S)
+                   if "socketcand" in text)
+    lamp, names = r.lamp(), {}
+    exec(example.replace("29536", str(r.port)), names)
+    message = lamp.receive()
+    assert (message.can_id, message.data) == (0x123, b"\x11\x22")
+    names["bus"].shutdown()
     r.stop()
 
 
