@@ -251,6 +251,7 @@ FUZZ_BYTES_fuzz_mac := 1000
 FUZZ_BYTES_fuzz_port := 2000
 FUZZ_BYTES_fuzz_profiles := 6000
 FUZZ_BYTES_fuzz_reload := 5000
+FUZZ_BYTES_fuzz_socketcand := 4000
 FUZZ_BYTES_fuzz_trace := 4000
 fuzz_bytes = $(if $(FUZZ_BYTES_$(1)),-max_len=$(FUZZ_BYTES_$(1)))
 

@@ -56,6 +56,7 @@ typedef struct talk {
     size_t held_bytes;
     int64_t held_ns;       /* until then, CLOCK_MONOTONIC; 0: no longer */
     broadcast broadcast;
+    bool job_read;         /* the last message was a frame of a job */
     int64_t statistics_ns; /* interval; 0: off */
     int64_t next_statistics_ns;
 } talk;
@@ -664,12 +665,14 @@ static member_result see_to_time(member *c, port *p, port_frame *out)
                : MEMBER_NOTHING;
 }
 
+/* Jobs and commands take turns: many jobs must not keep the command from being read that ends
+ * them. */
 static member_result read_talk(member *c, port *p, port_frame *out)
 {
+    talk *t = talk_of(c);
     (void)flush(c);
-    if (c->wake_ns != 0 && see_to_time(c, p, out) == MEMBER_FRAME)
-        return MEMBER_FRAME;
-    return read_command(c, p, out);
+    t->job_read = !t->job_read && c->wake_ns != 0 && see_to_time(c, p, out) == MEMBER_FRAME;
+    return t->job_read ? MEMBER_FRAME : read_command(c, p, out);
 }
 
 /* ---- Coming and going ------------------------------------------------------------------------ */
