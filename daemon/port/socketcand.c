@@ -123,8 +123,8 @@ static void release_held(member *c)
     t->held_bytes = 0;
 }
 
-/* Sends a frame, or holds it back. A program that has asked for a mode may read its answer in one
- * piece with what comes behind it, and python-can takes that for a wrong answer. */
+/* Sends a frame, or holds it back. python-can, which has asked for a mode, takes the answer for a
+ * wrong one when it reads a frame in the same piece. */
 static bool put_or_hold(member *c, const char *text, size_t bytes)
 {
     talk *t = talk_of(c);
