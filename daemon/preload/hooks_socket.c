@@ -114,6 +114,19 @@ HOOK int getsockopt(int fd, int level, int name, void *restrict value, socklen_t
     return passes ? real()->getsockopt(fd, level, name, value, size) : result;
 }
 
+HOOK int epoll_ctl(int set, int operation, int fd, struct epoll_event *event)
+{
+    const int result = real()->epoll_ctl(set, operation, fd, event);
+    cansock *s = result == 0 ? table_take(fd) : NULL;
+    if (!s)
+        return result;
+    table_lock();
+    watch_note(&s->watches, set, operation, fd, event);
+    table_give_locked(s);
+    table_unlock();
+    return result;
+}
+
 /* ---- Interfaces ------------------------------------------------------------------------------ */
 
 HOOK int ioctl(int fd, unsigned long request, ...)

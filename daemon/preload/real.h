@@ -8,6 +8,7 @@
 #include <net/if.h>
 #include <stdbool.h>
 #include <stdint.h>
+#include <sys/epoll.h>
 #include <sys/socket.h>
 #include <sys/types.h>
 #include <sys/uio.h>
@@ -48,6 +49,7 @@
     X(ssize_t, sendto, (int, const void *, size_t, int, const struct sockaddr *, socklen_t))       \
     X(ssize_t, sendmsg, (int, const struct msghdr *, int))                                         \
     X(int, sendmmsg, (int, struct mmsghdr *, unsigned, int))                                       \
+    X(int, epoll_ctl, (int, int, int, struct epoll_event *))                                       \
     X(unsigned, if_nametoindex, (const char *))                                                    \
     X(char *, if_indextoname, (unsigned, char *))                                                  \
     X(struct if_nameindex *, if_nameindex, (void))                                                 \

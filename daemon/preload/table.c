@@ -154,6 +154,7 @@ void table_forget(int fd)
     if (!s)
         return;
     put(fd, NULL);
+    watch_forget(&s->watches, fd);
     s->descriptors--;
     table_give_locked(s);
 }
@@ -193,7 +194,9 @@ void table_replace(cansock *s, int fd)
             (void)real()->fcntl(fd, F_SETFL, real()->fcntl(old, F_GETFL));
         }
         const int flags = real()->fcntl(old, F_GETFD);
+        watch_suspend(s->watches, old);
         (void)real()->dup3(fd, old, flags & FD_CLOEXEC ? O_CLOEXEC : 0);
+        watch_resume(s->watches, old);
         first = false;
     }
     s->inode = inode_of(fd);

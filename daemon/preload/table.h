@@ -8,6 +8,7 @@
 #define CANWIRE_PRELOAD_TABLE_H
 
 #include "preload/ifmap.h"
+#include "preload/watch.h"
 
 #include <linux/can.h>
 #include <stdint.h>
@@ -54,6 +55,7 @@ typedef struct cansock {
     int64_t stamp_ns;     /* of the last message that was received; 0: none */
     cansock_stamps stamps;
     cansock_raw raw;
+    watch *watches;       /* in epoll sets */
     struct relay *relay;  /* another socket than a connection feeds the program's; or NULL */
     struct bcm *bcm;
 } cansock;

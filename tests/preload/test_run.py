@@ -186,16 +186,21 @@ def next_but(program, *passed):
     return line
 
 
-@pytest.mark.parametrize("nodes, name", [("engine", "'engine',"), ("engine dash", "'',")],
-                         ids=["one", "all"])
-def test_a_bus_that_goes_and_comes_again(bus, nodes, name):
+@pytest.mark.parametrize("nodes, name, wait", [
+    ("engine", "'engine',", "select.select([S], [], [])"),
+    ("engine dash", "'',", "select.select([S], [], [])"),
+    ("engine", "'engine',", "E.poll()"),
+], ids=["one", "all", "epoll"])
+def test_a_bus_that_goes_and_comes_again(bus, nodes, name, wait):
     r = bus()
     program = SOCKET + f"""
 import select
+E = select.epoll()
+E.register(S, select.EPOLLIN)  # before it is bound, as libraries do
 S.bind(({name}))
 print('bound', flush=True)
 while True:
-    select.select([S], [], [])
+    {wait}
     try:
         print(S.recv(16)[0], flush=True)
     except OSError as error:
