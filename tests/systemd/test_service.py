@@ -319,3 +319,60 @@ def test_a_rig_is_one_unit(bus):
     finally:
         for file in files:
             file.unlink()
+
+
+# ---- Real CAN interfaces -------------------------------------------------------------------------
+
+
+USB_BUS = """
+bus: { name: usb, bitrate: 500000 }
+control: /run/canwire/usb.sock
+nodes:
+  - { name: a, port: { usb: can0 } }
+  - { name: b, port: { usb: can0, netns: ecu } }
+"""
+USB_UNIT = "canwire-usb@usb.service"
+
+
+@pytest.fixture(name="usb_config")
+def fixture_usb_config():
+    config = Path("/etc/canwire/usb.yaml")
+    config.write_text(USB_BUS)
+    run("ip", "netns", "add", "ecu")
+    yield config
+    systemctl("stop", USB_UNIT, "canwired@usb.service")
+    config.unlink()
+    run("ip", "netns", "del", "ecu")
+
+
+def usb_nodes():
+    status = json.loads(run("canwire", "status", "usb", "--json"))
+    return {node["name"]: node for node in status["nodes"]}
+
+
+def test_usb_interfaces_are_there_when_their_unit_has_started(usb_config):
+    systemctl("start", USB_UNIT)
+    assert "can0" in links() and "can0" in run("ip", "netns", "exec", "ecu", "ip", "-o", "link")
+    wait_until(lambda: len(usb_nodes()["a"]["clients"]) == 1, "the adapter to connect")
+    assert usb_nodes()["a"]["link"] == "down"
+    for prefix in ([], ["ip", "netns", "exec", "ecu"]):
+        run(*prefix, "ip", "link", "set", "can0", "type", "can", "bitrate", "500000")
+        run(*prefix, "ip", "link", "set", "can0", "up")
+    wait_until(lambda: {n["link"] for n in usb_nodes().values()} == {"up"}, "both on the bus")
+    run("cansend", "can0", "123#1122")
+    wait_until(lambda: usb_nodes()["b"]["rx_frames"] == 1, "the frame")
+
+    main = int(systemctl("show", "-P", "MainPID", USB_UNIT))
+    children = run("pgrep", "-P", str(main)).split()
+    assert len(children) == 2
+    for process, capabilities in [(main, 1 << 12), *((int(child), 0) for child in children)]:
+        status = Path(f"/proc/{process}/status").read_text()
+        assert int(re.search(r"^CapPrm:\t(\w+)$", status, re.M)[1], 16) == capabilities
+        assert re.search(r"^Seccomp:\t2$", status, re.M)
+
+    usb_config.write_text(USB_BUS.replace("usb: can0 }", "usb: diag }"))
+    systemctl("reload", USB_UNIT)
+    wait_until(lambda: {"diag"} <= links() and "can0" not in links(), "the other name")
+    systemctl("stop", USB_UNIT)
+    wait_until(lambda: "diag" not in links(), "the interface to go")
+    assert systemctl("show", "-P", "Result", USB_UNIT).strip() == "success"
