@@ -564,6 +564,30 @@ def test_an_address_that_is_in_use(tmp_path):
     assert f"port tcp:127.0.0.1:{port}/a: Address already in use" in result.stderr
 
 
+def test_the_buses_of_a_rig_have_one_address(tmp_path):
+    port = free_port()
+    for bus, rate in ("body", 125000), ("power", 500000):
+        (tmp_path / f"{bus}.yaml").write_text(
+            f"bus: {{ name: {bus}, bitrate: {rate} }}\ncontrol: {bus}.sock\nnodes:\n"
+            f"  - {{ name: {bus}-ecu, port: \"tcp:{port}\" }}\n  - {{ name: gw }}\n")
+    (tmp_path / "rig.yaml").write_text(
+        "buses: [ body.yaml, power.yaml ]\ngateways:\n"
+        '  - { name: gw, between: [ "body:gw", "power:gw" ], rules: [ { id: "020" } ] }\n')
+    with (tmp_path / "log").open("w") as log:
+        process = subprocess.Popen([CANWIRED, "-c", "rig.yaml"], cwd=tmp_path, stderr=log)
+    try:
+        for bus in "body", "power":
+            wait_until(lambda bus=bus: listens(tmp_path / f"{bus}.sock"), bus)
+        body, power = (Talker(port, f"{bus}-ecu", "rawmode") for bus in ("body", "power"))
+        for _ in range(3):
+            body.send("send 123 1 7")
+            assert power.frame() == ("020", "07")
+            power.send("send 124 1 8")
+            assert body.frame() == ("020", "08")
+    finally:
+        kill_all([process])
+
+
 def test_interfaces_are_not_made_for_it(tmp_path):
     (tmp_path / "bus.yaml").write_text(
         'bus: { bitrate: 500000 }\nnodes: [ { name: a, port: "tcp:" } ]\n')

@@ -149,6 +149,30 @@ static void a_peer_begins_again(void **state)
     }
 }
 
+/* The bytes are on the heap, so that sanitizers see a read behind them. */
+static void any_bytes_are_read_within_their_bounds(void **state)
+{
+    (void)state;
+    uint32_t random = 1;
+    for (unsigned round = 0; round < 20000; round++) {
+        struct canfd_frame frame;
+        size_t size, count = round % 40;
+        uint8_t *bytes = malloc(count + 1);
+        assert_non_null(bytes);
+        for (size_t i = 0; i < count; i++) {
+            random = random * 1664525u + 1013904223u;
+            bytes[i] = i < 2 ? (uint8_t[]){2, 0}[i] : i == 3 ? 0 : (uint8_t)((random >> 24) & 0x8F);
+        }
+        uint8_t *exact = realloc(bytes, count ? count : 1);
+        assert_non_null(exact);
+        const int taken = cannelloni_take_frame(&frame, &size, exact, count);
+        assert_true(taken >= -1 && taken <= (int)count);
+        const int frames = cannelloni_check(exact, count);
+        assert_true(frames >= -1 && (frames < 0 || frames * 5 + 5 <= (int)count));
+        free(exact);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -158,6 +182,7 @@ int main(void)
         cmocka_unit_test(gaps_are_counted),
         cmocka_unit_test(late_packets_and_copies_are_told_apart),
         cmocka_unit_test(a_peer_begins_again),
+        cmocka_unit_test(any_bytes_are_read_within_their_bounds),
     };
     return cmocka_run_group_tests_name("cannelloni", tests, NULL, NULL);
 }
