@@ -337,7 +337,7 @@ def test_isotp_is_paced_by_the_echo(ends):
         receiver.settimeout(PATIENCE_S)
         sender.settimeout(PATIENCE_S)
         sender.send(data[:4095])
-        assert receiver.recv(5000) == data[:4095]
+        assert receiver.recv(5000) == data[:4095]  # whole: a message
     assert ends("can0").fill() > 0  # the queue goes on
 
 
