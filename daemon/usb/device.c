@@ -406,7 +406,10 @@ void device_received(usb_device *d, const void *frame, size_t size, uint64_t us)
         d->overrun = false;
         record(d, bytes, peak_put_overrun(bytes, us));
     }
-    record(d, bytes, peak_put_frame(bytes, error ? &classical : frame, size, us));
+    if (error)
+        record(d, bytes, peak_put_frame(bytes, &classical, sizeof classical, us));
+    else
+        record(d, bytes, peak_put_frame(bytes, frame, size, us));
     deliver(d);
 }
 

@@ -193,3 +193,24 @@ def test_wrong_clients(rig):
     assert until(first, ERROR)[0].text == "the hello says who is the controller"
     assert rig.node()["interface"]["malformed"] == 3
     rig.stop()
+
+
+def test_a_bus_of_a_rig(tmp_path):
+    """The order comes through the buses that go in step."""
+    (tmp_path / "one.yaml").write_text(BUS + "  - { name: gateway }\n")
+    (tmp_path / "two.yaml").write_text(
+        "bus: { name: two, bitrate: 125000 }\ncontrol: two.sock\n"
+        'nodes: [ { name: body, port: "unix:body.sock" }, { name: gateway } ]\n')
+    (tmp_path / "rig.yaml").write_text(
+        'buses: [ one.yaml, two.yaml ]\ngateways: [ { name: g, between: [ "usb:gateway", '
+        '"two:gateway" ], rules: [ { direction: both } ] } ]\n')
+    with subprocess.Popen([CANWIRED, "-c", "rig.yaml"], cwd=tmp_path) as process:
+        wait_until(lambda: listens(tmp_path / "two.sock"), "the rig")
+        c = Client(tmp_path / "engine.usb", "can0", MINE)
+        body = Client(tmp_path / "body.sock", "body")
+        order(c, ON)
+        c.send(0x123, b"\1", number=1)
+        assert until(c, FRAME)[0].flags & OWN
+        assert body.receive().can_id == 0x123
+        process.terminate()
+        assert process.wait(60) == 0

@@ -524,6 +524,17 @@ def test_killed_processes(pair, ends):
     assert gearbox.receive() == [Frame.parse("125#44")]
 
 
+def test_the_interfaces_go_with_canwire_usb(pair, ends):
+    """However it ends: nobody would look after the processes that answer the kernel."""
+    assert ends
+    pair.adapters.kill()
+    pair.adapters.wait(PATIENCE_S)
+    wait_until(lambda: not exists("can0") and not exists("can1"), "the interfaces to go")
+    pair.start_adapters()
+    pair.wait_for("can0", "can1")
+    wait_until(lambda: pair.log().count("plugged in at port") >= 4, "both to be plugged in")
+
+
 def test_renamed_interface(ends):
     assert ends
     ip("link set can1 name diag")

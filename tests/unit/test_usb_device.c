@@ -395,6 +395,35 @@ static void broken_requests_end_it(void **state)
     assert_false(device_take(&h->device, huge, sizeof huge));
 }
 
+/* Requests of the kernel with content that no driver sends; sanitizers look on. */
+static void any_content_is_survived(void **state)
+{
+    heard *h = *state;
+    uint32_t random = 1;
+    unsigned char data[96];
+    for (uint32_t number = 1; number < 5000; number++) {
+        for (unsigned i = 0; i < sizeof data; i++) {
+            random = random * 1664525u + 1013904223u;
+            data[i] = (unsigned char)(random >> 24);
+        }
+        data[2] = number % 3 ? data[2] : 0; /* often the type of a frame, and a size that fits */
+        data[3] = number % 3 ? data[3] : 0x10;
+        data[1] = number % 2 ? data[1] : 0;
+        if (number % 7 == 0)
+            submit(h, number, false, COMMANDS, sizeof normal, normal);
+        else if (number % 5 == 0)
+            control(h, number, data, data[9] % 17);
+        else if (number % 11 == 0)
+            unlink_of(h, number, number - data[0] % 16);
+        else
+            submit(h, number, data[95] & 1, data[94] % 4, data[93] % sizeof data, data);
+        device_received(&h->device, data, data[92] & 1 ? CAN_MTU : CANFD_MTU, number);
+        device_was_dropped(&h->device, number - data[91] % 8);
+        buffer_take(&h->device.out, buffer_length(&h->device.out));
+    }
+    assert_true(h->frames > 0 && h->orders > 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -414,6 +443,7 @@ int main(void)
                                         tear_down),
         cmocka_unit_test_setup_teardown(a_new_connection_gets_all_again, set_up, tear_down),
         cmocka_unit_test_setup_teardown(broken_requests_end_it, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(any_content_is_survived, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
