@@ -18,11 +18,20 @@ static bool rests(const cw_mac *mac)
            mac->phase == CW_MAC_BUS_OFF || mac->phase == CW_MAC_ASLEEP;
 }
 
+/* Returns true when the slot of a node is open. It ends at the begin of a bit of the node. */
+static bool has_open_slot(const cw_bus *bus)
+{
+    for (unsigned i = 0; bus->tt && i < bus->node_count; i++)
+        if (bus->tt[i].deadline != CW_NEVER)
+            return true;
+    return false;
+}
+
 /* Returns true when a node that is ahead of the bus may rest. It has ended a bit like those that
  * follow. Elsewhere its bits begin with something to do: slots end, and rates meet again. */
 static bool may_be_ahead(const cw_bus *bus)
 {
-    return !bus->tt && !bus->timed.rates;
+    return !bus->timed.rates && !has_open_slot(bus);
 }
 
 /* Returns true when the node is in a bit like all that follow: no edge has come since it began. */

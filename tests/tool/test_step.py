@@ -42,7 +42,25 @@ nodes:
   - name: n1
 """
 
+# Idle time between slots, with a node that sleeps.
+RESTS = """bus: { name: rests, bitrate: 500000 }
+nodes:
+  - name: n0
+    ppm: 100
+    time-triggered: on
+    local-time: {}
+    schedule: { reference: "010", triggers: [ { at: 9000, slot: 300, send: 010#00 } ] }
+  - name: n1
+    ppm: -100
+    time-triggered: on
+    local-time: { capture: eof }
+    schedule: { reference: "010", triggers: [ { at: 2000, slot: 3, send: 110#00 } ] }
+  - { name: n2, ppm: 160, sleep: on, wake-on: [ "700" ], local-time: {} }
+  - { name: n3, sleep: on, ppm: 20, traffic: [ { send: 123#, every: 7ms, offset: 31ms } ] }
+"""
+
 CASES = [
+    (RESTS, "80ms"),
     (ASLEEP, "40ms"),
     (ASLEEP_FD, "3ms"),
     (DATA_PHASE, "10325us"),
