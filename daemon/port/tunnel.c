@@ -28,6 +28,7 @@
 #define PACKETS_MAX 256u    /* in one read of the port */
 #define SEND_BUFFER_BYTES (1 << 17) /* of a connection; more would be old when it is read */
 #define RETRY_NS INT64_C(1000000000)
+#define GREETING_NS INT64_C(1000000000) /* for which a connection may keep the place silently */
 #define NS_PER_S INT64_C(1000000000)
 #define IDLE_S 10           /* after which the kernel asks whether the peer is still there ... */
 #define ASK_S 5             /* ... again after this time ... */
@@ -53,6 +54,7 @@ typedef struct tunnel {
     int timer;
     int64_t timer_ns; /* for which it is set, CLOCK_MONOTONIC; 0: it is not */
     int64_t retry_ns; /* when it connects again; 0: it does not */
+    int64_t greeted_ns; /* when this end has greeted its peer */
     bool readable;     /* something may wait at the link */
     bool room_watched; /* the loop is woken when the connection takes more */
     uint8_t number;    /* of the next packet */
@@ -250,6 +252,7 @@ static void prepare_connection(int fd)
 static void greet(tunnel *t)
 {
     t->state = GREETING;
+    t->greeted_ns = clock_ns(CLOCK_MONOTONIC);
     watch_room(t, false);
     if (send(t->link, CANNELLONI_GREETING, CANNELLONI_GREETING_BYTES,
              MSG_DONTWAIT | MSG_NOSIGNAL) != (ssize_t)CANNELLONI_GREETING_BYTES)
@@ -271,10 +274,26 @@ static bool is_peer(const tunnel *t, const struct sockaddr_storage *from)
                   &((const struct sockaddr_in6 *)&peer)->sin6_addr, sizeof(struct in6_addr)) == 0;
 }
 
+/* Returns whether the connection that is there leaves its place to the next one. It does when its
+ * peer has gone, or has not greeted for some time, like a program that looks for open ports. */
+static bool gives_way(const tunnel *t)
+{
+    char byte;
+    const ssize_t there = recv(t->link, &byte, sizeof byte, MSG_PEEK | MSG_DONTWAIT);
+    if (there > 0)
+        return false;
+    if (there < 0 && errno == EAGAIN)
+        return t->state == GREETING &&
+               clock_ns(CLOCK_MONOTONIC) - t->greeted_ns >= GREETING_NS;
+    return t->state == GREETING || t->in_begin == t->in_end;
+}
+
 /* Takes a connection. There is one at a time. */
 static void take_connection(tunnel *t, int fd, const struct sockaddr_storage *from)
 {
     const bool known = is_peer(t, from);
+    if (known && t->link >= 0 && gives_way(t))
+        disconnect(t);
     t->base.stats.strangers += !known;
     t->base.stats.refused += known && t->link >= 0;
     if (!known || t->link >= 0) {

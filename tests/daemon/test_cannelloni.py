@@ -6,6 +6,7 @@ This needs no CAN in the kernel.
 
 import json
 import re
+import signal
 import socket
 import subprocess
 
@@ -285,6 +286,49 @@ def test_tcp_that_listens(rig):
     assert r.node()["interface"]["connected"] == 2
     r.stop()
     assert "the peer is connected" in r.log.read_text()
+
+
+def test_a_connection_that_does_not_greet_leaves_its_place(rig):
+    port = free_port()
+    r = rig(f"tcp,listen={port}")
+    lamp, tries = r.lamp(), []
+
+    def comes():
+        tries.append(socket.create_connection(("127.0.0.1", port)))
+        tries[-1].sendall(b"CANNELLONIv1" + pack(0x123))
+        try:
+            return tries[-1].recv(12) == b"CANNELLONIv1"
+        except ConnectionResetError:
+            return False
+
+    with socket.create_connection(("127.0.0.1", port)) as silent:
+        assert silent.recv(12) == b"CANNELLONIv1"
+        wait_until(comes, "a place for a peer that greets")
+        assert silent.recv(1) == b""
+        assert lamp.receive().can_id == 0x123
+        with socket.create_connection(("127.0.0.1", port)) as other:  # that one stays
+            assert other.recv(1) == b""
+    for end in tries:
+        end.close()
+    r.stop()
+
+
+def test_a_peer_that_connects_again_at_once_comes_in(rig):
+    port = free_port()
+    r = rig(f"tcp,listen={port}")
+    lamp = r.lamp()
+    before = connect(port)
+    before.send(pack(0x100))
+    assert lamp.receive().can_id == 0x100
+    r.process.send_signal(signal.SIGSTOP)
+    after = socket.create_connection(("127.0.0.1", port))
+    after.sendall(b"CANNELLONIv1" + pack(0x101))
+    before.close()
+    r.process.send_signal(signal.SIGCONT)  # and finds both the new one and the end of the old one
+    assert lamp.receive().can_id == 0x101
+    assert r.node()["interface"]["refused"] == 0
+    after.close()
+    r.stop()
 
 
 def test_tcp_that_connects(rig):
