@@ -1343,6 +1343,14 @@ bool cw_bus_is_on_grid(const cw_bus *bus);
  * event may come up to a bit time of the bus earlier. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
+/* A test of frames that a node sends, by a caller. */
+typedef bool cw_frame_test(const void *user, unsigned node, const cw_frame *frame);
+
+/* Returns a tick before which no host receives a frame that passes a test, if nothing is put in.
+ * CW_NEVER: no such frame waits. What rules and mailboxes may make of frames counts as frames that
+ * pass. Events may come earlier as for cw_bus_next(). */
+uint64_t cw_bus_next_rx(const cw_bus *bus, cw_frame_test *test, const void *user);
+
 /* Simulates all bits that end at or before tick. CW_FULL: stopped early because the event ring
  * might not hold the events of another bit; poll, then call again. Nothing is lost. */
 cw_status cw_bus_advance(cw_bus *bus, uint64_t tick);

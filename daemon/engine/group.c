@@ -92,19 +92,25 @@ static bool go(void *user, size_t bus, uint64_t tick)
     return engine_go(e, tick);
 }
 
-static uint64_t next_of(const void *user, size_t bus)
+static meeting_outlook look(void *user, size_t bus)
 {
-    const engine_group *g = user;
-    const engine *e = g->buses[bus];
-    return e->stopping ? CW_NEVER : meeting_next(e->now.bus, e->now.plan, e->config);
+    engine_group *g = user;
+    engine *e = g->buses[bus];
+    const gateways_bus place = {.gateways = g->meeting.gateways, .bus = bus};
+    meeting_outlook found = meeting_find(&place, e->now.bus, e->now.plan, e->config);
+    if (e->stopping)
+        found.next = CW_NEVER;
+    return found;
 }
 
 static cw_status send_frame(void *user, size_t bus, unsigned node, const cw_frame *frame,
-                            uint64_t at_tick)
+                            uint64_t received, uint64_t at_tick)
 {
     engine_group *g = user;
     engine *e = g->buses[bus];
     cw_status status = inputs_send(&e->inputs, node, frame, at_tick);
+    if (status == CW_FULL && go(g, bus, received))
+        status = inputs_send(&e->inputs, node, frame, at_tick);
     e->books.nodes[node].released += status == CW_OK;
     g->changed |= bit_of(e);
     return status;
@@ -120,7 +126,6 @@ static void carry(engine *e, const cw_event *event)
  * may need all the time of this wake-up. */
 static void advance(engine_group *g, uint64_t now)
 {
-    bool good = true;
     uint32_t waiting = g->awake;
     for (size_t i = 0; i < g->rig->bus_count; i++) {
         engine *e = g->buses[i];
@@ -135,10 +140,7 @@ static void advance(engine_group *g, uint64_t now)
         }
         meeting_look(&g->meeting, i);
     }
-    for (uint64_t next; good && (next = meeting_tick(&g->meeting)) < now;)
-        good = meeting_hold(&g->meeting, next, 0);
-    if (good)
-        (void)meeting_hold(&g->meeting, now, waiting);
+    (void)meeting_run(&g->meeting, now, waiting);
 }
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
@@ -328,7 +330,7 @@ static bool open_bus(engine_group *g, size_t place, live *config)
 
 static bool open_all(engine_group *g, live *const *lives)
 {
-    static const meeting_calls meeting_of = {.go = go, .next = next_of};
+    static const meeting_calls meeting_of = {.go = go, .look = look};
     g->meeting = (meeting){.gateways = gateways_new(g->rig, send_frame, g),
                            .calls = &meeting_of,
                            .user = g,

@@ -27,12 +27,22 @@ typedef struct side {
     uint64_t dropped; /* events of drops at the node that sends: at the far queue, say */
 } side;
 
-/* An event that waits for those of other buses. */
+/* A frame that a gateway has received. */
 typedef struct noted {
+    uint64_t tick;
     size_t bus;
-    size_t number; /* keeps the order of events of one bus */
-    cw_event event;
+    size_t number; /* keeps the order of frames of one bus */
+    size_t gateway;
+    unsigned end;
+    const rig_rule *rule;
+    cw_frame frame;
 } noted;
+
+/* The gateways of a bus that carry a frame, as a set of their nodes. */
+typedef struct wish {
+    uint64_t nodes;
+    bool known;
+} wish;
 
 struct gateways {
     const rig *config;
@@ -41,10 +51,17 @@ struct gateways {
     side (*sides)[2];         /* of each gateway */
     unsigned (*nodes)[2];     /* in the same way: the present places of its nodes */
     uint64_t set[RIG_BUSES_MAX]; /* of these nodes, by bus */
+    wish (*wishes)[CW_BASE_ID_MAX + 1]; /* in the same way: for data of base format, by their
+                                           identifiers */
+    gateways_way ways[RIG_BUSES_MAX * RIG_BUSES_MAX];
+    size_t way_count;
+    uint32_t feeds;           /* buses from which ways go, as a set */
     uint32_t given;           /* buses that have been given frames by the last meeting */
-    noted *list;              /* events since that */
+    noted *list;              /* frames that no meeting has passed on */
     size_t count;
     size_t room;
+    size_t next_number;
+    uint64_t first[RIG_BUSES_MAX]; /* the ticks of the first ones, by bus */
 };
 
 static bool make_lane(lane *self, const rig_rule *rule)
@@ -62,6 +79,31 @@ static bool make_side(side *self, const rig_gateway *gateway)
     for (size_t r = 0; self->lanes && r < gateway->rule_count; r++)
         good = make_lane(&self->lanes[r], &gateway->rules[r]) && good;
     return self->lanes && good;
+}
+
+static gateways_way *find_way(gateways *self, size_t from, size_t to)
+{
+    for (size_t i = 0; i < self->way_count; i++)
+        if (self->ways[i].from == from && self->ways[i].to == to)
+            return &self->ways[i];
+    gateways_way *way = &self->ways[self->way_count++];
+    *way = (gateways_way){.from = from, .to = to, .delay = CW_NEVER};
+    self->feeds |= UINT32_C(1) << from;
+    return way;
+}
+
+static void add_ways(gateways *self, size_t g)
+{
+    const rig_gateway *gateway = &self->config->gateways[g];
+    for (unsigned end = 0; end < 2; end++)
+        for (size_t r = 0; r < gateway->rule_count; r++) {
+            const uint64_t delay = self->sides[g][end].lanes[r].delay_ticks;
+            if (!(gateway->rules[r].direction >> end & 1u))
+                continue;
+            gateways_way *way =
+                find_way(self, gateway->ends[end].bus, gateway->ends[1 - end].bus);
+            way->delay = delay < way->delay ? delay : way->delay;
+        }
 }
 
 /* Collects the nodes of all gateways by bus. */
@@ -82,7 +124,8 @@ gateways *gateways_new(const rig *config, gateways_send *send, void *user)
     *self = (gateways){.config = config, .send = send, .user = user};
     self->sides = calloc(config->gateway_count + 1, sizeof *self->sides);
     self->nodes = calloc(config->gateway_count + 1, sizeof *self->nodes);
-    bool good = self->sides && self->nodes;
+    self->wishes = calloc(config->bus_count, sizeof *self->wishes);
+    bool good = self->sides && self->nodes && self->wishes;
     for (size_t g = 0; good && g < config->gateway_count; g++)
         for (unsigned end = 0; good && end < 2; end++)
             good = make_side(&self->sides[g][end], &config->gateways[g]);
@@ -94,6 +137,10 @@ gateways *gateways_new(const rig *config, gateways_send *send, void *user)
         for (unsigned end = 0; end < 2; end++)
             self->nodes[g][end] = config->gateways[g].ends[end].node;
     set_nodes(self);
+    for (size_t g = 0; g < config->gateway_count; g++)
+        add_ways(self, g);
+    for (size_t i = 0; i < RIG_BUSES_MAX; i++)
+        self->first[i] = CW_NEVER;
     return self;
 }
 
@@ -113,6 +160,7 @@ void gateways_free(gateways *self)
             free_side(&self->sides[g][end], self->config->gateways[g].rule_count);
     free(self->sides);
     free(self->nodes);
+    free(self->wishes);
     free(self->list);
     free(self);
 }
@@ -120,6 +168,30 @@ void gateways_free(gateways *self)
 uint64_t gateways_nodes(const gateways *self, size_t bus)
 {
     return self->set[bus];
+}
+
+const uint64_t *gateways_first(const gateways *self)
+{
+    return self->first;
+}
+
+bool gateways_wait(const gateways *self, uint64_t before)
+{
+    bool wait = false;
+    for (size_t i = 0; !wait && self->count > 0 && i < self->config->bus_count; i++)
+        wait = self->first[i] < before;
+    return wait;
+}
+
+uint32_t gateways_feeds(const gateways *self)
+{
+    return self->feeds;
+}
+
+const gateways_way *gateways_ways(const gateways *self, size_t *count)
+{
+    *count = self->way_count;
+    return self->ways;
 }
 
 void gateways_remap(gateways *self, size_t bus, const uint8_t from[CW_NODES_MAX])
@@ -135,6 +207,7 @@ void gateways_remap(gateways *self, size_t bus, const uint8_t from[CW_NODES_MAX]
                 self->nodes[g][end] = node;
         }
     set_nodes(self);
+    memset(self->wishes[bus], 0, sizeof self->wishes[bus]);
 }
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
@@ -157,13 +230,18 @@ static void set_id(cw_frame *frame, const rig_rule *rule)
         frame->flags |= CW_FRAME_EXTENDED;
 }
 
-static void forward(gateways *self, lane *l, size_t bus, unsigned node, const cw_event *event)
+static void forward(gateways *self, const noted *n)
 {
-    const uint64_t due = cw_after(event->tick, l->delay_ticks);
-    cw_frame frame = event->frame;
-    forget_past(l, event->tick);
+    const unsigned far = 1 - n->end;
+    const rig_gateway *gateway = &self->config->gateways[n->gateway];
+    lane *l = &self->sides[n->gateway][n->end].lanes[n->rule - gateway->rules];
+    const size_t bus = gateway->ends[far].bus;
+    const uint64_t due = cw_after(n->tick, l->delay_ticks);
+    cw_frame frame = n->frame;
+    forget_past(l, n->tick);
     set_id(&frame, l->rule);
-    if (l->waiting == l->rule->queue || self->send(self->user, bus, node, &frame, due) != CW_OK) {
+    if (l->waiting == l->rule->queue ||
+        self->send(self->user, bus, self->nodes[n->gateway][far], &frame, n->tick, due) != CW_OK) {
         l->lost++;
         return;
     }
@@ -172,47 +250,88 @@ static void forward(gateways *self, lane *l, size_t bus, unsigned node, const cw
     l->forwarded++;
 }
 
-static void look(gateways *self, size_t g, unsigned end, const cw_event *event)
-{
-    const rig_gateway *gateway = &self->config->gateways[g];
-    side *s = &self->sides[g][end];
-    const rig_rule *rule = event->kind == CW_EVENT_RX
-                               ? rig_find_rule(gateway, end, &event->frame) : NULL;
-    if (event->kind == CW_EVENT_DROP)
-        self->sides[g][1 - end].dropped++;
-    if (rule)
-        forward(self, &s->lanes[rule - gateway->rules], gateway->ends[1 - end].bus,
-                self->nodes[g][1 - end], event);
-}
+/* ---- Receptions ------------------------------------------------------------------------------ */
 
-static void pass_on(gateways *self, size_t bus, const cw_event *event)
+static uint64_t find_wish(const gateways *self, size_t bus, const cw_frame *frame)
 {
+    uint64_t nodes = 0;
     for (size_t g = 0; g < self->config->gateway_count; g++)
         for (unsigned end = 0; end < 2; end++)
             if (self->config->gateways[g].ends[end].bus == bus &&
-                event->nodes >> self->nodes[g][end] & 1u)
-                look(self, g, end, event);
+                rig_find_rule(&self->config->gateways[g], end, frame))
+                nodes |= UINT64_C(1) << self->nodes[g][end];
+    return nodes;
 }
 
-/* ---- Meetings -------------------------------------------------------------------------------- */
-
-bool gateways_note(gateways *self, size_t bus, const cw_event *event)
+static uint64_t wish_of(const gateways *self, size_t bus, const cw_frame *frame)
 {
-    if ((event->kind != CW_EVENT_RX && event->kind != CW_EVENT_DROP) ||
-        !(event->nodes & self->set[bus]))
-        return true;
+    const uint32_t id = cw_frame_can_id(frame);
+    if (id > CW_BASE_ID_MAX)
+        return find_wish(self, bus, frame);
+    wish *w = &self->wishes[bus][id];
+    if (!w->known)
+        *w = (wish){.known = true, .nodes = find_wish(self, bus, frame)};
+    return w->nodes;
+}
+
+bool gateways_want(const void *bus, unsigned node, const cw_frame *frame)
+{
+    const gateways_bus *of = bus;
+    return wish_of(of->gateways, of->bus, frame) & ~(UINT64_C(1) << node);
+}
+
+static noted *add(gateways *self)
+{
     if (self->count == self->room) {
         const size_t room = self->room > 0 ? 2 * self->room : 64;
         noted *list = realloc(self->list, room * sizeof *list);
         if (!list)
-            return false;
+            return NULL;
         self->list = list;
         self->room = room;
     }
-    self->list[self->count] = (noted){.bus = bus, .number = self->count, .event = *event};
-    self->count++;
+    return &self->list[self->count++];
+}
+
+static bool receive(gateways *self, size_t g, unsigned end, const cw_event *event)
+{
+    const rig_gateway *gateway = &self->config->gateways[g];
+    const rig_rule *rule = rig_find_rule(gateway, end, &event->frame);
+    if (!rule)
+        return true;
+    noted *n = add(self);
+    if (!n)
+        return false;
+    *n = (noted){.tick = event->tick, .bus = gateway->ends[end].bus, .number = self->next_number++,
+                 .gateway = g, .end = end, .rule = rule};
+    if (n->tick < self->first[n->bus])
+        self->first[n->bus] = n->tick;
+    memcpy(&n->frame, &event->frame,
+           offsetof(cw_frame, data) + cw_frame_length(&event->frame)); /* there may be no more */
     return true;
 }
+
+bool gateways_note(gateways *self, size_t bus, const cw_event *event)
+{
+    bool good = true;
+    if ((event->kind != CW_EVENT_RX && event->kind != CW_EVENT_DROP) ||
+        !(event->nodes & self->set[bus]) ||
+        (event->kind == CW_EVENT_RX && !(event->nodes & wish_of(self, bus, &event->frame))))
+        return true;
+    for (size_t g = 0; g < self->config->gateway_count; g++)
+        for (unsigned end = 0; end < 2; end++) {
+            if (self->config->gateways[g].ends[end].bus != bus ||
+                !(event->nodes >> self->nodes[g][end] & 1u))
+                continue;
+            if (event->kind == CW_EVENT_DROP)
+                self->sides[g][1 - end].dropped++;
+            else
+                good = receive(self, g, end, event) && good;
+        }
+    return good;
+}
+
+/* ---- Meetings -------------------------------------------------------------------------------- */
 
 static int compare_numbers(uint64_t a, uint64_t b)
 {
@@ -223,20 +342,33 @@ static int compare_noted(const void *left, const void *right)
 {
     const noted *a = left;
     const noted *b = right;
-    int order = compare_numbers(a->event.tick, b->event.tick);
+    int order = compare_numbers(a->tick, b->tick);
     if (order == 0)
         order = compare_numbers(a->bus, b->bus);
     return order != 0 ? order : compare_numbers(a->number, b->number);
 }
 
-uint32_t gateways_meet(gateways *self)
+/* Buses that go on meanwhile, for want of room, note frames behind the others. These are too late
+ * for this meeting, and come to no bus too late. */
+uint32_t gateways_meet(gateways *self, uint64_t before)
 {
+    size_t passed = 0;
     self->given = 0;
+    if (self->count == 0)
+        return 0;
     if (self->count > 1)
         qsort(self->list, self->count, sizeof *self->list, compare_noted);
-    for (size_t i = 0; i < self->count; i++)
-        pass_on(self, self->list[i].bus, &self->list[i].event);
-    self->count = 0;
+    for (; passed < self->count && self->list[passed].tick < before; passed++) {
+        const noted n = self->list[passed];
+        forward(self, &n);
+    }
+    self->count -= passed;
+    if (passed > 0 && self->count > 0)
+        memmove(self->list, self->list + passed, self->count * sizeof *self->list);
+    for (size_t i = 0; i < self->config->bus_count; i++)
+        self->first[i] = CW_NEVER;
+    for (size_t i = self->count; i > 0; i--)
+        self->first[self->list[i - 1].bus] = self->list[i - 1].tick;
     return self->given;
 }
 

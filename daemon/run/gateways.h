@@ -14,9 +14,17 @@
 
 typedef struct gateways gateways;
 
-/* Hands a frame to a node of a bus, as cw_node_send() does. */
+/* Hands a frame to a node of a bus, as cw_node_send() does. When there is no room, the bus may go
+ * on to the tick at which the gateway has received the frame. */
 typedef cw_status gateways_send(void *user, size_t bus, unsigned node, const cw_frame *frame,
-                                uint64_t at_tick);
+                                uint64_t received, uint64_t at_tick);
+
+/* Two buses, of which gateways carry frames from one to the other. */
+typedef struct gateways_way {
+    size_t from;
+    size_t to;
+    uint64_t delay; /* ticks: the least one of all rules */
+} gateways_way;
 
 /* Makes the gateways of a rig, which must live longer. Returns NULL without memory. */
 gateways *gateways_new(const rig *config, gateways_send *send, void *user);
@@ -30,13 +38,34 @@ uint64_t gateways_nodes(const gateways *self, size_t bus);
 /* Adapts to nodes of a bus in other places; `from` has the old node for each new one. */
 void gateways_remap(gateways *self, size_t bus, const uint8_t from[CW_NODES_MAX]);
 
-/* Takes an event of a bus. It is kept until the next meeting, if it concerns a gateway. Returns
- * false without memory. */
+/* Returns the ways between buses, *count of them. */
+const gateways_way *gateways_ways(const gateways *self, size_t *count);
+
+/* Returns the buses at which ways begin, as a set. */
+uint32_t gateways_feeds(const gateways *self);
+
+/* A bus of a rig, as the user of gateways_want(). */
+typedef struct gateways_bus {
+    gateways *gateways;
+    size_t bus;
+} gateways_bus;
+
+/* Returns true when a gateway carries a frame that a node of a bus sends; a cw_frame_test. */
+bool gateways_want(const void *bus, unsigned node, const cw_frame *frame);
+
+/* Takes an event of a bus. A frame is kept until gateways_meet(). Returns false without memory. */
 bool gateways_note(gateways *self, size_t bus, const cw_event *event);
 
-/* Passes on, in the order of time, all frames that gateways have received since the last call. No
- * bus may be beyond one of these events. Returns the set of buses that have been given frames. */
-uint32_t gateways_meet(gateways *self);
+/* Passes on, in the order of time, the frames that gateways have received before a tick. No bus may
+ * be beyond the tick at which it gets one, and none may tell about an earlier reception later.
+ * Returns the set of buses that have been given frames. */
+uint32_t gateways_meet(gateways *self, uint64_t before);
+
+/* Returns, for each bus, the tick of its first frame that has not been passed on, or CW_NEVER. */
+const uint64_t *gateways_first(const gateways *self);
+
+/* Returns true when such a frame was received before a tick. */
+bool gateways_wait(const gateways *self, uint64_t before);
 
 #define GATEWAYS_ALL SIZE_MAX
 

@@ -7,6 +7,8 @@
 #include "run/due.h"
 
 #define FRAME_BITS_MIN 25 /* nominal bits of any frame, SOF to its reception, at any data rate */
+#define CLASSICAL_BITS_MIN 43
+#define JOINED_BITS 3 /* of a frame that joins the SOF of another one (M6) */
 
 static uint64_t least(uint64_t a, uint64_t b)
 {
@@ -34,32 +36,125 @@ uint64_t meeting_next(const cw_bus *bus, const release_plan *plan, const cfg *co
     return next > bit ? next : bit;
 }
 
-void meeting_look(meeting *m, size_t bus)
+meeting_outlook meeting_find(const gateways_bus *place, const cw_bus *bus, release_plan *plan,
+                             const cfg *config)
 {
-    m->next[bus] =
-        gateways_nodes(m->gateways, bus) ? m->calls->next(m->user, bus) : CW_NEVER;
+    const bool plain = cw_bus_is_on_grid(bus) && config->dbitrate_bps == 0;
+    const unsigned bits = (plain ? CLASSICAL_BITS_MIN : FRAME_BITS_MIN) - JOINED_BITS;
+    meeting_outlook found = {.next = CW_NEVER, .least = cw_rate_ticks(config->rate, bits)};
+    if (!(gateways_feeds(place->gateways) >> place->bus & 1u))
+        return found;
+    if (config->rule_count > 0 || config->reply_count > 0 || release_is_fast(plan)) {
+        found.next = meeting_next(bus, plan, config);
+        return found;
+    }
+    const uint64_t soon = cw_bus_tick_after(bus, 1);
+    const uint64_t early = plain ? 0 : cw_rate_ticks(config->rate, 1);
+    const uint64_t release = release_next_rx(plan, gateways_want, place, found.least);
+    const uint64_t next = cw_bus_next_rx(bus, gateways_want, place);
+    found.next = least(next == CW_NEVER || next < early ? next : next - early,
+                       release);
+    if (found.next < soon)
+        found.next = soon;
+    return found;
 }
 
-uint64_t meeting_tick(const meeting *m)
+void meeting_look(meeting *m, size_t bus)
 {
+    m->outlook[bus] = m->calls->look(m->user, bus);
+}
+
+/* Returns a tick before which gateways get no other frame of a bus than those that wait. */
+static uint64_t next_of(const meeting *m, size_t bus)
+{
+    const meeting_outlook *o = &m->outlook[bus];
+    return least(o->next, cw_after(m->limit[bus], o->least));
+}
+
+/* Finds the limits: a frame may go from bus to bus. */
+static void find_limits(meeting *m)
+{
+    size_t count;
+    const gateways_way *ways = gateways_ways(m->gateways, &count);
+    const uint64_t *first = gateways_first(m->gateways);
+    bool changed = true;
+    for (size_t i = 0; i < m->bus_count; i++)
+        m->limit[i] = CW_NEVER;
+    while (changed) {
+        changed = false;
+        for (const gateways_way *way = ways; way < ways + count; way++) {
+            const uint64_t next = least(next_of(m, way->from), first[way->from]);
+            const uint64_t tick = cw_after(next, way->delay);
+            changed = changed || tick < m->limit[way->to];
+            m->limit[way->to] = least(tick, m->limit[way->to]);
+        }
+    }
+}
+
+/* Returns the tick before which all receptions are known. */
+static uint64_t known(const meeting *m)
+{
+    const uint32_t feeds = gateways_feeds(m->gateways);
     uint64_t tick = CW_NEVER;
     for (size_t i = 0; i < m->bus_count; i++)
-        tick = least(tick, m->next[i]);
+        if (feeds >> i & 1u)
+            tick = least(tick, next_of(m, i));
     return tick;
 }
 
-bool meeting_hold(meeting *m, uint64_t tick, uint32_t buses)
+/* Finds the limits, and passes on what is known. A frame that waits for that may come back. */
+static void pass_on(meeting *m)
+{
+    uint64_t before;
+    while (find_limits(m), before = known(m), gateways_wait(m->gateways, before)) {
+        uint32_t given = gateways_meet(m->gateways, before);
+        for (size_t i = 0; given; i++, given >>= 1)
+            if (given & 1u)
+                meeting_look(m, i);
+    }
+}
+
+static bool go(meeting *m, size_t bus, uint64_t tick)
+{
+    const bool good = m->calls->go(m->user, bus, tick);
+    meeting_look(m, bus);
+    return good;
+}
+
+/* Returns true when the next frame of a bus comes early enough: before others may give it one, or
+ * at that very tick. */
+static bool may_tell(const meeting *m, size_t bus, uint64_t end, bool tie)
+{
+    const uint64_t next = m->outlook[bus].next;
+    return next <= end && (tie ? next == m->limit[bus] : next < m->limit[bus]);
+}
+
+/* Lets buses go on that may tell about a frame. At its limit a frame may come in, before the
+ * traffic of that tick, so it stays before that if others can go. The bus with the first frame
+ * always can. */
+static bool go_on(meeting *m, uint64_t end, bool tie, bool *good)
+{
+    bool went = false;
+    for (size_t i = 0; i < m->bus_count; i++) {
+        if (!may_tell(m, i, end, tie))
+            continue;
+        const uint64_t last = m->limit[i] == CW_NEVER || tie ? m->limit[i] : m->limit[i] - 1;
+        *good = go(m, i, least(last, end)) && *good;
+        went = true;
+    }
+    return went;
+}
+
+bool meeting_run(meeting *m, uint64_t end, uint32_t buses)
 {
     bool good = true;
-    for (size_t i = 0; i < m->bus_count; i++) {
-        if (!(buses >> i & 1u) && m->next[i] > tick)
-            continue;
-        good = m->calls->go(m->user, i, tick) && good;
-        meeting_look(m, i);
-    }
-    uint32_t given = gateways_meet(m->gateways);
-    for (size_t i = 0; given; i++, given >>= 1)
-        if (given & 1u)
-            meeting_look(m, i);
+    pass_on(m);
+    while (good && (go_on(m, end, false, &good) || go_on(m, end, true, &good)))
+        pass_on(m);
+    const bool free = good; /* no gateway gets a frame before the end any more */
+    for (size_t i = 0; i < m->bus_count; i++)
+        if (free && (buses >> i & 1u))
+            good = go(m, i, end) && good;
+    pass_on(m);
     return good;
 }

@@ -2,9 +2,9 @@
  *
  * meeting.h - advances the buses of a rig together, so that gateways hand over frames in time.
  *
- * Buses meet at each tick at which a node may receive a frame. There the gateways get the events of
- * all of them, and no frame comes to a bus that is already beyond it. Between such ticks, a bus
- * without anything to do may stay behind.
+ * Each bus goes on in strides, as far as no gateway can give it a frame. For that, each bus tells
+ * when a gateway may get a frame of it. That frame comes to the other bus after the delay of its
+ * rule. So buses that no gateway can concern for a while do not wait for each other.
  */
 #ifndef CANWIRE_RUN_MEETING_H
 #define CANWIRE_RUN_MEETING_H
@@ -12,12 +12,18 @@
 #include "run/gateways.h"
 #include "run/release.h"
 
+/* What gateways may expect of a bus. */
+typedef struct meeting_outlook {
+    uint64_t next;  /* before this tick they get no frame that they carry, when no frame is put in */
+    uint64_t least; /* ticks from the putting in of a frame to its reception */
+} meeting_outlook;
+
 typedef struct meeting_calls {
     /* Advances a bus to a tick, with its events, which are noted for the gateways. Returns false
      * when it does not get there now. */
     bool (*go)(void *user, size_t bus, uint64_t tick);
-    /* Returns meeting_next() of a bus. */
-    uint64_t (*next)(const void *user, size_t bus);
+    /* Returns meeting_find() of a bus. */
+    meeting_outlook (*look)(void *user, size_t bus);
 } meeting_calls;
 
 typedef struct meeting {
@@ -25,21 +31,23 @@ typedef struct meeting {
     const meeting_calls *calls;
     void *user;
     size_t bus_count;
-    uint64_t next[RIG_BUSES_MAX]; /* of buses with gateways; CW_NEVER for others */
+    meeting_outlook outlook[RIG_BUSES_MAX];
+    uint64_t limit[RIG_BUSES_MAX]; /* before this tick no gateway gives it a frame */
 } meeting;
 
 /* Returns a tick after now before which nobody on a bus receives a frame, when no frame is put
  * in. */
 uint64_t meeting_next(const cw_bus *bus, const release_plan *plan, const cfg *config);
 
+/* Returns the outlook of a bus. */
+meeting_outlook meeting_find(const gateways_bus *place, const cw_bus *bus, release_plan *plan,
+                             const cfg *config);
+
 /* Looks at a bus again, after a change by others. */
 void meeting_look(meeting *m, size_t bus);
 
-/* Returns the tick of the next meeting; CW_NEVER: no gateway will get a frame. */
-uint64_t meeting_tick(const meeting *m);
-
-/* Holds a meeting at a tick, not after meeting_tick(). The buses of a set get there in any case.
- * Returns false when one of the buses does not. */
-bool meeting_hold(meeting *m, uint64_t tick, uint32_t buses);
+/* Advances to a tick: a set of buses, and others as far as gateways get frames of them. Returns
+ * false when one of them does not get there. */
+bool meeting_run(meeting *m, uint64_t end, uint32_t buses);
 
 #endif

@@ -16,6 +16,7 @@
 
 #define LATE_TICKS (CW_CLOCK_HZ / 1000u) /* until a late file is asked again */
 #define LATE_TOLD_TICKS CW_CLOCK_HZ
+#define JOINED_BITS 4u
 #define LOOK_BITS 100u /* too few for a node to go bus-off and come back */
 
 typedef struct source {
@@ -33,6 +34,9 @@ typedef struct source {
     bool waits;            /* speed: max, and not in the heap */
     bool moved;            /* another plan continues it */
     bool reported;         /* entries that were left out of its file have been reported */
+    bool tested;           /* `passes` is known */
+    bool passes;           /* the test of release_next_rx() */
+    uint64_t rx_ticks;     /* ... then at least so long up to a reception */
     cw_frame frame;
 } source;
 
@@ -43,6 +47,8 @@ struct release_plan {
     cw_rate rate;
     unsigned fast; /* replays with `speed: max` that are not finished */
     bool failed;
+    bool knows_next;   /* `next_tick` is that of release_next_rx() */
+    uint64_t next_tick;
     size_t source_count;
     source *sources;
     size_t count; /* of the heap */
@@ -81,6 +87,7 @@ static void sift_down(release_plan *plan, size_t i)
 static void push(release_plan *plan, source *s)
 {
     size_t i = plan->count++;
+    plan->knows_next = false;
     plan->heap[i] = s;
     for (; i > 0 && comes_before(s, plan->heap[(i - 1) / 2]); i = (i - 1) / 2)
         swap(&plan->heap[i], &plan->heap[(i - 1) / 2]);
@@ -355,6 +362,7 @@ void release_take_over(release_plan *plan, release_plan *old, const uint8_t from
 {
     plan->count = 0;
     plan->fast = 0;
+    plan->knows_next = false;
     for (size_t i = 0; i < plan->source_count; i++) {
         source *s = &plan->sources[i];
         source *o = find_old(old, s, from[s->node]);
@@ -378,6 +386,62 @@ void release_take_over(release_plan *plan, release_plan *old, const uint8_t from
 uint64_t release_next_tick(const release_plan *plan)
 {
     return plan->count ? plan->heap[0]->tick : CW_NEVER;
+}
+
+/* A frame may join another one's SOF (M6), and receivers have it before its last bit (M7). */
+static uint64_t rx_ticks(const release_plan *plan, const source *s, uint64_t least)
+{
+    const cw_frame *frame = &s->traffic->frame;
+    if (s->traffic->kind != CFG_TRAFFIC_SEND || plan->config->dbitrate_bps > 0 ||
+        !cw_frame_valid(frame))
+        return least;
+    const uint64_t ticks = cw_rate_ticks(plan->rate, cw_frame_wire_bits(frame) - JOINED_BITS);
+    return ticks > least ? ticks : least;
+}
+
+static bool passes(const release_plan *plan, source *s, cw_frame_test *test, const void *user,
+                   uint64_t least)
+{
+    if (!s->tested) {
+        s->passes = s->traffic->kind != CFG_TRAFFIC_SEND || test(user, s->node, &s->traffic->frame);
+        s->rx_ticks = rx_ticks(plan, s, least);
+    }
+    s->tested = true;
+    return s->passes;
+}
+
+uint64_t release_next_rx(release_plan *plan, cw_frame_test *test, const void *user,
+                         uint64_t least)
+{
+    uint64_t tick = CW_NEVER;
+    if (plan->knows_next)
+        return plan->next_tick;
+    for (size_t i = 0; i < plan->count; i++) {
+        source *s = plan->heap[i];
+        if (s->tick >= tick || !passes(plan, s, test, user, least))
+            continue;
+        const uint64_t rx = cw_after(s->tick, s->rx_ticks);
+        tick = rx < tick ? rx : tick;
+    }
+    plan->knows_next = true;
+    plan->next_tick = tick;
+    return tick;
+}
+
+/* Jitter only delays releases. */
+uint64_t release_sure_tick(const release_plan *plan)
+{
+    uint64_t sure = 0;
+    for (size_t i = 0; i < plan->count; i++) {
+        const source *s = plan->heap[i];
+        const cfg_traffic *t = s->traffic;
+        uint64_t last = s->tick;
+        if (t->kind == CFG_TRAFFIC_SEND)
+            last = text_time_ticks_sum(t->offset, t->count - 1, t->every, plan->rate);
+        last = last != CW_NEVER && last > s->tick ? last : s->tick;
+        sure = last != CW_NEVER && last > sure ? last : sure;
+    }
+    return sure;
 }
 
 const cw_frame *release_first(const release_plan *plan, unsigned *node)
@@ -405,6 +469,7 @@ static void go_on(release_plan *plan)
 {
     source *s = plan->heap[0];
     bool goes_on;
+    plan->knows_next = plan->knows_next && s->tested && !s->passes;
     if (s->traffic->kind == CFG_TRAFFIC_SEND) {
         goes_on = ++s->done < s->traffic->count;
         if (goes_on)

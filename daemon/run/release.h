@@ -35,6 +35,15 @@ void release_take_over(release_plan *plan, release_plan *old, const uint8_t from
 /* Returns the tick of the next release, CW_NEVER when none is known. */
 uint64_t release_next_tick(const release_plan *plan);
 
+/* Returns a tick before which no node receives a released frame that passes a test, which must be
+ * the same in all calls for a plan. Files may have any frame; least: ticks from the release of one to
+ * its reception, at least. */
+uint64_t release_next_rx(release_plan *plan, cw_frame_test *test, const void *user,
+                         uint64_t least);
+
+/* Returns a tick at which, or after which, a release is to come for sure; 0 when none is. */
+uint64_t release_sure_tick(const release_plan *plan);
+
 /* Returns the frame of the next release and its node. NULL: the release hands in no frame, since a
  * file was only searched. A release must exist; the frame is valid until the next
  * release_hand_in(). */

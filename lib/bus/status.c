@@ -133,6 +133,79 @@ uint64_t cw_bus_next(const cw_bus *bus)
     return cw_least(tick, cw_inbox_first(bus));
 }
 
+/* ---- Receptions of some frames --------------------------------------------------------------- */
+
+/* Returns true when hosts may get frames that no queue has: from buffers, mailboxes and rules, or
+ * at other times than the rest of the bus (M15). */
+static bool may_surprise(const cw_bus *bus)
+{
+    if (bus->rules.count > 0 || bus->tt || bus->stored > 0)
+        return true;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if ((bus->nodes[i].mac.modes & CW_MODE_LOOPBACK) ||
+            (bus->buffers && bus->buffers[i].boxes))
+            return true;
+    return false;
+}
+
+#define NO_LENGTH UINT16_MAX /* of wire bits */
+
+/* Returns the wire bits of the shortest frame in the queues that passes. */
+static unsigned least_of_queues(const cw_bus *bus, cw_frame_test *test, const void *user)
+{
+    unsigned bits = NO_LENGTH;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const cw_queue *q = &bus->nodes[i].queue;
+        for (unsigned n = 0; n < q->count; n++) {
+            const cw_queue_slot *slot = cw_queue_at(q, cw_queue_nth(q, n));
+            if (slot->wire_bits < bits && test(user, i, slot->frame))
+                bits = slot->wire_bits;
+        }
+    }
+    return bits;
+}
+
+/* Returns a tick before which no frame of the inbox is received that passes. */
+static uint64_t next_of_inbox(const cw_bus *bus, cw_frame_test *test, const void *user)
+{
+    for (unsigned n = 0; n < bus->inbox.count; n++) {
+        const inbox_entry *entry = cw_inbox_at(&bus->inbox, n);
+        const uint64_t tick = entry->at_tick > cw_now(bus) ? entry->at_tick : cw_now(bus);
+        if (!test(user, entry->node, entry->frame))
+            continue;
+        const uint64_t bits = cw_to_reception(bus, CW_FRAME_BITS_MIN);
+        return cw_is_off_grid(bus)
+                   ? tick : cw_after(tick, cw_rate_ticks(cw_wire_rate(&bus->time), bits));
+    }
+    return CW_NEVER;
+}
+
+/* Returns the same for the frame on the wire, and those in queues. */
+static uint64_t next_of_queues(const cw_bus *bus, cw_frame_test *test, const void *user)
+{
+    const unsigned least = least_of_queues(bus, test, user);
+    if (least == NO_LENGTH)
+        return CW_NEVER;
+    const uint64_t bits = cw_to_reception(bus, least);
+    if (bus->frame_step.active)
+        return tick_after(bus, cw_frame_step_to_rx(bus, bits, test, user));
+    const uint64_t next = cw_bus_next(bus);
+    if (cw_is_off_grid(bus))
+        return cw_least(next, tick_after(bus, bits * 3 / 4)); /* its bits may be shorter */
+    /* an error may make room for another frame than that on the wire */
+    const uint64_t begun_now = tick_after(bus, bits);
+    return (next > begun_now) == bus_comes_to_rest(bus) ? next : begun_now;
+}
+
+uint64_t cw_bus_next_rx(const cw_bus *bus, cw_frame_test *test, const void *user)
+{
+    if (bus->pending || may_surprise(bus))
+        return cw_bus_next(bus);
+    return cw_least(next_of_queues(bus, test, user), next_of_inbox(bus, test, user));
+}
+
+/* ---- Statistics ------------------------------------------------------------------------------ */
+
 void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats)
 {
     *stats = bus->stats;

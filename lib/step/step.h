@@ -139,6 +139,15 @@ uint64_t cw_losses_ahead(const cw_bus *bus);
 uint64_t cw_frame_step_recessive_bits(const cw_bus *bus);
 uint64_t cw_frame_step_horizon(const cw_bus *bus);
 
+/* Returns the bits in which a frame of some wire bits is not received, from the hand-in, or from
+ * the end of the frame before it. */
+uint64_t cw_to_reception(const cw_bus *bus, unsigned wire_bits);
+
+/* Returns, in a frame step, the bits in which no frame is received that passes a test. Those in
+ * queues have at least so many bits up to their reception. */
+uint64_t cw_frame_step_to_rx(const cw_bus *bus, uint64_t bits, cw_frame_test *test,
+                             const void *user);
+
 /* ---- doze.c ---------------------------------------------------------------------------------- */
 
 /* Lets sleeping nodes see their levels for so many bits. Returns those that are woken then. */

@@ -196,6 +196,7 @@ typedef enum diff_mark {
     DIFF_SHORT_CUTS,      /* of these, where the fast bus had not simulated the last bit */
     DIFF_FULL_RINGS,
     DIFF_FULL_BUSES, /* with CW_NODES_MAX nodes */
+    DIFF_FORETOLD,   /* events that cw_bus_next_rx() has been asked about, without rules */
     DIFF_MARK_COUNT
 } diff_mark;
 

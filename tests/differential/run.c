@@ -208,6 +208,43 @@ static void check_next(pair *p, const side *s, size_t from, uint64_t next)
     }
 }
 
+/* A test for cw_bus_next_rx(). */
+static bool is_odd(const void *user, unsigned node, const cw_frame *frame)
+{
+    (void)user;
+    return (frame->id & 1u) && node != 1;
+}
+
+static bool has_rules(const pair *p, const side *s)
+{
+    cw_rule_stats stats;
+    bool has = false;
+    for (unsigned i = 0; !has && i < p->rule_count; i++)
+        has = cw_rule_get_stats(s->bus, i, &stats) == CW_OK;
+    return has;
+}
+
+/* Checks that no such frame is received before a tick, whatever errors come. Rules may send any. */
+static void check_next_rx(pair *p, const side *s, size_t from, uint64_t next)
+{
+    cw_data_stats data;
+    const bool rates = cw_node_get_data_stats(s->bus, 0, &data) == CW_OK;
+    if (next != CW_NEVER && (!cw_bus_is_on_grid(s->bus) || rates))
+        next = next > p->bit_ticks ? next - p->bit_ticks : 0;
+    for (size_t i = from; i < s->count && !has_rules(p, s); i++) {
+        const cw_event *e = &s->events[i];
+        p->coverage->marks[DIFF_FORETOLD] += next != 0;
+        if (e->kind != CW_EVENT_RX || !is_odd(NULL, e->from == 2 ? 1 : 0, &e->frame) ||
+            e->tick >= next)
+            continue;
+        if (p->out) {
+            fprintf(p->out, "%s: cw_bus_next_rx() was %" PRIu64 ", but:\n", s->name, next);
+            diff_write_event(p->out, e);
+        }
+        found(p, e->tick);
+    }
+}
+
 /* Reads the state of a bus, which must change nothing. */
 static void peek(const side *s)
 {
@@ -216,6 +253,7 @@ static void peek(const side *s)
     cw_settings settings;
     cw_bus_get_stats(s->bus, &bus);
     (void)cw_bus_next(s->bus);
+    (void)cw_bus_next_rx(s->bus, is_odd, NULL);
     (void)cw_bus_idle(s->bus);
     for (unsigned i = 0; cw_node_get_stats(s->bus, i, &node) == CW_OK; i++)
         (void)cw_node_get_settings(s->bus, i, &settings);
@@ -254,17 +292,19 @@ static bool advance_through(pair *p, side *s, uint64_t end)
     return end <= now || end - now < p->bit_ticks;
 }
 
-static void drain(pair *p, side *s, size_t before, uint64_t next)
+static void drain(pair *p, side *s, size_t before, uint64_t next, uint64_t next_rx)
 {
     take_events(s, SIZE_MAX);
     s->drained = true;
     check_next(p, s, before, next);
+    check_next_rx(p, s, before, next_rx);
 }
 
 static void advance_slice(pair *p, side *s, uint64_t end)
 {
     size_t before = s->count;
     uint64_t next = s->drained ? cw_bus_next(s->bus) : 0;
+    uint64_t next_rx = s->drained ? cw_bus_next_rx(s->bus, is_odd, NULL) : 0;
     s->drained = false;
     if (!advance_through(p, s, end)) {
         if (p->out)
@@ -272,7 +312,7 @@ static void advance_slice(pair *p, side *s, uint64_t end)
         found(p, cw_bus_now(s->bus));
     }
     if (diff_chance(&s->random, p->scenario->drains))
-        drain(p, s, before, next);
+        drain(p, s, before, next, next_rx);
     if (s->peeks)
         peek(s);
 }
@@ -291,8 +331,8 @@ static void advance_side(pair *p, side *s, uint64_t target)
 /* Takes all events up to now. */
 static void settle(pair *p)
 {
-    drain(p, &p->fast, p->fast.count, 0);
-    drain(p, &p->reference, p->reference.count, 0);
+    drain(p, &p->fast, p->fast.count, 0, 0);
+    drain(p, &p->reference, p->reference.count, 0, 0);
     compare_events(p);
 }
 

@@ -25,7 +25,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define KEPT_MAX 1024u /* events; then buses that have nothing to do follow the others */
+#define KEPT_MAX 1024u /* events of a journal, before a look at what can be written */
 #define SLICE_TICKS (CW_CLOCK_HZ / 100u)
 #define QUIET_LIMIT_S 10u /* of bus time without a tx or a release, as for one bus */
 
@@ -211,18 +211,24 @@ static bool go(void *user, size_t bus, uint64_t tick)
     return true;
 }
 
-static uint64_t next_of(const void *user, size_t bus)
+static meeting_outlook look(void *user, size_t bus)
 {
-    const sim_rig *s = user;
-    const sim_run *run = &s->buses[bus].run;
-    return meeting_next(run->bus, run->plan, run->config);
+    sim_rig *s = user;
+    sim_run *run = &s->buses[bus].run;
+    return meeting_find(&(gateways_bus){.gateways = s->meeting.gateways, .bus = bus}, run->bus,
+                        run->plan, run->config);
 }
 
 static cw_status send_frame(void *user, size_t bus, unsigned node, const cw_frame *frame,
-                            uint64_t at_tick)
+                            uint64_t received, uint64_t at_tick)
 {
-    const sim_rig *s = user;
-    return cw_node_send(s->buses[bus].run.bus, node, frame, at_tick);
+    sim_rig *s = user;
+    sim_run *run = &s->buses[bus].run;
+    cw_status status = cw_node_send(run->bus, node, frame, at_tick);
+    if (status != CW_FULL)
+        return status;
+    sim_release_to(run, received);
+    return cw_node_send(run->bus, node, frame, at_tick);
 }
 
 static uint32_t all_buses(const sim_rig *s)
@@ -230,50 +236,94 @@ static uint32_t all_buses(const sim_rig *s)
     return (UINT32_C(1) << s->bus_count) - 1;
 }
 
-/* Returns a tick up to which all buses may go at once: some traffic is still to come then, and
- * nobody hands over frames. */
+static uint64_t quiet_end(const sim_rig *s)
+{
+    uint64_t last = 0;
+    for (size_t i = 0; i < s->bus_count; i++)
+        if (s->buses[i].run.last_activity > last)
+            last = s->buses[i].run.last_activity;
+    return last + (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ;
+}
+
+/* Returns a tick up to which all buses may go at once: some traffic is still to come then, and the
+ * run has not ended. */
 static uint64_t sure_tick(const sim_rig *s)
 {
     uint64_t now = 0;
     uint64_t release = 0;
+    const bool ends = until_of(s) != CW_NEVER;
     for (size_t i = 0; i < s->bus_count; i++) {
         const sim_run *run = &s->buses[i].run;
-        const uint64_t next = release_next_tick(run->plan);
+        const uint64_t sure = ends ? 0 : release_sure_tick(run->plan);
         now = cw_bus_now(run->bus) > now ? cw_bus_now(run->bus) : now;
-        release = next != CW_NEVER && next > release ? next : release;
+        release = sure > release ? sure : release;
     }
     const uint64_t slice = now + SLICE_TICKS;
-    return least(until_of(s) != CW_NEVER ? slice : least(slice, release), until_of(s));
+    return least(slice, ends ? until_of(s) : least(release, quiet_end(s)));
 }
 
-/* Returns the tick of the next meeting, and the buses that get there in any case. These are none
- * while the gateways are busy and there is room for events. */
-static uint64_t next_meeting(const sim_rig *s, uint32_t *buses)
+/* Returns the end of a bit of each bus. */
+static uint64_t end_of_bits(const sim_rig *s)
 {
-    uint64_t next = meeting_tick(&s->meeting);
-    uint64_t bits = 0; /* each bus goes on by one bit while all of them rest */
-    *buses = 0;
-    if (next < until_of(s) && s->count < KEPT_MAX)
-        return next;
-    *buses = all_buses(s);
-    const uint64_t sure = sure_tick(s);
+    uint64_t bits = 0;
     for (size_t i = 0; i < s->bus_count; i++) {
         const uint64_t bit = cw_bus_tick_after(s->buses[i].run.bus, 1);
         bits = bit > bits ? bit : bits;
     }
-    if (least(sure, next) > bits)
-        return least(sure, next);
+    return bits;
+}
+
+/* Goes up to a tick in strides. */
+static void go_to(sim_rig *s, uint64_t tick)
+{
     for (size_t i = 0; i < s->bus_count; i++)
-        next = least(next, next_of(s, i));
+        meeting_look(&s->meeting, i);
+    (void)meeting_run(&s->meeting, tick, all_buses(s));
+    write_reached(s);
+}
+
+/* ---- Small steps ----------------------------------------------------------------------------- */
+
+/* With --step, and behind the last release, the buses meet at each reception. */
+static uint64_t next_reception(const sim_rig *s, size_t bus)
+{
+    const sim_run *run = &s->buses[bus].run;
+    return meeting_next(run->bus, run->plan, run->config);
+}
+
+static uint64_t next_for_gateways(const sim_rig *s)
+{
+    uint64_t next = CW_NEVER;
+    for (size_t i = 0; i < s->bus_count; i++)
+        if (gateways_nodes(s->meeting.gateways, i))
+            next = least(next, next_reception(s, i));
+    return next;
+}
+
+/* Returns the tick of the next meeting. Each bus goes on by one bit while all of them rest. */
+static uint64_t next_meeting(const sim_rig *s)
+{
+    uint64_t next = next_for_gateways(s);
+    const uint64_t sure = sure_tick(s);
+    const uint64_t bits = end_of_bits(s);
+    if (next < until_of(s))
+        return next;
+    if (sure > bits)
+        return sure;
+    for (size_t i = 0; i < s->bus_count; i++)
+        next = least(next, next_reception(s, i));
     return least(next == CW_NEVER && until_of(s) == CW_NEVER ? bits : next, until_of(s));
 }
 
-static void go_to(sim_rig *s, uint64_t tick, uint32_t buses)
+static void meet(sim_rig *s, uint64_t tick)
 {
-    (void)meeting_hold(&s->meeting, tick, buses);
-    if (buses != 0)
-        write_reached(s);
+    for (size_t i = 0; i < s->bus_count; i++)
+        sim_release_to(&s->buses[i].run, tick);
+    (void)gateways_meet(s->meeting.gateways, CW_NEVER);
+    write_reached(s);
 }
+
+/* ---- The run --------------------------------------------------------------------------------- */
 
 static bool traffic_is_over(const sim_rig *s)
 {
@@ -281,15 +331,6 @@ static bool traffic_is_over(const sim_rig *s)
     for (size_t i = 0; i < s->bus_count; i++)
         over = over && sim_traffic_is_over(&s->buses[i].run);
     return over;
-}
-
-static bool is_quiet(const sim_rig *s, uint64_t tick)
-{
-    uint64_t last = 0;
-    for (size_t i = 0; i < s->bus_count; i++)
-        if (s->buses[i].run.last_activity > last)
-            last = s->buses[i].run.last_activity;
-    return tick != CW_NEVER && tick > last + (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ;
 }
 
 static bool has_failed(const sim_rig *s)
@@ -309,25 +350,33 @@ static void tell_quiet(const sim_rig *s)
                     "TIME waits longer)\n", QUIET_LIMIT_S);
 }
 
+/* Goes on to a tick and returns it. CW_NEVER: nothing is to be expected. */
+static uint64_t go_on(sim_rig *s)
+{
+    const uint64_t sure = sure_tick(s);
+    const bool strides = !s->options->step && sure > end_of_bits(s);
+    const uint64_t tick = strides ? sure : next_meeting(s);
+    if (until_of(s) == CW_NEVER && tick > quiet_end(s))
+        return CW_NEVER;
+    if (strides)
+        go_to(s, tick);
+    else
+        meet(s, tick);
+    return tick;
+}
+
 static void simulate(sim_rig *s)
 {
-    uint64_t until = until_of(s);
-    uint32_t buses;
-    for (size_t i = 0; i < s->bus_count; i++) {
+    uint64_t tick = 0;
+    for (size_t i = 0; i < s->bus_count; i++)
         sim_begin(&s->buses[i].run);
-        meeting_look(&s->meeting, i);
-    }
-    while (!has_failed(s) && (until != CW_NEVER || !traffic_is_over(s))) {
-        const uint64_t tick = next_meeting(s, &buses);
-        if (until == CW_NEVER && is_quiet(s, tick)) {
-            tell_quiet(s);
-            break;
-        }
-        go_to(s, tick, buses);
-        until = until_of(s); /* an awaited event has come */
-        if (tick >= until)
-            break;
-    }
+    /* an awaited event lowers `until` */
+    while (!has_failed(s) && tick < until_of(s) &&
+           !(until_of(s) == CW_NEVER && traffic_is_over(s)))
+        tick = go_on(s);
+    const uint64_t until = until_of(s);
+    if (until == CW_NEVER && tick == CW_NEVER)
+        tell_quiet(s);
     for (size_t i = 0; i < s->bus_count && until != CW_NEVER && !has_failed(s); i++)
         (void)sim_advance(&s->buses[i].run, CW_NEVER); /* ends bits that have begun */
 }
@@ -611,7 +660,7 @@ static bool check_files(const sim_rig *s)
 
 static bool load_rig(sim_rig *s)
 {
-    static const meeting_calls calls = {.go = go, .next = next_of};
+    static const meeting_calls calls = {.go = go, .look = look};
     s->config = rig_load(s->options->file, stderr);
     if (!s->config)
         return false;

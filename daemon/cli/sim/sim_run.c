@@ -238,6 +238,7 @@ static uint64_t next_look(const sim_run *s)
  * Ends early when a replay at full speed may send. */
 static void advance(sim_run *s, uint64_t tick)
 {
+    bool there = false;
     while (!is_over(s) && cw_bus_tick_after(s->bus, 1) <= tick) {
         uint64_t wanted = next_wanted(s);
         uint64_t look = next_look(s);
@@ -250,6 +251,7 @@ static void advance(sim_run *s, uint64_t tick)
         end = least(end, wanted);
         now = end < cw_bus_tick_after(s->bus, 1);
         set_watching(s, now);
+        there = !now && cw_bus_now(s->bus) < s->careful_from && end == tick;
         if (now || cw_bus_now(s->bus) >= s->careful_from)
             advance_bit(s);
         else
@@ -260,7 +262,7 @@ static void advance(sim_run *s, uint64_t tick)
         if (release_next_tick(s->plan) <= cw_bus_tick_after(s->bus, 1))
             return;
     }
-    if (!is_over(s))
+    if (!is_over(s) && !there)
         advance_bus(s, tick);
 }
 
@@ -433,7 +435,6 @@ void sim_release_to(sim_run *s, uint64_t end)
         else
             break;
     }
-    pass_on_events(s);
 }
 
 bool sim_traffic_is_over(const sim_run *s)
