@@ -51,12 +51,12 @@ struct gateways {
     side (*sides)[2];         /* of each gateway */
     unsigned (*nodes)[2];     /* in the same way: the present places of its nodes */
     uint64_t set[RIG_BUSES_MAX]; /* of these nodes, by bus */
+    uint64_t own[RIG_BUSES_MAX];  /* of these, the ones that get what they send */
     wish (*wishes)[CW_BASE_ID_MAX + 1]; /* in the same way: for data of base format, by their
                                            identifiers */
     gateways_way ways[RIG_BUSES_MAX * RIG_BUSES_MAX];
     size_t way_count;
     uint32_t feeds;           /* buses from which ways go, as a set */
-    uint32_t given;           /* buses that have been given frames by the last meeting */
     noted *list;              /* frames that no meeting has passed on */
     size_t count;
     size_t room;
@@ -230,26 +230,6 @@ static void set_id(cw_frame *frame, const rig_rule *rule)
         frame->flags |= CW_FRAME_EXTENDED;
 }
 
-static void forward(gateways *self, const noted *n)
-{
-    const unsigned far = 1 - n->end;
-    const rig_gateway *gateway = &self->config->gateways[n->gateway];
-    lane *l = &self->sides[n->gateway][n->end].lanes[n->rule - gateway->rules];
-    const size_t bus = gateway->ends[far].bus;
-    const uint64_t due = cw_after(n->tick, l->delay_ticks);
-    cw_frame frame = n->frame;
-    forget_past(l, n->tick);
-    set_id(&frame, l->rule);
-    if (l->waiting == l->rule->queue ||
-        self->send(self->user, bus, self->nodes[n->gateway][far], &frame, n->tick, due) != CW_OK) {
-        l->lost++;
-        return;
-    }
-    self->given |= UINT32_C(1) << bus;
-    l->due[(l->first + l->waiting++) % l->rule->queue] = due;
-    l->forwarded++;
-}
-
 /* ---- Receptions ------------------------------------------------------------------------------ */
 
 static uint64_t find_wish(const gateways *self, size_t bus, const cw_frame *frame)
@@ -277,7 +257,13 @@ static uint64_t wish_of(const gateways *self, size_t bus, const cw_frame *frame)
 bool gateways_want(const void *bus, unsigned node, const cw_frame *frame)
 {
     const gateways_bus *of = bus;
-    return wish_of(of->gateways, of->bus, frame) & ~(UINT64_C(1) << node);
+    const uint64_t deaf = (UINT64_C(1) << node) & ~of->gateways->own[of->bus];
+    return wish_of(of->gateways, of->bus, frame) & ~deaf;
+}
+
+void gateways_hear_own(gateways *self, size_t bus, uint64_t nodes)
+{
+    self->own[bus] = nodes;
 }
 
 static noted *add(gateways *self)
@@ -333,6 +319,30 @@ bool gateways_note(gateways *self, size_t bus, const cw_event *event)
 
 /* ---- Meetings -------------------------------------------------------------------------------- */
 
+/* given: see gateways_meet() */
+static void forward(gateways *self, const noted *n, uint64_t *given)
+{
+    const unsigned far = 1 - n->end;
+    const rig_gateway *gateway = &self->config->gateways[n->gateway];
+    lane *l = &self->sides[n->gateway][n->end].lanes[n->rule - gateway->rules];
+    const size_t bus = gateway->ends[far].bus;
+    const uint64_t due = cw_after(n->tick, l->delay_ticks);
+    cw_frame frame = n->frame;
+    forget_past(l, n->tick);
+    set_id(&frame, l->rule);
+    if (l->waiting == l->rule->queue ||
+        self->send(self->user, bus, self->nodes[n->gateway][far], &frame, n->tick, due) != CW_OK) {
+        l->lost++;
+        return;
+    }
+    if (given && due < given[bus] &&
+        gateways_want(&(gateways_bus){.gateways = self, .bus = bus},
+                      self->nodes[n->gateway][far], &frame))
+        given[bus] = due;
+    l->due[(l->first + l->waiting++) % l->rule->queue] = due;
+    l->forwarded++;
+}
+
 static int compare_numbers(uint64_t a, uint64_t b)
 {
     return (a > b) - (a < b);
@@ -350,17 +360,16 @@ static int compare_noted(const void *left, const void *right)
 
 /* Buses that go on meanwhile, for want of room, note frames behind the others. These are too late
  * for this meeting, and come to no bus too late. */
-uint32_t gateways_meet(gateways *self, uint64_t before)
+void gateways_meet(gateways *self, uint64_t before, uint64_t given[RIG_BUSES_MAX])
 {
     size_t passed = 0;
-    self->given = 0;
-    if (self->count == 0)
-        return 0;
+    for (size_t i = 0; given && i < self->config->bus_count; i++)
+        given[i] = CW_NEVER;
     if (self->count > 1)
         qsort(self->list, self->count, sizeof *self->list, compare_noted);
     for (; passed < self->count && self->list[passed].tick < before; passed++) {
         const noted n = self->list[passed];
-        forward(self, &n);
+        forward(self, &n, given);
     }
     self->count -= passed;
     if (passed > 0 && self->count > 0)
@@ -369,7 +378,6 @@ uint32_t gateways_meet(gateways *self, uint64_t before)
         self->first[i] = CW_NEVER;
     for (size_t i = self->count; i > 0; i--)
         self->first[self->list[i - 1].bus] = self->list[i - 1].tick;
-    return self->given;
 }
 
 /* ---- Statistics ------------------------------------------------------------------------------ */

@@ -53,13 +53,17 @@ typedef struct gateways_bus {
 /* Returns true when a gateway carries a frame that a node of a bus sends; a cw_frame_test. */
 bool gateways_want(const void *bus, unsigned node, const cw_frame *frame);
 
+/* Sets the nodes of gateways on a bus that get what they send. */
+void gateways_hear_own(gateways *self, size_t bus, uint64_t nodes);
+
 /* Takes an event of a bus. A frame is kept until gateways_meet(). Returns false without memory. */
 bool gateways_note(gateways *self, size_t bus, const cw_event *event);
 
 /* Passes on, in the order of time, the frames that gateways have received before a tick. No bus may
  * be beyond the tick at which it gets one, and none may tell about an earlier reception later.
- * Returns the set of buses that have been given frames. */
-uint32_t gateways_meet(gateways *self, uint64_t before);
+ * given[BUS], if there is an array: the tick for which a bus gets its first frame that other gateways
+ * carry on; else CW_NEVER. */
+void gateways_meet(gateways *self, uint64_t before, uint64_t given[RIG_BUSES_MAX]);
 
 /* Returns, for each bus, the tick of its first frame that has not been passed on, or CW_NEVER. */
 const uint64_t *gateways_first(const gateways *self);

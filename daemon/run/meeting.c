@@ -36,27 +36,65 @@ uint64_t meeting_next(const cw_bus *bus, const release_plan *plan, const cfg *co
     return next > bit ? next : bit;
 }
 
+/* Tells the gateways of a bus which of their nodes hear what they send (M15). */
+static uint64_t hear_own(const gateways_bus *place, const cw_bus *bus)
+{
+    uint64_t own = 0;
+    for (uint64_t rest = gateways_nodes(place->gateways, place->bus); rest; rest &= rest - 1) {
+        cw_settings settings;
+        const unsigned node = (unsigned)__builtin_ctzll(rest);
+        if (cw_node_get_settings(bus, node, &settings) == CW_OK &&
+            (settings.modes & CW_MODE_LOOPBACK))
+            own |= UINT64_C(1) << node;
+    }
+    gateways_hear_own(place->gateways, place->bus, own);
+    return own;
+}
+
+/* Returns true when a frame may make other nodes send. */
+static bool has_answers(const cfg *config)
+{
+    bool has = config->rule_count > 0 || config->reply_count > 0;
+    for (size_t i = 0; !has && i < config->node_count; i++)
+        has = config->nodes[i].controller.mailbox_count > 0 ||
+              config->nodes[i].schedule.cycles > 0;
+    return has;
+}
+
+/* Returns true when one node is all that gateways have on a bus. It does not carry on what it
+ * sends. */
+static bool is_end(const gateways_bus *place, uint64_t own, const cfg *config)
+{
+    const uint64_t nodes = gateways_nodes(place->gateways, place->bus);
+    return (nodes & (nodes - 1)) == 0 && own == 0 && !has_answers(config);
+}
+
+/* Returns the same as meeting_next(), for frames that gateways carry. */
+static uint64_t next_carried(const gateways_bus *place, const cw_bus *bus, release_plan *plan,
+                             const cfg *config, uint64_t reaction)
+{
+    if (config->rule_count > 0 || config->reply_count > 0 || release_is_fast(plan))
+        return meeting_next(bus, plan, config);
+    const bool plain = cw_bus_is_on_grid(bus) && config->dbitrate_bps == 0;
+    const uint64_t early = plain ? 0 : cw_rate_ticks(config->rate, 1);
+    const uint64_t soon = cw_bus_tick_after(bus, 1);
+    uint64_t next = cw_bus_next_rx(bus, gateways_want, place);
+    next = next == CW_NEVER || next < early ? next : next - early;
+    next = least(next, release_next_rx(plan, gateways_want, place, reaction));
+    return next > soon ? next : soon;
+}
+
 meeting_outlook meeting_find(const gateways_bus *place, const cw_bus *bus, release_plan *plan,
                              const cfg *config)
 {
     const bool plain = cw_bus_is_on_grid(bus) && config->dbitrate_bps == 0;
     const unsigned bits = (plain ? CLASSICAL_BITS_MIN : FRAME_BITS_MIN) - JOINED_BITS;
-    meeting_outlook found = {.next = CW_NEVER, .least = cw_rate_ticks(config->rate, bits)};
     if (!(gateways_feeds(place->gateways) >> place->bus & 1u))
-        return found;
-    if (config->rule_count > 0 || config->reply_count > 0 || release_is_fast(plan)) {
-        found.next = meeting_next(bus, plan, config);
-        return found;
-    }
-    const uint64_t soon = cw_bus_tick_after(bus, 1);
-    const uint64_t early = plain ? 0 : cw_rate_ticks(config->rate, 1);
-    const uint64_t release = release_next_rx(plan, gateways_want, place, found.least);
-    const uint64_t next = cw_bus_next_rx(bus, gateways_want, place);
-    found.next = least(next == CW_NEVER || next < early ? next : next - early,
-                       release);
-    if (found.next < soon)
-        found.next = soon;
-    return found;
+        return (meeting_outlook){.next = CW_NEVER, .reaction = CW_NEVER};
+    const uint64_t own = hear_own(place, bus);
+    const uint64_t reaction = cw_rate_ticks(config->rate, bits);
+    return (meeting_outlook){.next = next_carried(place, bus, plan, config, reaction),
+                             .reaction = is_end(place, own, config) ? CW_NEVER : reaction};
 }
 
 void meeting_look(meeting *m, size_t bus)
@@ -68,7 +106,7 @@ void meeting_look(meeting *m, size_t bus)
 static uint64_t next_of(const meeting *m, size_t bus)
 {
     const meeting_outlook *o = &m->outlook[bus];
-    return least(o->next, cw_after(m->limit[bus], o->least));
+    return least(o->next, cw_after(m->limit[bus], o->reaction));
 }
 
 /* Finds the limits: a frame may go from bus to bus. */
@@ -105,12 +143,14 @@ static uint64_t known(const meeting *m)
 /* Finds the limits, and passes on what is known. A frame that waits for that may come back. */
 static void pass_on(meeting *m)
 {
+    uint64_t given[RIG_BUSES_MAX];
     uint64_t before;
     while (find_limits(m), before = known(m), gateways_wait(m->gateways, before)) {
-        uint32_t given = gateways_meet(m->gateways, before);
-        for (size_t i = 0; given; i++, given >>= 1)
-            if (given & 1u)
-                meeting_look(m, i);
+        gateways_meet(m->gateways, before, given);
+        for (size_t i = 0; i < m->bus_count; i++)
+            if (given[i] != CW_NEVER)
+                m->outlook[i].next = least(m->outlook[i].next,
+                                           cw_after(given[i], m->outlook[i].reaction));
     }
 }
 

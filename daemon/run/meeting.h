@@ -14,8 +14,9 @@
 
 /* What gateways may expect of a bus. */
 typedef struct meeting_outlook {
-    uint64_t next;  /* before this tick they get no frame that they carry, when no frame is put in */
-    uint64_t least; /* ticks from the putting in of a frame to its reception */
+    uint64_t next; /* before this tick they get no frame that they carry, when no frame is put in */
+    uint64_t reaction; /* ticks in which they get none because of one that is put in; CW_NEVER: they
+                          get none at all by that */
 } meeting_outlook;
 
 typedef struct meeting_calls {

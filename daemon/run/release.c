@@ -410,22 +410,28 @@ static bool passes(const release_plan *plan, source *s, cw_frame_test *test, con
     return s->passes;
 }
 
-uint64_t release_next_rx(release_plan *plan, cw_frame_test *test, const void *user,
-                         uint64_t least)
+/* Looks at a source of the heap and those below it, which come later. */
+static uint64_t next_rx_from(const release_plan *plan, size_t i, uint64_t tick,
+                             cw_frame_test *test, const void *user, uint64_t least)
 {
-    uint64_t tick = CW_NEVER;
-    if (plan->knows_next)
-        return plan->next_tick;
-    for (size_t i = 0; i < plan->count; i++) {
-        source *s = plan->heap[i];
-        if (s->tick >= tick || !passes(plan, s, test, user, least))
-            continue;
+    if (i >= plan->count || plan->heap[i]->tick >= tick)
+        return tick;
+    source *s = plan->heap[i];
+    if (passes(plan, s, test, user, least)) {
         const uint64_t rx = cw_after(s->tick, s->rx_ticks);
         tick = rx < tick ? rx : tick;
     }
+    tick = next_rx_from(plan, 2 * i + 1, tick, test, user, least);
+    return next_rx_from(plan, 2 * i + 2, tick, test, user, least);
+}
+
+uint64_t release_next_rx(release_plan *plan, cw_frame_test *test, const void *user,
+                         uint64_t least)
+{
+    if (!plan->knows_next)
+        plan->next_tick = next_rx_from(plan, 0, CW_NEVER, test, user, least);
     plan->knows_next = true;
-    plan->next_tick = tick;
-    return tick;
+    return plan->next_tick;
 }
 
 /* Jitter only delays releases. */

@@ -56,6 +56,8 @@ uint64_t cw_frame_step_to_rx(const cw_bus *bus, uint64_t bits, cw_frame_test *te
     const unsigned received = step->length - CW_AFTER_ACCEPT_BITS;
     if (cw_frame_step_is_broken(bus))
         return 1;
+    if (step->at <= 1) /* a node that joins its SOF may destroy it */
+        return bits;
     if (step->at < received && test(user, step->node, &step->frame))
         return received - step->at;
     return step->length - step->at + bits;

@@ -300,6 +300,42 @@ static void next_is_never_too_late(void **state)
     rig_free(whole);
 }
 
+static bool is_wanted(const void *user, unsigned node, const cw_frame *frame)
+{
+    (void)user;
+    return frame->id >= 0x200 && node != 2;
+}
+
+/* Frames are 44 bits long, more with stuff bits, and receivers have them before the last bit. */
+static void receptions_of_some_frames_are_foretold(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    rig_start(r);
+    const cw_frame other = rig_frame(0x123, 0, 8), wanted = rig_frame(0x255, 0, 0);
+    assert_int_equal(cw_bus_next_rx(r->bus, is_wanted, NULL), CW_NEVER);
+    rig_send(r, 1, &other, 0);
+    rig_send(r, 2, &wanted, 0); /* by a node that does not count */
+    assert_int_equal(cw_bus_next_rx(r->bus, is_wanted, NULL), CW_NEVER);
+    rig_send(r, 0, &wanted, 1000 * BIT);
+    const uint64_t first = cw_bus_next_rx(r->bus, is_wanted, NULL);
+    assert_in_range(first, 1040 * BIT, 1043 * BIT);
+    rig_run_bits(r, 1001);
+    const uint64_t bits = cw_frame_wire_bits(&wanted);
+    assert_in_range(cw_bus_next_rx(r->bus, is_wanted, NULL), 1001 * BIT,
+                    (1000 + bits - 1) * BIT);
+    rig_run_bits(r, 1010);
+    assert_int_equal(cw_bus_next_rx(r->bus, is_wanted, NULL), (1000 + bits - 1) * BIT);
+    rig_run_bits(r, 2000);
+    rig_send(r, 1, &other, 2000 * BIT);
+    rig_send(r, 0, &wanted, 2010 * BIT); /* behind a frame on the wire */
+    rig_run_bits(r, 2020);
+    const uint64_t all = cw_frame_wire_bits(&other);
+    assert_in_range(cw_bus_next_rx(r->bus, is_wanted, NULL), (2000 + all + bits - 4) * BIT,
+                    (2000 + all + 3 + bits - 1) * BIT);
+    rig_free(r);
+}
+
 static void a_bus_at_rest_expects_nothing(void **state)
 {
     (void)state;
@@ -724,6 +760,7 @@ int main(void)
         cmocka_unit_test(a_listener_does_not_acknowledge),
         cmocka_unit_test(presume_ack_needs_nobody),
         cmocka_unit_test(loopback_keeps_to_itself),
+        cmocka_unit_test(receptions_of_some_frames_are_foretold),
         cmocka_unit_test(a_detected_error_is_not_counted_as_undetected),
         cmocka_unit_test(configurations_out_of_range_are_refused),
         cmocka_unit_test(idle_time_costs_nothing),

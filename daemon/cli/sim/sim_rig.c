@@ -319,7 +319,7 @@ static void meet(sim_rig *s, uint64_t tick)
 {
     for (size_t i = 0; i < s->bus_count; i++)
         sim_release_to(&s->buses[i].run, tick);
-    (void)gateways_meet(s->meeting.gateways, CW_NEVER);
+    gateways_meet(s->meeting.gateways, CW_NEVER, NULL);
     write_reached(s);
 }
 

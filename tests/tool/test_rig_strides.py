@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: MIT
+"""Rigs whose buses go on in strides: they show what small steps (--step) show."""
+
+import json
+import random
+import subprocess
+
+import pytest
+
+from simtool import CANWIRE, sim
+
+RATES = 125000, 250000, 500000, 1000000
+DELAYS = "0us", "2us", "100us", "777777ns", "20ms"
+FILTERS = "100:700", "200:700", "000:001", "~300:700", "105", "400:400", "00000000:00000001"
+NODES = ("", "", "", ", queue: 1", ", queue: 3, order: fifo", ", filter: '~200:700'",
+         ", one-shot: on", ", loopback: on", ", controller: { model: basic, service-time: 300us }")
+FAULTS = ("when: { frame: '100:700', every: 3 }, do: { flip: ack-slot }",
+          "when: { time: 9ms }, do: { send: '104#01', as: n0 }",
+          "when: { frame: '000:001', every: 5 }, do: { send: '401#02', as: n1 }")
+
+
+def random_frame(r):
+    number = f"{r.randrange(1 << 29):08X}" if r.random() < 0.2 else f"{r.randrange(0x7F0):03X}"
+    return number + r.choice(("#R", "#" + "A5" * r.randrange(9)))
+
+
+def random_traffic(r):
+    entries = []
+    for _ in range(r.randrange(4)):
+        every = r.choice((r.randrange(3, 80) * 100, r.randrange(300, 8000)))
+        entries.append(f"{{ send: '{random_frame(r)}', every: {every}us, "
+                       f"offset: {r.randrange(4000)}us, count: {r.randrange(1, 60)} }}")
+    if r.random() < 0.05:
+        entries.append("{ reply: '102#03', to: '200:700' }")
+    return ", ".join(entries)
+
+
+def random_bus(r, name):
+    text = f"bus: {{ name: {name}, bitrate: {r.choice(RATES)} }}\nnodes:\n"
+    for n in range(r.randrange(2, 5)):
+        text += f"  - {{ name: n{n}{r.choice(NODES)}, traffic: [ {random_traffic(r)} ] }}\n"
+    if r.random() < 0.2:
+        text += "faults:\n  - { name: f, " + r.choice(FAULTS) + " }\n"
+    return text
+
+
+def random_rule(r):
+    parts = [f"filter: '{r.choice(FILTERS)}'", f"delay: {r.choice(DELAYS)}",
+             f"queue: {r.choice((1, 2, 16, 1024))}",
+             f"direction: {r.choice(('forward', 'backward', 'both'))}"]
+    if r.random() < 0.3:
+        parts.append(f"id: '{r.randrange(0x7F0):03X}'")
+    return "{ " + ", ".join(parts) + " }"
+
+
+def random_rig(r, folder):
+    names = [f"b{i}" for i in range(r.choice((2, 2, 3, 5)))]
+    for name in names:
+        (folder / f"{name}.yaml").write_text(random_bus(r, name))
+    text = f"buses: [ {', '.join(name + '.yaml' for name in names)} ]\ngateways:\n"
+    for g in range(r.randrange(1, 4)):
+        ends = [f"'{name}:n{r.randrange(2)}'" for name in r.sample(names, 2)]
+        rules = ", ".join(random_rule(r) for _ in range(r.randrange(1, 4)))
+        text += f"  - {{ name: g{g}, between: [ {', '.join(ends)} ], rules: [ {rules} ] }}\n"
+    (folder / "rig.yaml").write_text(text)
+    return folder / "rig.yaml"
+
+
+def random_rig_without_loop(r, folder):
+    for _ in range(100):
+        file = random_rig(r, folder)
+        command = [CANWIRE, "check", file]
+        if subprocess.run(command, capture_output=True, check=False).returncode == 0:
+            return file
+    raise AssertionError("all of them have loops")
+
+
+def outcome(file, *options):
+    """Returns the events and statistics. A frame that comes in at the very tick of other events of
+    its bus may be dropped before them or after them."""
+    stats = file.with_suffix(".stats")
+    lines = sim(file, *options, "--events", "-", "--stats", stats).stdout.splitlines()
+    events = [json.loads(line) for line in lines]
+    order = [(e["t"], e["bus"]) for e in events]
+    assert order == sorted(order)
+    return sorted(zip(order, lines)), json.loads(stats.read_text())
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_strides_show_what_small_steps_show(tmp_path, seed):
+    r = random.Random(seed)
+    file = random_rig_without_loop(r, tmp_path)
+    until = "--until", r.choice(("40ms", "31234567ns"))
+    assert outcome(file, *until) == outcome(file, *until, "--step")
+
+
+BUS = """bus: {{ name: {name}, bitrate: {rate} }}
+nodes:
+  - {{ name: n0, traffic: [ {traffic} ] }}
+  - {{ name: n1, queue: 1024{mode} }}
+  - {{ name: n2{mode} }}
+"""
+
+
+def write_buses(folder, *buses, gateways=""):
+    for name, rate, traffic, mode in buses:
+        (folder / f"{name}.yaml").write_text(
+            BUS.format(name=name, rate=rate, traffic=traffic, mode=mode))
+    names = ", ".join(f"{bus[0]}.yaml" for bus in buses)
+    (folder / "rig.yaml").write_text(f"buses: [ {names} ]\ngateways:\n{gateways}")
+    return folder / "rig.yaml"
+
+
+def test_more_frames_than_a_bus_can_hold_are_lost_one_by_one(tmp_path):
+    """Six rules have room for 6144 frames in their delay, but the far bus only for 1024."""
+    rules = ", ".join(f"{{ filter: '10{i}', delay: 200ms, queue: 1024, direction: forward }}"
+                      for i in range(6))
+    traffic = ", ".join(f"{{ send: '10{i}#', every: 420us, offset: {i * 70}us, count: 700 }}"
+                        for i in range(6))
+    file = write_buses(tmp_path, ("a", 1000000, traffic, ""), ("b", 1000000, "", ""),
+                       gateways=f"  - {{ name: g, between: [ 'a:n1', 'b:n1' ], "
+                                f"rules: [ {rules} ] }}\n")
+    fast, slow = (outcome(file, "--until", "600ms", *step) for step in ([], ["--step"]))
+    assert fast == slow
+    forward = fast[1]["gateways"][0]["forward"]
+    assert sum(rule["forwarded"] + rule["lost"] for rule in forward["rules"]) == 4200
+    assert sum(rule["lost"] for rule in forward["rules"]) > 1000
+    assert fast[1]["buses"][1]["bus"]["frames"] == sum(r["forwarded"] for r in forward["rules"])
+
+
+@pytest.mark.parametrize("step", [[], ["--step"]])
+def test_a_bus_goes_on_beside_one_that_never_rests(tmp_path, step):
+    """Nobody acknowledges the frame of a. The run ends 10 s after the last frame of c."""
+    file = write_buses(tmp_path, ("a", 20000, "{ send: '123#' }", ", listen-only: on"),
+                       ("b", 500000, "", ""),
+                       ("c", 500000, "{ send: '124#', every: 5ms, count: 100 }", ""),
+                       gateways="  - { name: g, between: [ 'a:n1', 'b:n1' ], "
+                                "rules: [ { filter: '7FF' } ] }\n")
+    result = sim(file, "--stats", "-", *step)
+    assert "ended after 10 s" in result.stderr
+    assert [bus["bus"]["frames"] for bus in json.loads(result.stdout)["buses"]] == [0, 0, 100]
