@@ -1347,8 +1347,8 @@ uint64_t cw_bus_next(const cw_bus *bus);
 typedef bool cw_frame_test(const void *user, unsigned node, const cw_frame *frame);
 
 /* Returns a tick before which no host receives a frame that passes a test, if nothing is put in.
- * CW_NEVER: no such frame waits. What rules and mailboxes may make of frames counts as frames that
- * pass. Events may come earlier as for cw_bus_next(). */
+ * CW_NEVER: no such frame waits. Rules and mailboxes may make one of any frame. Events may come
+ * earlier as for cw_bus_next(). */
 uint64_t cw_bus_next_rx(const cw_bus *bus, cw_frame_test *test, const void *user);
 
 /* Simulates all bits that end at or before tick. CW_FULL: stopped early because the event ring

@@ -61,8 +61,8 @@ bool gateways_note(gateways *self, size_t bus, const cw_event *event);
 
 /* Passes on, in the order of time, the frames that gateways have received before a tick. No bus may
  * be beyond the tick at which it gets one, and none may tell about an earlier reception later.
- * given[BUS], if there is an array: the tick for which a bus gets its first frame that other gateways
- * carry on; else CW_NEVER. */
+ * given[BUS], if there is an array: the tick for which a bus gets its first frame that other
+ * gateways carry on; else CW_NEVER. */
 void gateways_meet(gateways *self, uint64_t before, uint64_t given[RIG_BUSES_MAX]);
 
 /* Returns, for each bus, the tick of its first frame that has not been passed on, or CW_NEVER. */

@@ -12,7 +12,7 @@
 #include "run/gateways.h"
 #include "run/release.h"
 
-/* What gateways may expect of a bus. */
+/* The frames that gateways may expect of a bus. */
 typedef struct meeting_outlook {
     uint64_t next; /* before this tick they get no frame that they carry, when no frame is put in */
     uint64_t reaction; /* ticks in which they get none because of one that is put in; CW_NEVER: they

@@ -410,26 +410,37 @@ static bool passes(const release_plan *plan, source *s, cw_frame_test *test, con
     return s->passes;
 }
 
-/* Looks at a source of the heap and those below it, which come later. */
-static uint64_t next_rx_from(const release_plan *plan, size_t i, uint64_t tick,
-                             cw_frame_test *test, const void *user, uint64_t least)
+/* Returns the place in the heap that comes after one and all below it; 0: that was all. */
+static size_t place_behind(size_t i)
 {
-    if (i >= plan->count || plan->heap[i]->tick >= tick)
-        return tick;
-    source *s = plan->heap[i];
-    if (passes(plan, s, test, user, least)) {
-        const uint64_t rx = cw_after(s->tick, s->rx_ticks);
-        tick = rx < tick ? rx : tick;
-    }
-    tick = next_rx_from(plan, 2 * i + 1, tick, test, user, least);
-    return next_rx_from(plan, 2 * i + 2, tick, test, user, least);
+    while (i > 0 && i % 2 == 0)
+        i = (i - 1) / 2;
+    return i > 0 ? i + 1 : 0;
+}
+
+/* Leaves out what is below a source that comes too late. */
+static uint64_t find_next_rx(const release_plan *plan, cw_frame_test *test, const void *user,
+                             uint64_t least)
+{
+    uint64_t tick = CW_NEVER;
+    size_t i = 0;
+    do {
+        source *s = i < plan->count ? plan->heap[i] : NULL;
+        const bool early = s && s->tick < tick;
+        if (early && passes(plan, s, test, user, least)) {
+            const uint64_t rx = cw_after(s->tick, s->rx_ticks);
+            tick = rx < tick ? rx : tick;
+        }
+        i = early ? 2 * i + 1 : place_behind(i);
+    } while (i > 0);
+    return tick;
 }
 
 uint64_t release_next_rx(release_plan *plan, cw_frame_test *test, const void *user,
                          uint64_t least)
 {
     if (!plan->knows_next)
-        plan->next_tick = next_rx_from(plan, 0, CW_NEVER, test, user, least);
+        plan->next_tick = find_next_rx(plan, test, user, least);
     plan->knows_next = true;
     return plan->next_tick;
 }

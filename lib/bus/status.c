@@ -135,8 +135,8 @@ uint64_t cw_bus_next(const cw_bus *bus)
 
 /* ---- Receptions of some frames --------------------------------------------------------------- */
 
-/* Returns true when hosts may get frames that no queue has: from buffers, mailboxes and rules, or
- * at other times than the rest of the bus (M15). */
+/* Returns true when hosts may get frames that no queue has: from buffers, mailboxes and rules. A
+ * node in loopback gets them at other times than the rest of the bus (M15). */
 static bool may_surprise(const cw_bus *bus)
 {
     if (bus->rules.count > 0 || bus->tt || bus->stored > 0)

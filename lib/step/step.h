@@ -139,8 +139,8 @@ uint64_t cw_losses_ahead(const cw_bus *bus);
 uint64_t cw_frame_step_recessive_bits(const cw_bus *bus);
 uint64_t cw_frame_step_horizon(const cw_bus *bus);
 
-/* Returns the bits in which a frame of some wire bits is not received, from the hand-in, or from
- * the end of the frame before it. */
+/* Returns the bits in which a frame of some wire bits is not received. They count from its hand-in,
+ * or from the end of the frame before it. */
 uint64_t cw_to_reception(const cw_bus *bus, unsigned wire_bits);
 
 /* Returns, in a frame step, the bits in which no frame is received that passes a test. Those in
