@@ -35,9 +35,9 @@ void release_take_over(release_plan *plan, release_plan *old, const uint8_t from
 /* Returns the tick of the next release, CW_NEVER when none is known. */
 uint64_t release_next_tick(const release_plan *plan);
 
-/* Returns a tick before which no node receives a released frame that passes a test. The test must be
- * the same in all calls for a plan. Files may have any frame; least: ticks from the release of one
- * to its reception, at least. */
+/* Returns a tick before which no node receives a released frame that passes a test. The test must
+ * be the same in all calls for a plan. Files may have any frame; least: ticks from the release of
+ * one to its reception, at least. */
 uint64_t release_next_rx(release_plan *plan, cw_frame_test *test, const void *user,
                          uint64_t least);
 
