@@ -259,6 +259,26 @@ def both_up(options="bitrate 500000"):
     batch(*lines_up("can0", options), *lines_up("can1", options))
 
 
+def test_the_example_of_the_readme():
+    """It comes before `pair`, which has the names of its interfaces, too."""
+    text, (modules, bus, adapters, link, show) = example("real")
+    folder = Path(tempfile.mkdtemp(dir="/run"))
+    folder.chmod(0o755)  # the adapters' processes have no privileges
+    (folder / "real.yaml").write_text(text)
+    with Session(folder) as session:
+        for line in modules, bus:
+            session.run(line)
+        wait_until((folder / "real.sock").exists, "the bus")
+        session.run(adapters)
+        wait_until(lambda: exists("can0"), "can0")
+        session.run(link)
+        shown = session.run(show)
+        assert "can state ERROR-ACTIVE" in shown and "bitrate 500000" in shown
+        session.run("cansend can0 123#DEADBEEF")
+        wait_until(lambda: tx_packets("can0") == 1, "the frame")
+    wait_until(lambda: not exists("can0"), "the end of can0")
+
+
 # ---- Frames --------------------------------------------------------------------------------------
 
 
@@ -617,22 +637,3 @@ def test_what_is_missing_is_said():
     assert done.returncode == 1 and "user nobody-here: No such file" in done.stderr
     assert subprocess.run([CANWIRE_USB], capture_output=True, check=False).returncode == 2
     assert CANWIRE and shutil.which("ip")
-
-
-def test_the_example_of_the_readme():
-    text, (modules, bus, adapters, link, show) = example("real")
-    folder = Path(tempfile.mkdtemp(dir="/run"))
-    folder.chmod(0o755)  # the adapters' processes have no privileges
-    (folder / "real.yaml").write_text(text)
-    with Session(folder) as session:
-        for line in modules, bus:
-            session.run(line)
-        wait_until((folder / "real.sock").exists, "the bus")
-        session.run(adapters)
-        wait_until(lambda: exists("can0"), "can0")
-        session.run(link)
-        shown = session.run(show)
-        assert "can state ERROR-ACTIVE" in shown and "bitrate 500000" in shown
-        session.run("cansend can0 123#DEADBEEF")
-        wait_until(lambda: tx_packets("can0") == 1, "the frame")
-    wait_until(lambda: not exists("can0"), "the end of can0")
