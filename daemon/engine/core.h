@@ -26,6 +26,7 @@
 #include "engine/pacing.h"
 #include "engine/reload.h"
 #include "port/linkwatch.h"
+#include "run/settings.h"
 
 typedef struct port_watch {
     ev_io io; /* first: the callback gets a pointer to it */
@@ -207,6 +208,13 @@ void engine_see_guests_off(engine *e);
 
 /* Does what the controllers of nodes have ordered. The bus has been advanced to the present. */
 void engine_obey(engine *e);
+
+/* ---- ownership.c ----------------------------------------------------------------------------- */
+
+/* Does the settings that the controller of a node asks for, all or none; an empty text has none.
+ * Returns false after logging the reason, which is in *problem, too. */
+bool engine_set_or_say(engine *e, unsigned node, const char *text,
+                       char problem[SETTINGS_ERROR_MAX]);
 
 /* Sets again what the controller of a node has set, after a reload. */
 void engine_keep_settings(engine *e, unsigned node);

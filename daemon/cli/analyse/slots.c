@@ -12,7 +12,8 @@
  */
 #include "cli/analyse/slots.h"
 
-#include "cli/analyse/sources.h"
+#include "base/wide.h"
+#include "cli/analyse/lengths.h"
 
 #include <stdlib.h>
 
@@ -21,9 +22,9 @@
 /* Returns the ticks of so many units of local time, rounded down. */
 static uint64_t ticks_of(const cfg_node *node, uint64_t units)
 {
-    const unsigned __int128 span =
-        (unsigned __int128)units * (uint64_t)cfg_local_unit(node, node->time.ppm);
-    return (uint64_t)(span / (uint64_t)CW_TICK);
+    uint64_t rest;
+    const wide span = wide_product(units, (uint64_t)cfg_local_unit(node, node->time.ppm));
+    return wide_divide(&rest, span, (uint64_t)CW_TICK).low;
 }
 
 static bool begins_cycle(const cfg_node *node, const cw_frame *frame)
@@ -46,8 +47,8 @@ static void count_triggers(references *r, const cfg *config, const cfg_node *of,
     for (unsigned k = 0; k < s->trigger_count; k++) {
         const cw_frame *frame = &s->triggers[k].frame;
         unsigned fast;
-        const unsigned bits = sources_longest_bits(frame, &fast);
-        const uint64_t time = sources_time(config, bits, fast);
+        const unsigned bits = lengths_longest_bits(frame, &fast);
+        const uint64_t time = lengths_time(config, bits, fast);
         if (!begins_cycle(of, frame))
             continue;
         r->count++;

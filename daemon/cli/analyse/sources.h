@@ -37,16 +37,9 @@ typedef struct sources {
     bool sleepers;     /* nodes sleep at the start: the time of their wake-up is unknown */
 } sources;
 
-/* Returns the most bits of a frame from SOF to the end of its intermission, whatever its data.
- * *fast are those of them at the data rate. */
-unsigned sources_longest_bits(const cw_frame *frame, unsigned *fast);
-
 /* Finds all messages. Returns false without memory. sources_free() in either case. */
 bool sources_find(sources *s, const cfg *config);
 
 void sources_free(sources *s);
-
-/* Returns the time of these bits, of which some are at the data rate: ticks, rounded up. */
-uint64_t sources_time(const cfg *config, unsigned bits, unsigned fast);
 
 #endif
