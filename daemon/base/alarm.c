@@ -4,11 +4,11 @@
  */
 #include "base/alarm.h"
 
+#include "base/moment.h"
+
 #include <sys/timerfd.h>
 #include <time.h>
 #include <unistd.h>
-
-#define NS_PER_S INT64_C(1000000000)
 
 bool alarm_open(wake_alarm *a)
 {
@@ -29,9 +29,7 @@ static struct timespec time_of(int64_t ns)
 {
     if (ns == ALARM_NEVER)
         return (struct timespec){.tv_sec = 0};
-    if (ns < 1)
-        ns = 1;
-    return (struct timespec){.tv_sec = (time_t)(ns / NS_PER_S), .tv_nsec = (long)(ns % NS_PER_S)};
+    return moment_of(ns < 1 ? 1 : ns);
 }
 
 bool alarm_set(wake_alarm *a, int64_t at_ns)
@@ -43,6 +41,11 @@ bool alarm_set(wake_alarm *a, int64_t at_ns)
         return false;
     a->at_ns = at_ns;
     return true;
+}
+
+bool alarm_set_earlier(wake_alarm *a, int64_t at_ns)
+{
+    return a->at_ns <= at_ns || alarm_set(a, at_ns);
 }
 
 bool alarm_take(wake_alarm *a)

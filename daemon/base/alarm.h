@@ -28,6 +28,9 @@ void alarm_close(wake_alarm *a);
  * with errno, when that fails. */
 bool alarm_set(wake_alarm *a, int64_t at_ns);
 
+/* Does the same unless the alarm is set to an earlier moment. */
+bool alarm_set_earlier(wake_alarm *a, int64_t at_ns);
+
 /* Returns true when the alarm rings, which is then no longer set. Call it when fd is readable. */
 bool alarm_take(wake_alarm *a);
 

@@ -12,13 +12,11 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
-#include <sys/timerfd.h>
 #include <unistd.h>
 
 #define PLAIN SHARED_PLAIN
 #define PLAIN_BIT (UINT64_C(1) << PLAIN)
 #define CONTROLS_MAX 256u /* messages of one read that are no frames */
-#define NS_PER_S INT64_C(1000000000)
 
 static port_shared *own(port *p)
 {
@@ -151,30 +149,21 @@ member *shared_move(port *from, member *c, port *to)
 
 bool shared_add_timer(port *p)
 {
-    own(p)->timer = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
-    return own(p)->timer >= 0 && shared_watch(p, own(p)->timer, SHARED_TIMER);
-}
-
-static void set_timer(const port_shared *s, int64_t ns)
-{
-    const struct itimerspec at = {.it_value = {.tv_sec = ns / NS_PER_S, .tv_nsec = ns % NS_PER_S}};
-    (void)timerfd_settime(s->timer, TFD_TIMER_ABSTIME, &at, NULL);
+    wake_alarm *timer = &own(p)->timer;
+    return alarm_open(timer) && shared_watch(p, timer->fd, SHARED_TIMER);
 }
 
 void shared_wake_at(port *p, int64_t ns)
 {
-    port_shared *s = own(p);
-    if (ns == 0 || (s->wake_ns != 0 && s->wake_ns <= ns))
-        return;
-    s->wake_ns = ns;
-    set_timer(s, ns);
+    if (ns != 0)
+        (void)alarm_set_earlier(&own(p)->timer, ns);
 }
 
 /* Sets the timer for all programs. */
 static void wake_for_all(port *p)
 {
     port_shared *s = own(p);
-    if (s->timer < 0)
+    if (s->timer.fd < 0)
         return;
     for (unsigned i = 0; s->client_count > 0 && i < PORT_CLIENTS_MAX; i++)
         if (s->programs[i].state != MEMBER_NONE)
@@ -185,11 +174,9 @@ static void wake_for_all(port *p)
 static uint64_t on_time(port *p)
 {
     port_shared *s = own(p);
-    uint64_t ready = 0, expired;
+    uint64_t ready = 0;
     const int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
-    if (read(s->timer, &expired, sizeof expired) < 0 && errno != EAGAIN)
-        return 0;
-    s->wake_ns = 0;
+    (void)alarm_take(&s->timer);
     for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++)
         if (s->programs[i].state != MEMBER_NONE && s->programs[i].wake_ns != 0 &&
             s->programs[i].wake_ns <= now_ns)
@@ -604,8 +591,7 @@ void shared_close(port *p)
         (void)close(ecu_of(p));
     underway_free(&s->underway);
     free(p->commands);
-    if (s->timer >= 0)
-        (void)close(s->timer);
+    alarm_close(&s->timer);
     if (p->fd >= 0)
         (void)close(p->fd);
     free(p);
@@ -617,7 +603,7 @@ port *shared_new(const port_kind *kind, const shared_ways *ways, size_t size)
     if (!p)
         return NULL;
     own(p)->ways = ways;
-    own(p)->timer = -1;
+    own(p)->timer = ALARM_CLOSED;
     own(p)->programs[PLAIN].fd = -1;
     p->fd = epoll_create1(EPOLL_CLOEXEC);
     return p;

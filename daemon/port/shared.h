@@ -8,6 +8,7 @@
 #ifndef CANWIRE_PORT_SHARED_H
 #define CANWIRE_PORT_SHARED_H
 
+#include "base/alarm.h"
 #include "port/kind.h"
 #include "port/member.h"
 #include "port/underway.h"
@@ -45,8 +46,7 @@ typedef struct port_shared {
     const shared_ways *ways;
     member programs[PORT_CLIENTS_MAX + 1]; /* at SHARED_PLAIN the plain ECU, without a state */
     unsigned client_count;
-    int timer;         /* in the epoll set; -1: none */
-    int64_t wake_ns;   /* for which it is set, CLOCK_MONOTONIC; 0: it is not */
+    wake_alarm timer; /* in the epoll set; closed: none */
     bool deaf;     /* the listener is not watched: accept() failed without resources */
     bool crowded;  /* frames had to wait: programs take turns */
     unsigned turn; /* the one that was read last */

@@ -8,6 +8,7 @@
  */
 #include "port/kinds.h"
 
+#include "base/alarm.h"
 #include "base/log.h"
 #include "base/moment.h"
 #include "config/tunnelname.h"
@@ -20,7 +21,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
-#include <sys/timerfd.h>
 #include <unistd.h>
 
 #define BYTES_MAX 65536u    /* of a packet, and of what waits for a connection */
@@ -29,7 +29,6 @@
 #define SEND_BUFFER_BYTES (1 << 17) /* of a connection; more would be old when it is read */
 #define RETRY_NS INT64_C(1000000000)
 #define GREETING_NS INT64_C(1000000000) /* for which a connection may keep the place silently */
-#define NS_PER_S INT64_C(1000000000)
 #define IDLE_S 10           /* after which the kernel asks whether the peer is still there ... */
 #define ASK_S 5             /* ... again after this time ... */
 #define ASKS 3              /* ... and so often */
@@ -51,8 +50,7 @@ typedef struct tunnel {
     tunnel_state state;
     int link;     /* the UDP socket, or the connection; -1: none */
     int listener; /* -1: none */
-    int timer;
-    int64_t timer_ns; /* for which it is set, CLOCK_MONOTONIC; 0: it is not */
+    wake_alarm timer;
     int64_t retry_ns; /* when it connects again; 0: it does not */
     int64_t greeted_ns; /* when this end has greeted its peer */
     bool readable;     /* something may wait at the link */
@@ -94,18 +92,8 @@ static void watch_room(tunnel *t, bool wanted)
 
 static void wake_at(tunnel *t, int64_t ns)
 {
-    const struct itimerspec at = {.it_value = {.tv_sec = ns / NS_PER_S, .tv_nsec = ns % NS_PER_S}};
-    if (ns == 0 || (t->timer_ns != 0 && t->timer_ns <= ns))
-        return;
-    if (timerfd_settime(t->timer, TFD_TIMER_ABSTIME, &at, NULL) == 0)
-        t->timer_ns = ns;
-}
-
-static void stop_timer(tunnel *t)
-{
-    uint64_t expired;
-    if (read(t->timer, &expired, sizeof expired) >= 0 || errno == EAGAIN)
-        t->timer_ns = 0;
+    if (ns != 0)
+        (void)alarm_set_earlier(&t->timer, ns);
 }
 
 /* ---- To the peer ----------------------------------------------------------------------------- */
@@ -525,7 +513,7 @@ static void look(tunnel *t)
     const int count = epoll_wait(t->base.fd, events, WATCHED, 0);
     for (int i = 0; i < count; i++)
         if (events[i].data.u32 == TIMER)
-            stop_timer(t);
+            (void)alarm_take(&t->timer);
         else if (events[i].data.u32 == LISTENER)
             accept_waiting(t);
         else
@@ -580,7 +568,7 @@ static void close_port(port *p)
     flush(t);
     close_fd(t->link);
     close_fd(t->listener);
-    close_fd(t->timer);
+    alarm_close(&t->timer);
     close_fd(p->fd);
     free(t);
 }
@@ -637,8 +625,7 @@ static bool open_tcp(tunnel *t)
 static bool open_tunnel(tunnel *t)
 {
     t->base.fd = epoll_create1(EPOLL_CLOEXEC);
-    t->timer = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
-    if (t->base.fd < 0 || t->timer < 0 || !watch(t, t->timer, TIMER, EPOLLIN))
+    if (t->base.fd < 0 || !alarm_open(&t->timer) || !watch(t, t->timer.fd, TIMER, EPOLLIN))
         return false;
     forget_out(t);
     return t->name.tcp ? open_tcp(t) : open_udp(t);
@@ -648,7 +635,8 @@ port *port_tunnel_open(const char *text, char error[PORT_ERROR_TEXT_MAX])
 {
     port *p = port_new(&tunnel_kind, sizeof(tunnel));
     if (p) {
-        own(p)->link = own(p)->listener = own(p)->timer = -1;
+        own(p)->link = own(p)->listener = -1;
+        own(p)->timer = ALARM_CLOSED;
         (void)tunnelname_parse(&own(p)->name, text);
         tunnelname_print(own(p)->text, &own(p)->name);
         if (open_tunnel(own(p)))

@@ -4,6 +4,7 @@
  */
 #include "preload/interfaces.h"
 
+#include "base/moment.h"
 #include "preload/receive.h"
 
 #include <errno.h>
@@ -15,7 +16,6 @@
 #include <sys/time.h>
 #include <time.h>
 
-#define NS_PER_S INT64_C(1000000000)
 #define QUEUE_LENGTH 1000
 #ifndef SIOCGSTAMP_NEW
 #define SIOCGSTAMP_NEW _IOR(0x89, 0x06, long long[2])
@@ -71,8 +71,7 @@ bool interfaces_ioctl(unsigned long request, void *argument, int *result)
 /* Tells when the last message was received. */
 static int tell_stamp(const cansock *s, void *out, bool nano)
 {
-    const struct timespec time = {.tv_sec = s->stamp_ns / NS_PER_S,
-                                  .tv_nsec = s->stamp_ns % NS_PER_S};
+    const struct timespec time = moment_of(s->stamp_ns);
     const struct timeval old = {.tv_sec = time.tv_sec, .tv_usec = time.tv_nsec / 1000};
     if (s->stamp_ns == 0) {
         errno = ENOENT;

@@ -4,6 +4,7 @@
  */
 #include "preload/pump.h"
 
+#include "base/moment.h"
 #include "preload/real.h"
 #include "preload/table.h"
 
@@ -58,7 +59,7 @@ static void wait_for_items(struct pollfd *fds, nfds_t count, int64_t due_ns)
     uint64_t number;
     const int64_t left_ns = due_ns == PUMP_NEVER ? 0 : due_ns - pump_now_ns();
     if (left_ns > 0)
-        left = (struct timespec){.tv_sec = left_ns / NS_PER_S, .tv_nsec = left_ns % NS_PER_S};
+        left = moment_of(left_ns);
     table_unlock();
     const int found = ppoll(fds, count, due_ns == PUMP_NEVER ? NULL : &left, NULL);
     table_lock();

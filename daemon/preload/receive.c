@@ -4,6 +4,7 @@
  */
 #include "preload/receive.h"
 
+#include "base/moment.h"
 #include "preload/conn.h"
 #include "preload/raw.h"
 #include "preload/real.h"
@@ -15,7 +16,6 @@
 #include <sys/time.h>
 #include <time.h>
 
-#define NS_PER_S INT64_C(1000000000)
 #define BODY_MAX 20000 /* bytes of the longest message of CAN_BCM, 257 CAN FD frames */
 #define ADDRESS_TOLD (offsetof(struct sockaddr_can, can_ifindex) + sizeof(int))
 #ifndef SO_TIMESTAMP_NEW
@@ -54,7 +54,7 @@ static void put(struct msghdr *out, size_t *used, int type, const void *data, si
 
 static void put_stamp(struct msghdr *out, size_t *used, const cansock_stamps *stamps, int64_t ns)
 {
-    const struct timespec time = {.tv_sec = ns / NS_PER_S, .tv_nsec = ns % NS_PER_S};
+    const struct timespec time = moment_of(ns);
     const struct timeval old = {.tv_sec = time.tv_sec, .tv_usec = time.tv_nsec / 1000};
     const struct timespec three[3] = {time};
     const bool micro = stamps->option == SO_TIMESTAMP || stamps->option == SO_TIMESTAMP_NEW;

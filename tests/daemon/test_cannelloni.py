@@ -297,17 +297,17 @@ def test_a_connection_that_does_not_greet_leaves_its_place(rig):
         tries.append(socket.create_connection(("127.0.0.1", port)))
         tries[-1].sendall(b"CANNELLONIv1" + pack(0x123))
         try:
-            return tries[-1].recv(12) == b"CANNELLONIv1"
+            return tries[-1].recv(12) == b"CANNELLONIv1"  # whole: it is sent at once
         except ConnectionResetError:
             return False
 
     with socket.create_connection(("127.0.0.1", port)) as silent:
-        assert silent.recv(12) == b"CANNELLONIv1"
+        assert silent.recv(12) == b"CANNELLONIv1"  # whole: it is sent at once
         wait_until(comes, "a place for a peer that greets")
-        assert silent.recv(1) == b""
+        assert silent.recv(1) == b""  # whole: the end
         assert lamp.receive().can_id == 0x123
         with socket.create_connection(("127.0.0.1", port)) as other:  # that one stays
-            assert other.recv(1) == b""
+            assert other.recv(1) == b""  # whole: the end
     for end in tries:
         end.close()
     r.stop()

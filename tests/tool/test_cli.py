@@ -44,6 +44,7 @@ COMMANDS = {
     "fire": [BUS, "rule"],
     "restart": [BUS, "node"],
     "set": [BUS, "node", "queue=1"],
+    "run": ["--bus", BUS, "--as", "node", "true"],
     "reload": [BUS],
 }
 
@@ -117,7 +118,7 @@ def test_an_unknown_option_is_named(call, name):
 def test_too_much_or_too_little_is_wrong_usage(call, name):
     if name not in ("status",):
         assert f"usage: canwire {name}" in call(name, status=2).stderr
-    if name not in ("watch", "set"):
+    if name not in ("watch", "set", "run"):  # run: the words of the program
         much = call(name, *COMMANDS[name], "more", "more", status=2).stderr
         assert f"usage: canwire {name}" in much
 
@@ -145,7 +146,7 @@ def test_a_bad_argument_is_wrong_usage(call, words, message, allowed):
 def test_every_option_with_a_value_is_in_the_table(call):
     tried = {(name, option) for name, option, _, _ in VALUES}
     files = {"--events", "--log", "--pcapng", "--stats", "--vcd", "--svg", "--junit", "--journal",
-             "--config"}
+             "--config", "--bus", "--as", "--interface"}  # or names
     for name in COMMANDS:
         for line in call(name, "--help", status=0).stdout.splitlines():
             option = re.match(r" +(--[a-z-]+) \[?[A-Z]", line)
