@@ -14,7 +14,8 @@ int64_t clock_ns(clockid_t id);
 /* Returns a time of so many ns, which are not negative. */
 static inline struct timespec moment_of(int64_t ns)
 {
-    return (struct timespec){.tv_sec = (time_t)(ns / 1000000000), .tv_nsec = (long)(ns % 1000000000)};
+    return (struct timespec){.tv_sec = (time_t)(ns / 1000000000),
+                             .tv_nsec = (long)(ns % 1000000000)};
 }
 
 #endif

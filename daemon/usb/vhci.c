@@ -29,8 +29,8 @@ typedef struct port_line {
 
 bool vhci_open(vhci *v)
 {
-    v->attach = open(FOLDER "attach", O_WRONLY | O_CLOEXEC);
-    v->detach = open(FOLDER "detach", O_WRONLY | O_CLOEXEC);
+    v->attach = open(FOLDER "attach", O_WRONLY | O_NOFOLLOW | O_CLOEXEC);
+    v->detach = open(FOLDER "detach", O_WRONLY | O_NOFOLLOW | O_CLOEXEC);
     return v->attach >= 0 && v->detach >= 0;
 }
 

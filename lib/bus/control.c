@@ -26,9 +26,10 @@ static void set_counters(cw_mac *mac, unsigned tec, unsigned rec)
         (void)cw_mac_withdraw(mac);
 }
 
-/* Bus-off ends a sleep. */
+/* The state at the end of the last bit is told first. Bus-off ends a sleep. */
 static void set_counters_of(cw_bus *bus, unsigned i, unsigned tec, unsigned rec)
 {
+    cw_commit_early(bus, i);
     set_counters(cw_own_mac(bus, i), tec, rec);
     if ((bus->asleep >> i & 1u) && cw_mac_state(&bus->nodes[i].mac) == CW_STATE_BUS_OFF)
         cw_sleep_forget(bus, i);

@@ -41,6 +41,8 @@ static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
     const bool hard = cw_mac_synchronises_hard(&bus->nodes[i].mac);
     const int phase_error = (int)in - (n->pcs.sampled ? n->pcs.end_at : 0);
     n->looked = look;
+    if (bus->nodes[i].mac.modes & CW_MODE_LOOPBACK) /* M15: it sees none of the wire */
+        return CW_EDGE_IGNORED;
     const cw_edge_effect effect = cw_pcs_take_edge(&n->pcs, &n->timing, in, n->driven, hard);
     const unsigned phase = bus->nodes[i].mac.phase;
     if (effect != CW_EDGE_IGNORED && phase != CW_MAC_OFF && phase != CW_MAC_ASLEEP)

@@ -35,7 +35,7 @@ typedef struct program {
     bool greeted;     /* the port has let it in, or will, as soon as it reads */
     uint32_t options; /* as it has sent them */
     unsigned next;    /* number of its next frame */
-    unsigned waiting; /* its frames that the port has not read */
+    unsigned asked;   /* how often it has asked for the end of its frames without an answer */
     bool back[FRAMES_MAX]; /* frames that have come back */
 } program;
 
@@ -96,7 +96,7 @@ static void say_hello(rig *r, program *p)
     const unsigned how = fuzz_u8(&r->in);
     message_hello hello = {.magic = MESSAGE_MAGIC,
                            .version = MESSAGE_VERSION,
-                           .options = how & MESSAGE_OPTIONS_KNOWN,
+                           .options = how & (how & 0x40u ? 0x3Fu : 0x1Fu),
                            .error_mask = how & 0x20u ? CAN_ERR_MASK : 0,
                            .name = "fuzzer"};
     if (how >= 0xE0u)
@@ -139,8 +139,8 @@ static void send_frame(rig *r, unsigned i)
 static void set_options(rig *r, program *p)
 {
     const unsigned how = fuzz_u8(&r->in);
-    const message_options options = {.options = how & 0x3Fu};
-    const bool right = options.options <= MESSAGE_OPTIONS_KNOWN;
+    const message_options options = {.options = how};
+    const bool right = how < MESSAGE_CONTROLLER; /* only a hello may have that one */
     if (write_message(p, MESSAGE_OPTIONS, 0, &options, sizeof options) && right && p->greeted)
         p->options = options.options;
     p->next += p->next == 0;
@@ -153,6 +153,16 @@ static void set_filters(rig *r, program *p)
     for (unsigned i = 0; i < count; i++)
         filters[i] = (struct can_filter){.can_id = fuzz_u32(&r->in), .can_mask = fuzz_u32(&r->in)};
     (void)write_message(p, MESSAGE_FILTERS, 0, filters, count * sizeof *filters);
+    p->next += p->next == 0;
+}
+
+/* Asks for the end of its frames. A question may take the place of one without an answer. */
+static void ask_for_end(rig *r, program *p)
+{
+    const unsigned number = fuzz_u8(&r->in);
+    if (!write_message(p, MESSAGE_FLUSH, number, "", 0))
+        return;
+    p->asked += p->greeted && (p->options & MESSAGE_FLUSHES);
     p->next += p->next == 0;
 }
 
@@ -194,6 +204,9 @@ static void check_message(program *p, const message *m, size_t size)
         break;
     case MESSAGE_DROPPED:
         REQUIRE(m->head.number > 0 && m->head.number < p->next);
+        break;
+    case MESSAGE_FLUSH:
+        REQUIRE(body == 0 && p->asked-- > 0);
         break;
     default:
         REQUIRE(m->head.type == MESSAGE_ERROR && m->error.code != 0);
@@ -342,7 +355,7 @@ static void operate(rig *r)
         else if (op == 14)
             (fuzz_bool(&r->in) ? set_options : set_filters)(r, p);
         else
-            write_nonsense(r, p);
+            (fuzz_below(&r->in, 4) == 0 ? ask_for_end : write_nonsense)(r, p);
     }
 }
 

@@ -59,7 +59,26 @@ nodes:
   - { name: n3, sleep: on, ppm: 20, traffic: [ { send: 123#, every: 7ms, offset: 31ms } ] }
 """
 
+# A node in loopback begins a frame while the bus is in a data phase. It does not see these bits.
+LOOPBACK = """bus: { name: loop, bitrate: 125000, dbitrate: 2000000 }
+nodes:
+  - { name: a, traffic: [ { send: 0C9##1, every: 1022us, offset: 3473us, count: 18 } ] }
+  - { name: b, loopback: on, traffic: [ { send: 65F#, every: 694us, offset: 3310us, count: 17 } ] }
+"""
+
+# Two rules change the state of a node at the end of one bit, and back.
+RESET = """bus: { name: reset, bitrate: 500000 }
+nodes:
+  - { name: a, traffic: [ { send: 123# } ] }
+  - { name: b }
+faults:
+  - { name: r1, when: { frame: "123" }, do: { counters: a, rec: 246 } }
+  - { name: r2, when: { frame: "123" }, do: { hardware-reset: a } }
+"""
+
 CASES = [
+    (LOOPBACK, "40ms"),
+    (RESET, "2ms"),
     (RESTS, "80ms"),
     (ASLEEP, "40ms"),
     (ASLEEP_FD, "3ms"),
@@ -87,3 +106,11 @@ def test_a_data_phase_does_not_go_on_behind_the_end(tmp_path):
     for step in ([], ["--step"]):
         report = json.loads(sim(file, "--until", "10325us", "--stats", "-", *step).stdout)
         assert report["bus"]["time_ns"] == 10322500
+
+
+@pytest.mark.parametrize("ppm", [0, 100])
+def test_a_state_that_is_there_within_a_bit_alone_is_not_told(tmp_path, ppm):
+    file = tmp_path / "bus.yaml"
+    file.write_text(RESET.replace("{ name: b }", f"{{ name: b, ppm: {ppm} }}"))
+    told = sim(file, "--until", "2ms", "--events", "-").stdout
+    assert '"event":"drop"' in told and '"event":"state"' not in told
