@@ -35,7 +35,7 @@ typedef struct program {
     bool greeted;     /* the port has let it in, or will, as soon as it reads */
     uint32_t options; /* as it has sent them */
     unsigned next;    /* number of its next frame */
-    unsigned asked;   /* how often it has asked for the end of its frames without an answer */
+    unsigned asked;   /* questions for the end of its frames that have no answer yet */
     bool back[FRAMES_MAX]; /* frames that have come back */
 } program;
 
