@@ -2,7 +2,8 @@
 """The part of scripts/demo that runs where AF_CAN exists.
 
 engine, brakes and dash are can-utils on vcan0..2, canwired runs config/demo.yaml, and this script
-subscribes to its statistics over LCM. Another canwired runs config/demo-fd.yaml on vcan4..6.
+subscribes to its statistics over LCM. Another canwired runs config/demo-fd.yaml on vcan4..6, and a
+third one, of demo_usb.py, has a real can0.
 """
 
 import contextlib
@@ -19,6 +20,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import lcm
+
+import demo_usb
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / "config/demo.yaml"
@@ -330,7 +333,17 @@ class Demo:
     def fd(self):
         FdBus(self).show()
 
-    # -- 5 and 6 --
+    # -- 5 --
+
+    def real_can(self):
+        why = demo_usb.why_not()
+        if why:
+            self.checks.skip("a real can0", why)
+            print(f"   not here: {why}")
+            return
+        demo_usb.RealCan(ROOT, self.programs, self.checks.check, wait_until).show()
+
+    # -- 6 and 7 --
 
     def loads(self):
         print("                   canbusload       canwired (LCM), same second")
@@ -490,9 +503,11 @@ def main():
         demo.drive("car and flood", flood=True)
         heading(4, "CAN FD (config/demo-fd.yaml)")
         demo.fd()
-        heading(5, "Bus load (canbusload rounds down, and goes by real time)")
+        heading(5, "A real can0: the kernel's driver on an emulated adapter (config/demo-usb.yaml)")
+        demo.real_can()
+        heading(6, "Bus load (canbusload rounds down, and goes by real time)")
         demo.loads()
-        heading(6, "Statistics from LCM")
+        heading(7, "Statistics from LCM")
         demo.numbers()
         demo.stop()
     for claim in demo.checks.skipped:
