@@ -96,10 +96,8 @@ void cw_wake_controllers(cw_bus *bus)
         return;
     step->active = false;
     cw_losses_show(bus);
-    if (step->at > 0) {
+    if (step->at > 0)
         bus->recessive_bits = cw_frame_step_recessive_bits(bus);
-        bus->wire = bus->recessive_bits > 0;
-    }
     note_starts(bus);
     p.count = 0;
     if (bus->followers && step->at > 0)

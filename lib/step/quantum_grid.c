@@ -22,6 +22,12 @@ static void forget_arrivals(const cw_cable *cable, timed_node *n)
     n->first_arrival = n->last_arrival = cw_cable_last_arrival(cable);
 }
 
+/* Returns the level of the last bit. A frame that is passed as a whole does not keep it. */
+static bool last_level(const cw_bus *bus)
+{
+    return bus->stats.bits == 0 || bus->recessive_bits > 0;
+}
+
 /* Lets a node begin a bit at a moment. */
 static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
 {
@@ -39,7 +45,7 @@ static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
     n->sync_count = 0;
     n->pcs.sampled = true;
     n->pcs.synchronised = false;
-    n->pcs.last_sample = bus->wire;
+    n->pcs.last_sample = last_level(bus);
     forget_arrivals(&bus->timed.cable, n);
     if (n->driven == CW_DOMINANT)
         bus->timed.cable.dominant |= cw_node_bit(i);
