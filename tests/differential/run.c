@@ -224,8 +224,8 @@ static bool has_rules(const pair *p, const side *s)
     return has;
 }
 
-/* Checks that no such frame is received before a tick, whatever errors come. Rules may send any. The
- * senders of an event may have a node among them that still sends its passive error flag. */
+/* Checks that no such frame is received before a tick, whatever errors come. Rules may send any.
+ * The senders of an event may have a node among them that still sends its passive error flag. */
 static void check_next_rx(pair *p, const side *s, size_t from, uint64_t next)
 {
     cw_data_stats data;
