@@ -12,7 +12,8 @@
 #define PRODUCT 0x0012u /* PCAN-USB FD */
 #define PACKET_BYTES 512u
 #define LANGUAGE 0x0409u
-#define FIRMWARE_INFO_BYTES 28u
+#define FIRMWARE_INFO_BYTES 36u
+#define FIRMWARE_INFO_TYPE 2 /* with the numbers of endpoints */
 
 enum { TEXT_LANGUAGES = 0, TEXT_MAKER, TEXT_PRODUCT, TEXT_SERIAL };
 
@@ -32,11 +33,13 @@ static const unsigned char device_descriptor[] = {
 #define ENDPOINT(address)                                                                          \
     7, USB_DT_ENDPOINT, address, USB_ENDPOINT_XFER_BULK, PACKET_BYTES & 0xff, PACKET_BYTES >> 8, 0
 
-/* Commands at 1, frames at 2. */
+enum { EP_COMMANDS_OUT = 0x01, EP_COMMANDS_IN = 0x81, EP_DATA_OUT = 0x02, EP_DATA_IN = 0x82 };
+
 static const unsigned char configuration[] = {
     9, USB_DT_CONFIG, 9 + 9 + 4 * 7, 0, 1, 1, 0, 0x80, 100 / 2,
     9, USB_DT_INTERFACE, 0, 0, 4, 0, 0, 0, 0,
-    ENDPOINT(0x01), ENDPOINT(0x81), ENDPOINT(0x02), ENDPOINT(0x82),
+    ENDPOINT(EP_COMMANDS_OUT), ENDPOINT(EP_COMMANDS_IN),
+    ENDPOINT(EP_DATA_OUT), ENDPOINT(EP_DATA_IN),
 };
 
 static const unsigned char qualifier[] = {10, USB_DT_DEVICE_QUALIFIER, 0x00, 0x02, 0, 0, 0, 64,
@@ -92,12 +95,13 @@ static int answer_descriptor(unsigned char *answer, const usb_identity *who, uns
     }
 }
 
-/* Firmware 3.2.0: from 2 on the driver offers ISO and non-ISO CAN FD. A type of 0 has no newer
- * fields. */
+/* Firmware 3.2.0: from 2 on the driver offers ISO and non-ISO CAN FD. That of Linux 6.12 does not
+ * find the endpoints by itself. */
 static int answer_firmware(unsigned char *answer, const usb_identity *who)
 {
     memset(answer, 0, FIRMWARE_INFO_BYTES);
     answer[0] = FIRMWARE_INFO_BYTES;
+    answer[2] = FIRMWARE_INFO_TYPE;
     answer[5] = 1; /* boot loader 1.0.0 */
     answer[8] = 1; /* hardware */
     answer[9] = 3;
@@ -106,6 +110,10 @@ static int answer_firmware(unsigned char *answer, const usb_identity *who)
         answer[12 + i] = (unsigned char)(who->number >> 8 * i);
         answer[20 + i] = (unsigned char)(who->number >> 8 * i);
     }
+    answer[28] = EP_COMMANDS_OUT;
+    answer[29] = EP_COMMANDS_IN;
+    answer[30] = EP_DATA_OUT;
+    answer[32] = EP_DATA_IN;
     return FIRMWARE_INFO_BYTES;
 }
 

@@ -180,7 +180,7 @@ static void it_says_who_it_is(void **state)
     static const unsigned char get_device[] = {0x80, 6, 0, 1, 0, 0, 64, 0};
     static const unsigned char get_serial[] = {0x80, 6, 3, 3, 9, 4, 255, 0};
     static const unsigned char get_bos[] = {0x80, 6, 0, 15, 0, 0, 5, 0};
-    static const unsigned char get_firmware[] = {0xc3, 0, 1, 0, 0, 0, 28, 0};
+    static const unsigned char get_firmware[] = {0xc3, 0, 1, 0, 0, 0, 36, 0};
     static const unsigned char loaded[] = {0x43, 2, 5, 0, 0, 0, 16, 0};
     control(h, 1, get_device, 64);
     assert_int_equal(take(h, data).length, 18);
@@ -192,9 +192,10 @@ static void it_says_who_it_is(void **state)
     assert_memory_equal(data + 2, "e\0n\0g\0", 6);
     control(h, 4, get_bos, 5);
     expect(h, 3, 4, -EPIPE, 0);
-    control(h, 5, get_firmware, 28);
-    assert_int_equal(take(h, data).length, 28);
-    assert_int_equal(data[0], 28);
+    control(h, 5, get_firmware, 36);
+    assert_int_equal(take(h, data).length, 36);
+    assert_int_equal(data[0], 36);
+    assert_int_equal(data[28], 1); /* the endpoint of commands */
     assert_int_equal(data[20], 7);
     control(h, 6, loaded, 16);
     expect(h, 3, 6, 0, 16);
