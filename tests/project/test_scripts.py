@@ -3,6 +3,7 @@
 
 import os
 import pathlib
+import re
 import shutil
 import signal
 import subprocess
@@ -273,3 +274,10 @@ def test_all_tests_that_are_stopped_leave_nothing_behind(all_tests, tmp_path, nu
     while any(runs(int(file.read_text())) for file in files):  # their new parent reaps them
         assert time.monotonic() < deadline, "they go on"
         time.sleep(0.02)
+
+
+def test_modules_that_run_together_have_names_of_their_own():  # pytest imports each by its name
+    folders = re.search(r"^host_tests=\((.*?)\)", (ROOT / "scripts/test").read_text(), re.M)[1]
+    names = [path.name for folder in folders.split() for path in (ROOT / folder).glob("*.py")]
+    assert len(names) > 60
+    assert sorted(name for name in set(names) if names.count(name) > 1) == []
