@@ -8,14 +8,14 @@ import json
 import re
 import signal
 import socket
-import subprocess
 
 import pytest
 
+from busrig import BusRig, rig_fixture
 from busclient import FD as CLIENT_FD
 from busclient import LOOPBACK, Client
 from cannelloni import FD, RTR, Datagrams, Stream, connect, pack, packet
-from simtool import CANWIRED, canwire, kill_all, listens, stop_canwired
+from simtool import canwire, kill_all
 from talker import PATIENCE_S, free_port
 from test_record import wait_until
 
@@ -29,30 +29,18 @@ nodes:
 EFF = 0x80000000
 
 
-class Rig:
-    def __init__(self, folder, port, journal=False, **more):
-        self.folder, self.log = folder, folder / "stderr"
-        self.write(port, **more)
-        words = ["--journal", "bus.journal"] if journal else []
-        with self.log.open("w") as log:
-            self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml", *words], cwd=folder,
-                                            stderr=log)
-        wait_until(lambda: listens(folder / "far.sock") or self.process.poll() is not None,
-                   "the bus")
+class Rig(BusRig):
+    TEXT, CONTROL = BUS, "far.sock"
+    VALUES = {"bitrate": 500000, "bus": "", "far": "", "lamp": ""}
 
-    def write(self, port, **more):
-        (self.folder / "bus.yaml").write_text(BUS.format(
-            **{"port": port, "bitrate": 500000, "bus": "", "far": "", "lamp": "", **more}))
+    def __init__(self, folder, port, **more):
+        super().__init__(folder, port=port, **more)
 
     def lamp(self, options=LOOPBACK):
         return Client(self.folder / "lamp.sock", "lamp", options)
 
-    def run(self, *words, status=0):
-        return canwire(*words, status=status, cwd=self.folder).stdout
-
     def node(self, name="far"):
-        status = json.loads(self.run("status", "./far.sock", "--json"))
-        return next(node for node in status["nodes"] if node["name"] == name)
+        return self.nodes()[name]
 
     def tunnel(self):
         return self.node()["tunnel"]
@@ -60,23 +48,8 @@ class Rig:
     def wait(self, condition, what):
         wait_until(lambda: condition(self.node()), what)
 
-    def stop(self):
-        for name in ("far", "lamp"):
-            node = self.node(name)
-            assert node["conserved"] is True, node
-        return stop_canwired(self.process, self.log)
 
-
-@pytest.fixture(name="rig")
-def fixture_rig(tmp_path):
-    rigs = []
-
-    def start(port, **more):
-        rigs.append(Rig(tmp_path, port, **more))
-        return rigs[-1]
-
-    yield start
-    kill_all(rig.process for rig in rigs)
+fixture_rig = rig_fixture(Rig)
 
 
 def udp(rig, more="", **other):
@@ -110,7 +83,7 @@ def test_udp_in_both_directions(rig):
     assert tunnel["missing"] == tunnel["late"] == tunnel["duplicate"] == tunnel["malformed"] == 0
     interface = r.node()["interface"]
     assert (interface["read"], interface["written"], interface["unheard"]) == (6, 6, 0)
-    text = r.run("status", "./far.sock")
+    text = r.run("status", "./far.sock").stdout
     assert "    tunnel up: packets read 1 written " in text
     assert re.search(r"    tunnel delay: held here up to \d+ us, waited to be read up to \d+ us\n",
                      text)
@@ -415,7 +388,7 @@ def test_a_reload(rig):
     assert lamp.receive().can_id == 0x101
     assert r.tunnel()["packets_read"] == 2  # the port is the same
     other = free_port(socket.SOCK_DGRAM)
-    r.write(f"udp,listen={other},peer=127.0.0.1:{end.port}")
+    r.write(port=f"udp,listen={other},peer=127.0.0.1:{end.port}")
     r.run("reload", "./far.sock")
     end.to(other).send(12, pack(0x102))
     assert lamp.receive().can_id == 0x102

@@ -6,7 +6,6 @@ This needs no CAN in the kernel.
 """
 
 import contextlib
-import json
 import logging
 import re
 import socket
@@ -18,7 +17,8 @@ import can
 import pytest
 
 from busclient import Client
-from simtool import CANWIRED, ROOT, canwire, kill_all, listens, stop_canwired
+from busrig import BusRig, rig_fixture
+from simtool import CANWIRED, ROOT, canwire, kill_all, listens
 from talker import PATIENCE_S, Talker, free_port
 from test_record import wait_until
 
@@ -32,21 +32,17 @@ nodes:
 {more}"""
 
 
-class Rig:
-    def __init__(self, folder, journal=False, port=None, **more):
-        self.folder, self.log, self.port = folder, folder / "stderr", port or free_port()
-        self.write(**more)
-        words = ["--journal", "bus.journal"] if journal else []
-        with self.log.open("w") as log:
-            self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml", *words], cwd=folder,
-                                            stderr=log)
-        wait_until(lambda: listens(folder / "talk.sock") or self.process.poll() is not None,
-                   "the bus")
+class Rig(BusRig):
+    TEXT, CONTROL = BUS, "talk.sock"
+    VALUES = {"bitrate": 500000, "bus": "", "engine": "", "dash": "", "lamp": "", "more": "",
+              "as_": ""}
+
+    def __init__(self, folder, port=None, **more):
+        self.port = port or free_port()
+        super().__init__(folder, **more)
 
     def write(self, **more):
-        self.text = BUS.format(**{"bitrate": 500000, "bus": "", "engine": "", "dash": "",
-                                  "lamp": "", "more": "", "as_": "", "port": self.port, **more})
-        (self.folder / "bus.yaml").write_text(self.text)
+        super().write(port=self.port, **more)
 
     def can(self, channel="engine", **more):
         return can.Bus(interface="socketcand", host="127.0.0.1", port=self.port, channel=channel,
@@ -58,33 +54,14 @@ class Rig:
     def lamp(self):
         return Client(self.folder / "lamp.sock")
 
-    def run(self, *words, status=0):
-        return canwire(*words, status=status, cwd=self.folder).stdout
-
     def node(self, name="engine"):
-        status = json.loads(self.run("status", "./talk.sock", "--json"))
-        return next(node for node in status["nodes"] if node["name"] == name)
+        return self.nodes()[name]
 
     def wait(self, condition, what, name="engine"):
         wait_until(lambda: condition(self.node(name)), what)
 
-    def stop(self):
-        for name in ("engine", "dash", "lamp"):
-            node = self.node(name)
-            assert node["conserved"] is True, node
-        return stop_canwired(self.process, self.log)
 
-
-@pytest.fixture(name="rig")
-def fixture_rig(tmp_path):
-    rigs = []
-
-    def start(**more):
-        rigs.append(Rig(tmp_path, **more))
-        return rigs[-1]
-
-    yield start
-    kill_all(rig.process for rig in rigs)
+fixture_rig = rig_fixture(Rig)
 
 
 def seen(bus):
@@ -116,7 +93,7 @@ def test_python_can_in_both_directions(rig):
             assert re.fullmatch(r"127\.0\.0\.1:\d+", client["name"])
             assert (client["read"], client["written"], client["lost"]) == (5, 5, 0)
         assert re.search(r"    client 127\.0\.0\.1:\d+: read 5 written 5 lost 0\n",
-                         r.run("status", "./talk.sock"))
+                         r.run("status", "./talk.sock").stdout)
     r.wait(lambda node: node["clients"] == [], "the end of the program")
     r.stop()
 

@@ -20,14 +20,18 @@ class BusRig:
 
     def __init__(self, folder, journal=False, **more):
         self.folder, self.log = folder, folder / "stderr"
-        self.text = self.TEXT.format(**{**self.VALUES, **more})
-        (folder / "bus.yaml").write_text(self.text)
+        self.write(**more)
         words = ["--journal", "bus.journal"] if journal else []
         with self.log.open("w") as log:
             self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml", *words], cwd=folder,
                                             stderr=log)
         wait_until(lambda: listens(folder / self.CONTROL) or self.process.poll() is not None,
                    "the bus")
+
+    def write(self, **more):
+        """Writes the configuration."""
+        self.text = self.TEXT.format(**{**self.VALUES, **more})
+        (self.folder / "bus.yaml").write_text(self.text)
 
     def run(self, *words, status=0):
         return canwire(*words, cwd=self.folder, status=status)
@@ -52,13 +56,13 @@ class BusRig:
 
 
 def rig_fixture(kind):
-    """Returns a fixture: rig(**more) starts one of that kind, which ends with the test."""
+    """Returns a fixture: rig(*words, **more) starts one of that kind, which ends with the test."""
     @pytest.fixture(name="rig")
     def fixture_rig(tmp_path):
         rigs = []
 
-        def start(**more):
-            rigs.append(kind(tmp_path, **more))
+        def start(*words, **more):
+            rigs.append(kind(tmp_path, *words, **more))
             return rigs[-1]
 
         yield start
