@@ -16,7 +16,8 @@ import time
 import can
 import pytest
 
-from conftest import RECEIVE_BUFFER_BYTES, SO_RCVBUFFORCE, assert_balance
+import adapters
+from conftest import RECEIVE_BUFFER_BYTES, SO_RCVBUFFORCE, assert_balance, wait_until
 from test_faults import Shell
 
 SOL_CAN_ISOTP, CAN_ISOTP_OPTS, CAN_ISOTP_RECV_FC = 106, 1, 2
@@ -134,9 +135,17 @@ def assert_same(got, wanted):
 class Rig:
     """A bus on vcan0 (client), vcan1 (server), and the other nodes of the text."""
 
+    ends = client, server = "vcan0", "vcan1"
+    sizes = 1, 7, 8, 200, 1700, 4095, 4095  # of messages
+    long = 4095
+
     def __init__(self, daemon, bus):
         self.daemon, self.bus = daemon, bus
         self.shell = Shell(daemon)
+
+    def sent(self, name):
+        """Returns the number of frames that a node has sent in this test."""
+        return self.nodes()[name]["tx_frames"]
 
     def nodes(self):
         return self.shell.nodes(self.bus)
@@ -154,6 +163,64 @@ class Rig:
                 assert node["interface"]["loopless"] == 0, node
                 assert node["interface"]["write_failed"] == 0, node
         return self.daemon.stop()
+
+
+class UsbRig(Rig):
+    """The same on can0 and can1, of a pair of adapters that several tests have. The interfaces are
+    as `ip link` makes them: ten frames wait in them at most. A frame costs seven times as much in
+    the guest as on vcan, so there are fewer."""
+
+    ends = client, server = "can0", "can1"
+    sizes = 7, 4095
+    long = 1000
+
+    def __init__(self, pair, bitrate=500000):
+        super().__init__(pair.daemon, "usb")
+        options = f"bitrate {bitrate} restart-ms 100"
+        adapters.batch(*(line for end in self.ends for line in adapters.lines_up(end, options)))
+        self.before = self.counts("tx_packets")
+
+    def counts(self, key):
+        """Returns what the kernel has counted since it has the interfaces."""
+        return {end: adapters.statistics(end)[key] for end in self.ends}
+
+    def sent(self, name):
+        end = getattr(self, name)
+        return self.counts("tx_packets")[end] - self.before[end]
+
+    def stop(self, lossless=True):
+        """Leaves the bus to the next test. The kernel has lost nothing either, and what it has sent
+        is what the bus has carried."""
+        assert lossless
+        for node in wait_until(self.settled, "the last echo").values():
+            assert_balance(node)
+            for key in "dropped", "rx_dropped":
+                assert not any(node[key].values()), node
+        for end in self.ends:
+            lost = {key: count for key, count in adapters.statistics(end).items()
+                    if count and key not in ("rx_bytes", "tx_bytes", "rx_packets", "tx_packets")}
+            assert not lost, lost
+
+    def settled(self):
+        """Returns the nodes when the kernel knows of all their frames."""
+        nodes = self.nodes()
+        echoed = self.counts("tx_packets")
+        same = [nodes[name]["tx_frames"] == echoed[getattr(self, name)] for name in nodes]
+        return nodes if all(same) else None
+
+
+@pytest.fixture(scope="module", name="pair")
+def fixture_pair(quiet_kernel):
+    assert quiet_kernel
+    pair = adapters.Rig([adapters.node("client", "can0"), adapters.node("server", "can1")])
+    pair.wait_for(*UsbRig.ends)
+    yield pair
+    pair.close()
+
+
+def over(*kinds):
+    """The test runs on buses of these kinds of interface."""
+    return pytest.mark.parametrize("rig", kinds, indirect=True)
 
 
 BUS = """

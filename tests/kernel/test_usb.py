@@ -19,137 +19,29 @@ from pathlib import Path
 
 import pytest
 
+from adapters import (CANWIRE_USB, Rig, batch, can_info, counter, exists,
+                      fixture_quiet_kernel,  # pylint: disable=unused-import
+                      ip, lines_up, node, run, state, tx_packets, up)
 from canbits import ERROR, FD, Frame
-from conftest import (CANWIRED, PATIENCE_S, RECEIVE_BUFFER_BYTES, ROOT, SO_RCVBUFFORCE, Daemon,
-                      wait_until)
+from conftest import PATIENCE_S, RECEIVE_BUFFER_BYTES, ROOT, SO_RCVBUFFORCE, wait_until
 from readme import Session, example
-from test_faults import CANWIRE, Shell
+from test_faults import CANWIRE
 
-CANWIRE_USB = os.environ.get("CANWIRE_USB") or Path(CANWIRED).with_name("canwire-usb")
+pytestmark = pytest.mark.usefixtures("quiet_kernel")
+
 ACCEPTED = 21  # on a bus that sends nothing: ten requests, txqueuelen 10, and one on the way
 RAW_ERR_FILTER = 2
 SO_TIMESTAMPING = 37
 RAW_HARDWARE, RX_HARDWARE = 1 << 6, 1 << 2
 
-BUS = """
-bus: {{ name: usb, bitrate: 500000{more} }}
-control: usb.sock
-nodes:
-{nodes}
-"""
-
-
-def run(*words, check=True):
-    done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-    assert not check or done.returncode == 0, (words, done.stderr)
-    return done.stdout
-
-
-def ip(line, check=True):
-    return run("ip", *line.split(), check=check)
-
-
-def node(name, interface, more="", port=""):
-    return (f"  - {{ name: {name}, port: {{ usb: {interface}, socket: {name}.usb{port} }}{more} }}")
-
-
-class Rig:
-    """canwired and canwire-usb for one bus."""
-
-    def __init__(self, nodes, more=""):
-        self.folder = Path(tempfile.mkdtemp(dir="/run"))
-        self.folder.chmod(0o755)  # processes without privileges read the configuration
-        self.text = BUS.format(nodes="\n".join(nodes), more=more)
-        self.daemon = self.adapters = None
-        self.start_daemon()
-        self.start_adapters()
-
-    def start_daemon(self):
-        (self.folder / "notify").unlink(missing_ok=True)
-        self.daemon = Daemon(self.folder, self.text)
-        self.daemon.wait_ready()
-        self.shell = Shell(self.daemon)
-
-    def start_adapters(self):
-        with (self.folder / "usb.log").open("a") as log:
-            self.adapters = subprocess.Popen([CANWIRE_USB, self.daemon.config], stderr=log)
-
-    def log(self):
-        text = (self.folder / "usb.log").read_text()
-        assert "Sanitizer" not in text and "runtime error:" not in text, text
-        return text
-
-    def wait_for(self, *interfaces):
-        def there_or_dead():
-            return all(map(exists, interfaces)) or self.adapters.poll() is not None
-
-        wait_until(there_or_dead, interfaces)
-        assert self.adapters.poll() is None, self.log()
-
-    def servers(self):
-        """Returns the processes that answer the kernel, by the start."""
-        children = run("pgrep", "-P", str(self.adapters.pid), check=False).split()
-        return [int(child) for child in children]
-
-    def node(self, name):
-        nodes = json.loads(self.shell.run("status", "usb", "--json"))["nodes"]
-        return next(n for n in nodes if n["name"] == name)
-
-    def close(self):
-        self.adapters.terminate()
-        assert self.adapters.wait(PATIENCE_S) == 0, self.log()
-        self.daemon.close()
-        self.log()
-
 
 if os.environ.get("CANWIRE_PLACE") == "host":
     # conftest.py leaves this one test alone
     def test_usb_in_the_guest():
-        words = ["-t", "600", "--", sys.executable, "-m", "pytest", "-q", __file__]
+        files = [Path(__file__).with_name(name) for name in ("test_usb.py", "test_stacks.py")]
+        words = ["-t", "600", "--", sys.executable, "-m", "pytest", "-q", "-k", "usb", *files]
         subprocess.run([ROOT / "scripts/guest", *words], check=True,
                        env=dict(os.environ, CANWIRE_GUEST="qemu"))
-
-
-def exists(interface):
-    return Path(f"/sys/class/net/{interface}").exists()
-
-
-
-
-def details(interface):
-    return json.loads(ip(f"-j -details -statistics link show {interface}"))[0]
-
-
-def can_info(interface):
-    return details(interface)["linkinfo"]
-
-
-def state(interface):
-    return can_info(interface)["info_data"]["state"]
-
-
-def counter(interface):
-    bec = can_info(interface)["info_data"].get("berr_counter", {"tx": 0, "rx": 0})
-    return bec["tx"], bec["rx"]
-
-
-def tx_packets(interface):
-    return int(Path(f"/sys/class/net/{interface}/statistics/tx_packets").read_text())
-
-
-def batch(*lines):
-    """Runs `ip` commands; a process costs much in an emulated machine."""
-    subprocess.run(["ip", "-batch", "-"], input="\n".join(lines) + "\n", text=True, check=True,
-                   timeout=PATIENCE_S)
-
-
-def lines_up(interface, options):
-    return (f"link set {interface} down", f"link set {interface} type can {options}",
-            f"link set {interface} up")
-
-
-def up(interface, options="bitrate 500000"):
-    batch(*lines_up(interface, options))
 
 
 class Can:
@@ -215,31 +107,10 @@ def fixture_can():
         one.close()
 
 
-def add_group(path, line):
-    with Path(path).open("a", encoding="ascii") as file:
-        file.write(line + "\n")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def fixture_kernel():
-    """The sockets are for a group, so that what answers the kernel needs no privileges. The kernel
-    must have nothing to complain about."""
-    before = {path: Path(path).read_text() for path in ("/etc/passwd", "/etc/group")}
-    add_group("/etc/group", "canwire:x:990:")
-    add_group("/etc/passwd", "canwire:x:990:990::/:/bin/false")
-    run("dmesg", "-C")
-    yield
-    for path, text in before.items():
-        Path(path).write_text(text)
-    log = run("dmesg")
-    assert "peak_usb" in log
-    for word in ("WARNING", "BUG", "Oops", "Call Trace", "unhandled", "refcount", "blocked for"):
-        assert word not in log, log
-
-
 @pytest.fixture(scope="module", name="pair")
-def fixture_pair():
+def fixture_pair(quiet_kernel):
     """Two ECUs with a controller each, for tests that leave both processes running."""
+    assert quiet_kernel
     rig = Rig([node("engine", "can0"), node("gearbox", "can1")])
     rig.wait_for("can0", "can1")
     yield rig
@@ -344,21 +215,6 @@ def test_a_held_bus_and_its_state(ends):
     assert can_info("can0")["info_xstats"]["error_passive"] >= 1
     up("can1")
     wait_until(lambda: tx_packets("can0") == sent + ACCEPTED, "all frames to be sent")
-
-
-def test_isotp_is_paced_by_the_echo(ends):
-    both_up()
-    data = bytes(range(256)) * 16
-    receiver = socket.socket(socket.AF_CAN, socket.SOCK_DGRAM, socket.CAN_ISOTP)
-    sender = socket.socket(socket.AF_CAN, socket.SOCK_DGRAM, socket.CAN_ISOTP)
-    with receiver, sender:
-        receiver.bind(("can1", 0x7E0, 0x7E8))
-        sender.bind(("can0", 0x7E8, 0x7E0))
-        receiver.settimeout(PATIENCE_S)
-        sender.settimeout(PATIENCE_S)
-        sender.send(data[:4095])
-        assert receiver.recv(5000) == data[:4095]  # whole: a message
-    assert ends("can0").fill() > 0  # the queue goes on
 
 
 # ---- States --------------------------------------------------------------------------------------
