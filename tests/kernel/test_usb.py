@@ -4,6 +4,7 @@
 Needs the kernel's modules for it and the initial network namespace: the QEMU guest has both.
 """
 
+import contextlib
 import json
 import os
 import re
@@ -30,7 +31,7 @@ from test_faults import CANWIRE
 pytestmark = pytest.mark.usefixtures("quiet_kernel")
 
 ACCEPTED = 21  # on a bus that sends nothing: ten requests, txqueuelen 10, and one on the way
-RAW_ERR_FILTER = 2
+RAW_ERR_FILTER, LOSTARB = 2, 0x2
 SO_TIMESTAMPING = 37
 RAW_HARDWARE, RX_HARDWARE = 1 << 6, 1 << 2
 
@@ -90,8 +91,27 @@ class Can:
                 seen.append((can_id & ~ERROR, data[0]))
         return seen
 
+    def errors_before(self, text):
+        """Returns the error frames before a frame: class and data[0]."""
+        seen = []
+        while (frame := Frame.unpack(self.socket.recv(16))) != Frame.parse(text):
+            if frame.can_id & ERROR:
+                seen.append((frame.can_id & ~ERROR, frame.data[0]))
+        return seen
+
     def close(self):
         self.socket.close()
+
+
+@contextlib.contextmanager
+def stopped(*processes):
+    for process in processes:
+        process.send_signal(signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGCONT)
 
 
 @pytest.fixture(name="can")
@@ -321,6 +341,24 @@ def test_bus_errors_are_error_frames_when_the_node_reports_them(pair, ends):
     pair.shell.run("set", "usb", "gearbox", "berr-reporting=off")
 
 
+def test_lost_arbitration_is_an_error_frame_when_the_node_reports_it(pair, ends):
+    """Frames of both wait in a stopped canwired, so that they meet on the bus."""
+    pair.shell.run("set", "usb", "gearbox", "lost-arbitration-reporting=on")
+    both_up()
+    engine, gearbox = ends("can0"), ends("can1")
+    before = pair.node("gearbox")["arbitration_lost"]
+    with stopped(pair.daemon.process):
+        for _ in range(10):
+            engine.send("700#")
+            gearbox.send("7F0#")
+    assert engine.receive(10) == [Frame.parse("7F0#")] * 10
+    pair.shell.run("set", "usb", "gearbox", "lost-arbitration-reporting=off")
+    lost = pair.node("gearbox")["arbitration_lost"] - before
+    engine.send("123#")
+    # 700 and 7F0 differ first in the fourth identifier bit, number 3 as the SJA1000 counts
+    assert lost > 0 and gearbox.errors_before("123#") == [(LOSTARB, 3)] * lost
+
+
 # ---- Timing and settings -------------------------------------------------------------------------
 
 
@@ -356,13 +394,10 @@ def takes_under(seconds, work):
 def test_a_stopped_daemon_holds_up_nobody(pair, ends):
     up("can0")
     ends("can0").send("123#1122")
-    pair.daemon.process.send_signal(signal.SIGSTOP)
-    try:
+    with stopped(pair.daemon.process):
         takes_under(2, lambda: ip("link set can0 down"))
         takes_under(2, lambda: up("can0"))
         takes_under(2, lambda: ip("link set can0 down"))
-    finally:
-        pair.daemon.process.send_signal(signal.SIGCONT)
     both_up()
     engine, gearbox = ends("can0"), ends("can1")
     engine.send("124#33")
@@ -371,11 +406,11 @@ def test_a_stopped_daemon_holds_up_nobody(pair, ends):
 
 def test_a_stopped_adapter_is_unplugged(pair, ends):
     assert ends
-    stopped = pair.servers()
-    for process in stopped:
+    before = pair.servers()
+    for process in before:
         os.kill(process, signal.SIGSTOP)
     takes_under(2.5, lambda: ip("link set can0 up", check=False))
-    wait_until(lambda: not set(pair.servers()) & set(stopped), "new processes")
+    wait_until(lambda: not set(pair.servers()) & set(before), "new processes")
     pair.wait_for("can0", "can1")
     assert "does not answer" in pair.log()
     both_up()
