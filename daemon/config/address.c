@@ -11,6 +11,7 @@
 #include <string.h>
 
 #define PORT_DIGITS_MAX 5u
+#define LOOPBACK_BROADCAST 0x7FFFFFFFu /* 127.255.255.255 */
 
 /* Copies an address in numbers, in the one way in which it is printed. */
 static bool take_host(char out[ADDRESS_HOST_BYTES], const char *text, size_t length)
@@ -50,6 +51,20 @@ bool address_parse(net_address *out, const char *text, size_t length, unsigned n
         return take_host(out->host, text, length);
     return take_host(out->host, text, host - 1) &&
            take_number(&out->number, text + host, length - host);
+}
+
+const char *address_of_many(const net_address *address)
+{
+    struct sockaddr_storage any;
+    const struct sockaddr_in *four = (const struct sockaddr_in *)&any;
+    const struct sockaddr_in6 *six = (const struct sockaddr_in6 *)&any;
+    (void)address_for_socket(&any, address);
+    if (any.ss_family == AF_INET6)
+        return IN6_IS_ADDR_MULTICAST(&six->sin6_addr) ? "multicast" : NULL;
+    const in_addr_t host = ntohl(four->sin_addr.s_addr);
+    if (host == INADDR_BROADCAST || host == LOOPBACK_BROADCAST)
+        return "broadcast";
+    return IN_MULTICAST(host) ? "multicast" : NULL;
 }
 
 void address_print(char out[ADDRESS_BYTES], const net_address *address)

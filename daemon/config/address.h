@@ -22,6 +22,10 @@ typedef struct net_address {
  * localhost; without it the address is 127.0.0.1. A missing PORT is `number`. */
 bool address_parse(net_address *out, const char *text, size_t length, unsigned number);
 
+/* Returns "broadcast" or "multicast" for an address of many, of which no program has one end; NULL
+ * for others. The broadcast addresses of its networks are known to the machine alone. */
+const char *address_of_many(const net_address *address);
+
 /* Prints HOST:PORT, so that equal addresses have equal texts. */
 void address_print(char out[ADDRESS_BYTES], const net_address *address);
 

@@ -378,6 +378,16 @@ static char *read_socket(schema *self, const schema_key *key, const yaml_node_t 
     return NULL;
 }
 
+/* Complains about an address that is not that of one end. */
+static void check_address(schema *self, const schema_key *key, const yaml_node_t *value,
+                          const net_address *address)
+{
+    const char *many = address_of_many(address);
+    if (many)
+        schema_complain(self, value, "%s: %s is a %s address; expected that of one machine",
+                        key->name, address->host, many);
+}
+
 /* Completes tcp:[HOST:]PORT by what is left out, so that equal ports have equal names. */
 static char *complete_tcp(schema *self, const portname *name, const cfg_node *node)
 {
@@ -386,11 +396,16 @@ static char *complete_tcp(schema *self, const portname *name, const cfg_node *no
     return schema_copy(self, text);
 }
 
-static char *complete_tunnel(schema *self, const char *text)
+static char *complete_tunnel(schema *self, const schema_key *key, const yaml_node_t *value,
+                             const char *text)
 {
     tunnelname name;
     char full[TUNNELNAME_BYTES];
     (void)tunnelname_parse(&name, text);
+    if (!name.connects)
+        check_address(self, key, value, &name.listen);
+    if (name.has_peer)
+        check_address(self, key, value, &name.peer);
     tunnelname_print(full, &name);
     return schema_copy(self, full);
 }
@@ -405,10 +420,12 @@ static char *read_port_name(schema *self, const schema_key *key, const yaml_node
     const portname name = portname_parse(text);
     if (name.kind == PORTNAME_INVALID || name.kind == PORTNAME_USB)
         schema_expected(self, key, value, PORTNAME_EXPECTED);
-    if (name.kind == PORTNAME_TCP)
+    if (name.kind == PORTNAME_TCP) {
+        check_address(self, key, value, &name.address);
         return complete_tcp(self, &name, node);
+    }
     if (name.kind == PORTNAME_TUNNEL)
-        return complete_tunnel(self, text);
+        return complete_tunnel(self, key, value, text);
     return name.kind == PORTNAME_UNIX ? resolve_port(self, key, value, &name)
                                       : schema_copy(self, text);
 }

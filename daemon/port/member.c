@@ -5,6 +5,7 @@
 #include "port/member.h"
 
 #include <errno.h>
+#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -103,6 +104,18 @@ ssize_t member_receive(const member *c, void *bytes, size_t room, int flags, int
     *stamp_ns = size >= 0 ? stamp_of(&header) : 0;
     *cut = size >= 0 && (header.msg_flags & MSG_TRUNC);
     return size;
+}
+
+bool member_has_gone(const member *c)
+{
+    struct pollfd one = {.fd = c->fd, .events = POLLRDHUP};
+    return poll(&one, 1, 0) == 1;
+}
+
+bool member_waits(const member *c)
+{
+    char first;
+    return recv(c->fd, &first, sizeof first, MSG_PEEK | MSG_DONTWAIT) > 0;
 }
 
 int64_t member_next_ns(member *c)

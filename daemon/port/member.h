@@ -90,6 +90,12 @@ void member_tell_state(member *c, const message_head *head, const message_state 
 ssize_t member_receive(const member *c, void *bytes, size_t room, int flags, int64_t *stamp_ns,
                        bool *cut);
 
+/* Returns true when nothing more will come of it; messages that it has sent may wait to be read. */
+bool member_has_gone(const member *c);
+
+/* Returns true when a message, or a part of one, waits to be read. */
+bool member_waits(const member *c);
+
 /* Returns when its next message was sent; INT64_MAX without one. */
 int64_t member_next_ns(member *c);
 

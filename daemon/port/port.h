@@ -97,6 +97,7 @@ typedef struct port_stats {
     uint64_t unconfirmed;    /* frames of clients of which it was not known when they were sent */
     uint64_t missing;        /* packets of a tunnel that have not come */
     uint64_t strangers;      /* packets and connections of others than its peer */
+    uint64_t gave_way;       /* connections that had said nothing, ended for new ones */
     uint64_t rounded;        /* CAN FD frames read with a length that no DLC has: zeros fill them */
 } port_stats;
 

@@ -17,6 +17,7 @@
 #define PLAIN SHARED_PLAIN
 #define PLAIN_BIT (UINT64_C(1) << PLAIN)
 #define CONTROLS_MAX 256u /* messages of one read that are no frames */
+#define REST_MAX 65536u   /* messages that a program has left behind */
 
 static port_shared *own(port *p)
 {
@@ -77,6 +78,66 @@ static unsigned free_place(const port_shared *s)
     return place;
 }
 
+/* Returns true for a connection whose hello has not come, and does not wait to be read. */
+static bool is_silent(const member *c)
+{
+    return c->state == MEMBER_NEW && !member_waits(c);
+}
+
+/* Returns true for a program that has gone while what it has sent waits. A controller decides
+ * whether its node is on the bus, so its end is for the node to see first. */
+static bool has_left(const member *c)
+{
+    return c->state == MEMBER_THERE && !(c->options & MESSAGE_CONTROLLER) && member_has_gone(c);
+}
+
+/* Returns the one that has come first of those that something is true of; NULL: of none. */
+static member *find_oldest(port_shared *s, bool (*is_true)(const member *c))
+{
+    member *oldest = NULL;
+    for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++) {
+        member *c = &s->programs[i];
+        if ((!oldest || (int32_t)(c->id - oldest->id) < 0) && is_true(c))
+            oldest = c;
+    }
+    return oldest;
+}
+
+/* Drops what a program that has gone has left behind, and counts the frames. */
+static void lose_rest(port *p, member *c)
+{
+    port_frame frame;
+    for (unsigned i = 0; i < REST_MAX; i++) {
+        const member_result result = member_read(c, p, &frame);
+        if (result != MEMBER_FRAME && result != MEMBER_CONTROL)
+            return;
+        p->stats.kernel_dropped += result == MEMBER_FRAME;
+    }
+}
+
+/* Returns a place for a client, PORT_CLIENTS_MAX without one. When all are taken, a connection
+ * that has said nothing gives way, or a program that has gone and has left frames. Otherwise those
+ * could keep others out. */
+static unsigned make_place(port *p)
+{
+    static const char why[] = "nothing was said here, and another program has come";
+    port_shared *s = own(p);
+    const unsigned place = free_place(s);
+    if (place < PORT_CLIENTS_MAX)
+        return place;
+    member *silent = find_oldest(s, is_silent);
+    member *left = silent ? NULL : find_oldest(s, has_left);
+    if (silent) {
+        p->stats.gave_way++;
+        member_refuse(silent, MESSAGE_HELLO, ETIMEDOUT, why);
+        shared_disconnect(p, silent);
+    } else if (left) {
+        lose_rest(p, left);
+        shared_disconnect(p, left);
+    }
+    return free_place(s);
+}
+
 /* Counts a client that has a place now. */
 static void count_in(port *p, member *c)
 {
@@ -91,7 +152,7 @@ static void count_in(port *p, member *c)
 void shared_take_client(port *p, int fd)
 {
     port_shared *s = own(p);
-    const unsigned place = free_place(s);
+    const unsigned place = make_place(p);
     if (place == PORT_CLIENTS_MAX) {
         turn_away(p, fd, EBUSY, too_many);
         return;
@@ -132,7 +193,7 @@ void shared_disconnect(port *p, member *c)
 
 member *shared_move(port *from, member *c, port *to)
 {
-    const unsigned place = free_place(own(to));
+    const unsigned place = make_place(to);
     if (place == PORT_CLIENTS_MAX || !shared_watch(to, c->fd, place))
         return NULL;
     (void)epoll_ctl(from->fd, EPOLL_CTL_DEL, c->fd, NULL);
@@ -241,11 +302,12 @@ static unsigned choose(port *p, uint64_t ready)
     return chosen;
 }
 
+/* Counts programs. One that has gone keeps no other out while its last frames wait. */
 static unsigned count_there(const port_shared *s)
 {
     unsigned count = 0;
     for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++)
-        count += s->programs[i].state == MEMBER_THERE;
+        count += s->programs[i].state == MEMBER_THERE && !member_has_gone(&s->programs[i]);
     return count;
 }
 
@@ -283,6 +345,9 @@ static void answer_flush(port *p, member *c);
 /* Reads a message of a client. Returns true when more may wait. */
 static bool read_client(port *p, member *c, port_frame *frames, unsigned *count)
 {
+    *count = 0;
+    if (c->state == MEMBER_NONE) /* it has given way since it was found */
+        return false;
     const member_result result = member_read(c, p, frames);
     *count = result == MEMBER_FRAME;
     p->stats.read += *count;

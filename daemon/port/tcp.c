@@ -57,6 +57,18 @@ static port_tcp *own(port *p)
 
 /* ---- Listening ------------------------------------------------------------------------------- */
 
+/* Returns true for the broadcast address of a network of this machine: a connection never comes
+ * there, although a socket may listen. */
+static bool is_broadcast(const struct sockaddr_storage *address, socklen_t size)
+{
+    const int fd = socket(address->ss_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    const bool refused = fd >= 0 && connect(fd, (const struct sockaddr *)address, size) != 0 &&
+                         errno == EACCES;
+    if (fd >= 0)
+        (void)close(fd);
+    return refused;
+}
+
 /* Returns a socket that listens; -1 with errno. An address that was in use a moment ago is free:
  * connections that have ended do not count. */
 static int listen_at(const portname *name)
@@ -64,6 +76,10 @@ static int listen_at(const portname *name)
     struct sockaddr_storage address;
     const socklen_t size = address_for_socket(&address, &name->address);
     const int on = 1;
+    if (is_broadcast(&address, size)) {
+        errno = EADDRNOTAVAIL;
+        return -1;
+    }
     const int fd = socket(address.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     if (fd < 0)
         return -1;

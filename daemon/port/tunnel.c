@@ -17,6 +17,7 @@
 
 #include <errno.h>
 #include <netinet/tcp.h>
+#include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -29,6 +30,8 @@
 #define SEND_BUFFER_BYTES (1 << 17) /* of a connection; more would be old when it is read */
 #define RETRY_NS INT64_C(1000000000)
 #define GREETING_NS INT64_C(1000000000) /* for which a connection may keep the place silently */
+#define LEFT_NS INT64_C(1000000000) /* for which a peer that has gone may keep it from others */
+#define BACKLOG 16
 #define IDLE_S 10           /* after which the kernel asks whether the peer is still there ... */
 #define ASK_S 5             /* ... again after this time ... */
 #define ASKS 3              /* ... and so often */
@@ -40,7 +43,8 @@ typedef enum tunnel_state {
     WAITING = 0, /* for a peer that connects, or for the next attempt */
     CONNECTING,
     GREETING,    /* the peer's greeting has not come */
-    UP
+    UP,
+    LEFT         /* the peer has gone, and frames that it has sent wait */
 } tunnel_state;
 
 typedef struct tunnel {
@@ -53,6 +57,8 @@ typedef struct tunnel {
     wake_alarm timer;
     int64_t retry_ns; /* when it connects again; 0: it does not */
     int64_t greeted_ns; /* when this end has greeted its peer */
+    int64_t left_ns;    /* when it was known that the peer has gone */
+    int next;           /* a connection that waits for its place; -1: none */
     bool readable;     /* something may wait at the link */
     bool room_watched; /* the loop is woken when the connection takes more */
     uint8_t number;    /* of the next packet */
@@ -142,10 +148,35 @@ static void send_packet(tunnel *t)
     forget_out(t);
 }
 
-/* A connection that takes a part gets the rest when it has room again. */
+static bool peer_has_gone(const tunnel *t)
+{
+    struct pollfd link = {.fd = t->link, .events = POLLRDHUP};
+    return poll(&link, 1, 0) == 1;
+}
+
+/* Notes that the peer has gone. Frames for it are lost; those that it has sent are still read. */
+static void note_left(tunnel *t)
+{
+    t->state = LEFT;
+    t->left_ns = clock_ns(CLOCK_MONOTONIC);
+    lose_out(t);
+    watch_room(t, false);
+    log_info("port %s: the peer has gone", t->text);
+}
+
+/* A connection that takes a part gets the rest when it has room again. The kernel would take
+ * frames for a peer that has gone, so that is asked first. */
 static void send_stream(tunnel *t)
 {
+    if (peer_has_gone(t)) {
+        note_left(t);
+        return;
+    }
     const ssize_t sent = send(t->link, t->out, t->out_bytes, MSG_DONTWAIT | MSG_NOSIGNAL);
+    if (sent < 0 && errno != EAGAIN && errno != EINTR) {
+        note_left(t);
+        return;
+    }
     if (sent == (ssize_t)t->out_bytes) {
         if (t->out_frames > 0)
             note_held(t);
@@ -263,37 +294,58 @@ static bool is_peer(const tunnel *t, const struct sockaddr_storage *from)
 }
 
 /* Returns whether the connection that is there leaves its place to the next one. It does when its
- * peer has gone, or has not greeted for some time, like a program that looks for open ports. */
+ * peer has not greeted for some time, like a program that looks for open ports. It also does when
+ * its peer has gone, and what that has sent has waited for some time. */
 static bool gives_way(const tunnel *t)
 {
+    const int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
     char byte;
-    const ssize_t there = recv(t->link, &byte, sizeof byte, MSG_PEEK | MSG_DONTWAIT);
-    if (there > 0)
-        return false;
-    if (there < 0 && errno == EAGAIN)
-        return t->state == GREETING &&
-               clock_ns(CLOCK_MONOTONIC) - t->greeted_ns >= GREETING_NS;
-    return t->state == GREETING || t->in_begin == t->in_end;
+    if (t->state == GREETING)
+        return now_ns - t->greeted_ns >= GREETING_NS &&
+               recv(t->link, &byte, sizeof byte, MSG_PEEK | MSG_DONTWAIT) <= 0;
+    return t->state == LEFT && now_ns - t->left_ns >= LEFT_NS;
 }
 
-/* Takes a connection. There is one at a time. */
-static void take_connection(tunnel *t, int fd, const struct sockaddr_storage *from)
+static void begin_connection(tunnel *t, int fd)
 {
-    const bool known = is_peer(t, from);
-    if (known && t->link >= 0 && gives_way(t))
-        disconnect(t);
-    t->base.stats.strangers += !known;
-    t->base.stats.refused += known && t->link >= 0;
-    if (!known || t->link >= 0) {
-        (void)close(fd);
-        return;
-    }
     prepare_connection(fd);
     t->link = fd;
     if (watch(t, fd, LINK, EPOLLIN))
         greet(t);
     else
         disconnect(t);
+}
+
+static void refuse(tunnel *t, int fd)
+{
+    t->base.stats.refused++;
+    (void)close(fd);
+}
+
+/* Lets a connection wait for its place. The last one to come is the one that is alive. */
+static void hold(tunnel *t, int fd)
+{
+    if (t->next >= 0)
+        refuse(t, t->next);
+    t->next = fd;
+}
+
+/* Takes a connection. There is one at a time. */
+static void take_connection(tunnel *t, int fd, const struct sockaddr_storage *from)
+{
+    if (!is_peer(t, from)) {
+        t->base.stats.strangers++;
+        (void)close(fd);
+        return;
+    }
+    if (t->state == UP && peer_has_gone(t))
+        note_left(t);
+    if (t->link < 0 && t->next < 0)
+        begin_connection(t, fd);
+    else if (t->link < 0 || t->state == LEFT || gives_way(t))
+        hold(t, fd);
+    else
+        refuse(t, fd);
 }
 
 static void accept_waiting(tunnel *t)
@@ -451,7 +503,7 @@ static bool take_frame(tunnel *t, port_frame *out, bool *good)
 {
     struct canfd_frame frame;
     size_t size;
-    if (t->name.tcp ? t->state != UP : t->in_frames == 0)
+    if (t->name.tcp ? t->state != UP && t->state != LEFT : t->in_frames == 0)
         return false;
     const int taken =
         cannelloni_take_frame(&frame, &size, t->in + t->in_begin, t->in_end - t->in_begin);
@@ -496,6 +548,38 @@ static unsigned take_frames(tunnel *t, port_frame *frames, unsigned max, bool *m
     return count;
 }
 
+/* Counts the frames that a peer has left behind, and that nobody will read. */
+static void lose_in(tunnel *t)
+{
+    struct canfd_frame frame;
+    size_t size;
+    for (;;) {
+        const int taken =
+            cannelloni_take_frame(&frame, &size, t->in + t->in_begin, t->in_end - t->in_begin);
+        if (taken > 0) {
+            t->in_begin += (size_t)taken;
+            t->base.stats.kernel_dropped++;
+        } else if (taken < 0 || !read_stream(t)) {
+            return;
+        }
+    }
+}
+
+/* Gives the connection that waits the place of the one before. That one has left, and all that it
+ * has sent has been read, or it gives way. */
+static void admit_next(tunnel *t)
+{
+    if (t->next < 0 || (t->link >= 0 && !gives_way(t)))
+        return;
+    if (t->state == LEFT)
+        lose_in(t);
+    if (t->link >= 0)
+        disconnect(t);
+    const int fd = t->next;
+    t->next = -1;
+    begin_connection(t, fd);
+}
+
 /* ---- Reading --------------------------------------------------------------------------------- */
 
 static void on_link(tunnel *t, uint32_t events)
@@ -530,6 +614,7 @@ static void see_to_time(tunnel *t, bool more)
         connect_to_peer(t);
     wake_at(t, due_ns(t));
     wake_at(t, t->retry_ns);
+    wake_at(t, t->next >= 0 ? t->left_ns + LEFT_NS : 0);
     wake_at(t, more ? now_ns : 0);
 }
 
@@ -538,6 +623,7 @@ static unsigned read_port(port *p, port_frame frames[PORT_BATCH], unsigned max, 
     tunnel *t = own(p);
     look(t);
     const unsigned count = take_frames(t, frames, max, more);
+    admit_next(t);
     see_to_time(t, *more);
     return count;
 }
@@ -545,7 +631,8 @@ static unsigned read_port(port *p, port_frame frames[PORT_BATCH], unsigned max, 
 static bool describe(const port *p, port_tunnel_info *out)
 {
     static const char *const states[] = {
-        [WAITING] = "waiting", [CONNECTING] = "connecting", [GREETING] = "connecting", [UP] = "up"};
+        [WAITING] = "waiting", [CONNECTING] = "connecting", [GREETING] = "connecting", [UP] = "up",
+        [LEFT] = "waiting"};
     const tunnel *t = (const tunnel *)p;
     *out = t->info;
     out->state = states[t->state];
@@ -568,6 +655,7 @@ static void close_port(port *p)
     flush(t);
     close_fd(t->link);
     close_fd(t->listener);
+    close_fd(t->next);
     alarm_close(&t->timer);
     close_fd(p->fd);
     free(t);
@@ -618,7 +706,7 @@ static bool open_tcp(tunnel *t)
         return true;
     }
     t->listener = bind_socket(t, SOCK_STREAM);
-    return t->listener >= 0 && listen(t->listener, 1) == 0 &&
+    return t->listener >= 0 && listen(t->listener, BACKLOG) == 0 &&
            watch(t, t->listener, LISTENER, EPOLLIN);
 }
 
@@ -635,7 +723,7 @@ port *port_tunnel_open(const char *text, char error[PORT_ERROR_TEXT_MAX])
 {
     port *p = port_new(&tunnel_kind, sizeof(tunnel));
     if (p) {
-        own(p)->link = own(p)->listener = -1;
+        own(p)->link = own(p)->listener = own(p)->next = -1;
         own(p)->timer = ALARM_CLOSED;
         (void)tunnelname_parse(&own(p)->name, text);
         tunnelname_print(own(p)->text, &own(p)->name);

@@ -33,6 +33,7 @@ static const char *const texts[LOSS_KINDS] = {
     [CW_DROP_COUNT + 8] = "not taken by single clients of the port",
     [CW_DROP_COUNT + 9] = "packets of the tunnel that have not come, or not yet",
     [CW_DROP_COUNT + 10] = "packets or connections of others than the peer",
+    [CW_DROP_COUNT + 11] = "connections ended for new ones, since they had said nothing",
 };
 
 static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
@@ -54,6 +55,7 @@ static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
     now[CW_DROP_COUNT + 8] = interface->clients_lost;
     now[CW_DROP_COUNT + 9] = interface->missing;
     now[CW_DROP_COUNT + 10] = interface->strangers;
+    now[CW_DROP_COUNT + 11] = interface->gave_way;
 }
 
 /* Returns "" where the node's program cannot change anything. */

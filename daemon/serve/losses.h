@@ -8,7 +8,7 @@
 #include "config/config.h"
 #include "engine/report.h"
 
-#define LOSS_KINDS (CW_DROP_COUNT + 11)
+#define LOSS_KINDS (CW_DROP_COUNT + 12)
 
 /* The losses that have been logged; starts all zero. */
 typedef struct losses {

@@ -125,6 +125,7 @@ static json_t *interface_json(const port_stats *stats)
     put_count(object, "malformed", stats->malformed);
     put_count(object, "connected", stats->connected);
     put_count(object, "refused", stats->refused);
+    put_count(object, "gave_way", stats->gave_way);
     put_count(object, "pushed_back", stats->pushed_back);
     put_count(object, "loopless", stats->loopless);
     put_count(object, "rounded", stats->rounded);

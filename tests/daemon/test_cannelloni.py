@@ -185,6 +185,20 @@ def test_wrong_packets(wrong, tmp_path):
         kill_all([r.process])
 
 
+def test_bytes_behind_the_frames_of_a_packet_are_left_alone(rig):
+    """As cannelloni does, whose parser reads as many frames as the head says."""
+    r, end = udp(rig)
+    lamp = r.lamp()
+    end.socket.send(packet(0, pack(0x123, b"1")) + b"padding")
+    end.socket.send(packet(1) + bytes(40))
+    end.socket.send(packet(2, pack(0x124), pack(0x125, b"2"), count=1))
+    end.send(3, pack(0x126))
+    assert [lamp.receive().can_id for _ in range(3)] == [0x123, 0x124, 0x126]
+    tunnel = r.tunnel()
+    assert (tunnel["packets_read"], tunnel["malformed"], tunnel["missing"]) == (4, 0, 0)
+    r.stop()
+
+
 def test_packets_of_strangers(rig):
     end, own = Datagrams(), free_port(socket.SOCK_DGRAM)
     r = rig(f"udp,listen=0.0.0.0:{own},peer=127.0.0.2:{end.port}")
@@ -301,6 +315,75 @@ def test_a_peer_that_connects_again_at_once_comes_in(rig):
     assert lamp.receive().can_id == 0x101
     assert r.node()["interface"]["refused"] == 0
     after.close()
+    r.stop()
+
+
+def stuck(rig, more=""):
+    """Returns a bus, its port and a peer that has gone, whose 1000 frames wait since nobody
+    acknowledges."""
+    port = free_port()
+    r = rig(f"tcp,listen={port}{more}", far=", queue: 4", lamp=", listen-only: on",
+            bitrate=1000000)
+    before = connect(port)
+    before.send(*(pack(i, bytes(8)) for i in range(1000)))
+    r.wait(lambda node: node["pushing_back"], "a full queue")
+    before.close()
+    return r, port
+
+
+def test_a_peer_that_has_gone_gives_its_place_when_its_frames_have_been_read(rig):
+    r, port = stuck(rig)
+    lamp = r.lamp()
+    after = [socket.create_connection(("127.0.0.1", port)) for _ in range(5)]
+    after[-1].sendall(b"CANNELLONIv1" + pack(0x7FF))  # the last to come is the one that is alive
+    r.run("set", "./far.sock", "lamp", "listen-only=off")
+    ids = []
+    while 0x7FF not in ids:  # an error-passive sender sends what lamp has got already again
+        if (can_id := lamp.receive().can_id) < 0x800 and can_id not in ids:
+            ids.append(can_id)
+    interface = r.node()["interface"]
+    assert ids == [*range(1000 - interface["kernel_dropped"]), 0x7FF]
+    assert (interface["refused"], interface["connected"]) == (4, 2)
+    for end in after:
+        end.close()
+    r.stop()
+
+
+def test_what_waits_for_a_peer_that_has_gone_is_lost_and_counted(rig):
+    port = free_port()
+    r = rig(f"tcp,listen={port},timeout=1s")
+    lamp, end = r.lamp(), connect(port)
+    r.wait(lambda node: node["tunnel"]["state"] == "up", "the greeting")
+    r.process.send_signal(signal.SIGSTOP)
+    for i in range(5):
+        lamp.send(i)
+    end.close()
+    r.process.send_signal(signal.SIGCONT)
+    r.wait(lambda node: node["tunnel"]["state"] == "waiting", "its end")
+    lamp.send(5)
+    r.wait(lambda node: sum(node["interface"][key] for key in ("unheard", "write_failed")) == 6,
+           "the loss of all frames")
+    assert r.node()["interface"]["written"] == 0
+    r.stop()
+
+
+def test_many_connections_at_once(rig):
+    port = free_port()
+    r = rig(f"tcp,listen={port}")
+    lamp, end = r.lamp(), connect(port)
+    r.wait(lambda node: node["tunnel"]["state"] == "up", "the greeting")
+    r.process.send_signal(signal.SIGSTOP)
+    others = []
+    for _ in range(8):  # these need no answer of canwired
+        others.append(socket.socket())
+        others[-1].settimeout(PATIENCE_S)
+        others[-1].connect(("127.0.0.1", port))
+    r.process.send_signal(signal.SIGCONT)
+    for other in others:
+        assert other.recv(1) == b""  # whole: the end
+    end.send(pack(0x123))
+    assert lamp.receive().can_id == 0x123
+    assert r.node()["interface"]["refused"] == 8
     r.stop()
 
 

@@ -441,6 +441,85 @@ def test_a_program_that_does_not_read_loses_frames_alone(rig):
     assert "not taken by single clients of the port" in r.log.read_text()
 
 
+def test_connections_that_say_nothing_keep_nobody_out(rig):
+    r = rig()
+    silent = []
+    for i in range(140):  # two ports have 63 places each
+        silent.append(socket.create_connection(("127.0.0.1", r.port)))
+        if i % 3 == 0:
+            silent[-1].sendall(b"< op")  # a half command is none
+        if i % 3 == 1:
+            silent[-1].sendall(b"< echo >")
+    talker = r.talk()
+    other = r.talk("dash")
+    talker.send("send 123 0")
+    assert other.frame() == ("123", "")
+    for _ in range(130):  # those that have opened a bus stay
+        silent.append(socket.create_connection(("127.0.0.1", r.port)))
+    last = r.talk()
+    last.send("send 124 0")
+    assert other.frame() == talker.frame() == ("124", "")
+    nodes = r.nodes()
+    gave_way = sum(nodes[name]["interface"]["gave_way"] for name in ("engine", "dash"))
+    assert gave_way >= 270 + 3 - 2 * 63
+    for name in "engine", "dash":
+        assert nodes[name]["interface"]["refused"] == 0
+    silent[0].settimeout(PATIENCE_S)
+    said = b""
+    while part := silent[0].recv(4096):  # whole: up to its end
+        said += part
+    assert said.endswith(b"< error nothing was said here, and another program has come >")
+    for s in silent:
+        s.close()
+    r.stop()
+    assert "connections ended for new ones, since they had said nothing" in r.log.read_text()
+
+
+LISTENS = ", listen-only: on"
+
+
+def test_a_program_that_has_gone_keeps_nobody_out_while_its_frames_wait(rig):
+    r = rig(engine=", clients: 1, queue: 4", dash=LISTENS, lamp=LISTENS)
+    lamp = r.lamp()
+    before = r.talk()
+    before.send(*(f"send {i:X} 0" for i in range(0x100, 0x180)))
+    r.wait(lambda node: node["pushing_back"], "a full queue, as nobody acknowledges")
+    before.close()
+    after = r.talk(mode=None)
+    after.send("send 200 0")
+    assert [client["name"] for client in r.node()["clients"]] != []
+    r.run("set", "./talk.sock", "lamp", "listen-only=off")
+    wanted = {*range(0x100, 0x180), 0x200}
+    while wanted:  # nothing is lost; an error-passive sender sends what lamp has got already again
+        wanted.discard(lamp.receive().can_id)
+    assert r.node()["interface"]["refused"] == 0
+    r.stop()
+
+
+def test_when_all_places_are_taken_one_that_has_gone_leaves_it(rig):
+    r = rig(engine=", clients: 63, queue: 4", dash=LISTENS, lamp=LISTENS)
+    lamp = r.lamp()
+    count, each, more = 63, 7, 5
+    for i in range(count):
+        t = r.talk(mode=None)  # the port reads no more commands soon
+        t.send(*(f"send {i * each + k:X} 0" for k in range(each)))
+        t.close()
+    r.wait(lambda node: node["pushing_back"], "a full queue, as nobody acknowledges")
+    talkers = [r.talk(mode=None) for _ in range(more)]
+    interface = r.node()["interface"]
+    assert interface["refused"] == 0 and interface["kernel_dropped"] >= (more - 2) * each
+    for t in talkers:
+        t.send("send 7FF 0")
+    r.run("set", "./talk.sock", "lamp", "listen-only=off")
+    got = set()
+    while len(got) < count * each + 1 - interface["kernel_dropped"]:
+        if (can_id := lamp.receive().can_id) < 0x800:
+            got.add(can_id)
+    assert 0x7FF in got
+    assert r.node()["interface"]["kernel_dropped"] == interface["kernel_dropped"]
+    r.stop()
+
+
 def test_what_a_program_has_sent_before_it_goes_is_sent(rig):
     r = rig(engine=", queue: 4")
     dash = r.talk("dash")
@@ -539,6 +618,18 @@ def test_an_address_that_is_in_use(tmp_path):
                                 capture_output=True, timeout=PATIENCE_S, check=False)
     assert result.returncode == 1
     assert f"port tcp:127.0.0.1:{port}/a: Address already in use" in result.stderr
+
+
+def test_a_broadcast_address_of_a_network(tmp_path):
+    (tmp_path / "bus.yaml").write_text(
+        'bus: { bitrate: 500000 }\nnodes: [ { name: a, port: "tcp:127.255.255.254" } ]\n')
+    canwire("check", "bus.yaml", cwd=tmp_path)  # on this machine it is an address as any other
+    for address, kind in ("224.0.0.251", "multicast"), ("127.255.255.255", "broadcast"):
+        (tmp_path / "bus.yaml").write_text(
+            f'bus: {{ bitrate: 500000 }}\nnodes: [ {{ name: a, port: "tcp:{address}" }} ]\n')
+        result = canwire("check", "bus.yaml", cwd=tmp_path, status=1)
+        assert (f"bus.yaml:2:27: port: {address} is a {kind} address; expected that of one machine"
+                in result.stderr)
 
 
 def test_the_buses_of_a_rig_have_one_address(tmp_path):
