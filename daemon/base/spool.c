@@ -14,6 +14,7 @@
 #include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <poll.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -32,6 +33,7 @@ struct spool {
     char *file;
     folder folder; /* of the file: all calls stay there, whatever becomes of the path */
     int fd;        /* locked, so that no other program rotates it */
+    bool stream;   /* somebody else's descriptor, perhaps a pipe: no file is made or rotated */
     uint64_t written; /* bytes of records in this file */
     uint64_t whole;   /* ... of those that are whole with all their parts */
     spool_notify *notify;
@@ -183,12 +185,21 @@ static int end_file(spool *s)
     return error;
 }
 
+/* Waits for room in a pipe that another program has set to non-blocking. */
+static void wait_for_room(int fd)
+{
+    struct pollfd pipe = {.fd = fd, .events = POLLOUT};
+    (void)poll(&pipe, 1, -1);
+}
+
 /* Writes all bytes. Returns 0 or an errno, with *done bytes written in either case. */
 static int write_all(int fd, const unsigned char *bytes, size_t size, size_t *done)
 {
     for (*done = 0; *done < size;) {
         ssize_t count = write(fd, bytes + *done, size - *done);
-        if (count < 0 && errno != EINTR)
+        if (count < 0 && errno == EAGAIN)
+            wait_for_room(fd);
+        else if (count < 0 && errno != EINTR)
             return errno;
         *done += count > 0 ? (size_t)count : 0;
     }
@@ -299,8 +310,8 @@ static int write_batch(spool *s, extent *whole, size_t size)
     if (whole->bytes > 0)
         s->whole = s->written + whole->bytes;
     s->written += done;
-    if (error == 0)
-        return 0;
+    if (error == 0 || s->stream)
+        return error;
     (void)!ftruncate(s->fd, (off_t)s->whole);
     (void)lseek(s->fd, (off_t)s->whole, SEEK_SET);
     s->written = s->whole;
@@ -322,7 +333,7 @@ static void wait_for_work(spool *s)
     while (s->used == 0 && !s->ending)
         (void)pthread_cond_wait(&s->changed, &s->lock);
     const struct timespec until = thread_in_ns(NAP_NS);
-    while (s->used < SPOOL_QUEUE_BYTES / 4 && !s->ending)
+    while (s->used < SPOOL_QUEUE_BYTES / 4 && !s->ending && !s->stream)
         if (pthread_cond_timedwait(&s->changed, &s->lock, &until) != 0)
             break;
 }
@@ -348,7 +359,7 @@ static int work(spool *s)
     (void)pthread_mutex_unlock(&s->lock);
     size_t taken = fill_batch(s, used, &batch, &cut);
     int error = write_batch(s, &whole, batch);
-    if (error == 0 && cut)
+    if (error == 0 && cut && !s->stream)
         error = cut_here(s, files);
     (void)pthread_mutex_lock(&s->lock);
     s->kept += whole.records;
@@ -472,6 +483,19 @@ spool *spool_open_later(const char *file, unsigned files, spool_notify *notify, 
 {
     spool *s = make_spool(file, files, notify, user, error);
     return s ? start(s, error) : NULL;
+}
+
+spool *spool_stream(int fd, spool_notify *notify, void *user, int *error)
+{
+    spool *s = make_spool("", 1, notify, user, error);
+    if (!s) {
+        (void)close(fd);
+        return NULL;
+    }
+    s->fd = fd;
+    s->stream = true;
+    s->open = true;
+    return start(s, error);
 }
 
 bool spool_is_open(spool *s)

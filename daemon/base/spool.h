@@ -37,6 +37,10 @@ spool *spool_open(const char *file, unsigned files, spool_notify *notify, void *
 spool *spool_open_later(const char *file, unsigned files, spool_notify *notify, void *user,
                         int *error);
 
+/* Writes into an open descriptor in place of a file, which may be a pipe, and closes it at the end.
+ * Each record is written at once. A cut does nothing, and an error may leave a part of a record. */
+spool *spool_stream(int fd, spool_notify *notify, void *user, int *error);
+
 /* Returns true when the file has been opened. */
 bool spool_is_open(spool *s);
 

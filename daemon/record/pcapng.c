@@ -121,11 +121,16 @@ static void write_interface(FILE *out, const cfg *config, const cfg_node *node, 
     end_block(out, &b);
 }
 
+void pcapng_add_interfaces(FILE *out, const cfg *config)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        write_interface(out, config, &config->nodes[i], config->nodes[i].name);
+}
+
 void pcapng_begin(FILE *out, const cfg *config)
 {
     write_section(out);
-    for (size_t i = 0; i < config->node_count; i++)
-        write_interface(out, config, &config->nodes[i], config->nodes[i].name);
+    pcapng_add_interfaces(out, config);
 }
 
 void pcapng_begin_all(FILE *out, const cfg *const *buses, size_t count)

@@ -22,6 +22,9 @@
 /* Begins a capture of the nodes of config. */
 void pcapng_begin(FILE *out, const cfg *config);
 
+/* Adds the interfaces of further nodes to a capture. Their number begins where the others end. */
+void pcapng_add_interfaces(FILE *out, const cfg *config);
+
 /* Begins a capture of the nodes of several buses, in their order. Interfaces are named as
  * BUS:NODE. */
 void pcapng_begin_all(FILE *out, const cfg *const *buses, size_t count);

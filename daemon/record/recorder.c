@@ -16,6 +16,7 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #define RESERVE (2 * SPOOL_RECORD_MAX) /* for the end of a file and the beginning of the next */
 #define GAP_ENDS (SPOOL_QUEUE_BYTES / 2)
@@ -40,6 +41,9 @@ struct recorder {
     char *nodes;      /* names and ports of the nodes at the beginning of the file */
     uint64_t size;    /* limit at which the next file begins */
     uint64_t in_file; /* bytes */
+    bool is_stream;    /* nothing is begun a second time */
+    size_t first;      /* the interface of the first node in a capture */
+    size_t interfaces; /* of the capture */
     bool gap;         /* entries are being left out */
     bool begin_anew;  /* the end of the gap begins another file */
     bool ended;
@@ -68,13 +72,18 @@ static void log_event(recorder *r, const cw_event *event, uint64_t time_ns)
 static bool begin_capture(recorder *r, const cw_bus *bus)
 {
     (void)bus;
-    pcapng_begin(r->stream, r->config);
+    if (!r->is_stream || r->interfaces == 0)
+        pcapng_begin(r->stream, r->config);
+    else
+        pcapng_add_interfaces(r->stream, r->config);
+    r->first = r->is_stream ? r->interfaces : 0;
+    r->interfaces = r->first + r->config->node_count;
     return true;
 }
 
 static void capture_event(recorder *r, const cw_event *event, uint64_t time_ns)
 {
-    pcapng_event(r->stream, r->config, event, time_ns);
+    pcapng_event_of_bus(r->stream, r->config, (unsigned)r->first, event, time_ns);
 }
 
 static bool begin_dump(recorder *r, const cw_bus *bus)
@@ -303,6 +312,21 @@ recorder *recorder_start(const cfg_record *what, const cfg *config, const cw_bus
         return NULL;
     r->spool = spool_open(what->file, what->files, notify, user, error);
     return begin(r, bus, UINT32_MAX, error);
+}
+
+recorder *recorder_start_stream(const cfg_record *what, const cfg *config, int fd,
+                                spool_notify *notify, void *user, int *error)
+{
+    recorder *r = make_recorder(what, config);
+    *error = ENOMEM;
+    if (!r) {
+        (void)close(fd);
+        return NULL;
+    }
+    r->is_stream = true;
+    r->size = UINT64_MAX;
+    r->spool = spool_stream(fd, notify, user, error);
+    return begin(r, NULL, 0, error);
 }
 
 recorder *recorder_start_later(const cfg_record *what, const cfg *config, const cw_bus *bus,

@@ -26,6 +26,11 @@ recorder *recorder_start(const cfg_record *what, const cfg *config, const cw_bus
 recorder *recorder_start_later(const cfg_record *what, const cfg *config, const cw_bus *bus,
                                spool_notify *notify, void *user, int *error);
 
+/* Records into an open descriptor, which is closed at the end, in place of what->file, see
+ * spool_stream(). No second file is begun: nodes that change become further ones of the capture. */
+recorder *recorder_start_stream(const cfg_record *what, const cfg *config, int fd,
+                                spool_notify *notify, void *user, int *error);
+
 /* Returns true when its file has been opened. */
 bool recorder_is_open(const recorder *r);
 

@@ -7,6 +7,7 @@ programs.
 """
 
 import json
+import os
 import re
 import signal
 import socket
@@ -324,8 +325,10 @@ def test_recording_from_outside_follows_a_reload(bus, tmp_path):
     (["x.vcd"], 1, "use 'record' in the configuration, or canwire sim --vcd"),
     (["x.log", "--format", "vcd"], 1, "use 'record' in the configuration"),
     (["x.txt"], 2, "--format is needed"),
-    (["-"], 2, "-: a file is needed"),
-    (["-", "--format", "candump"], 2, "-: a file is needed"),
+    (["-"], 2, "-: standard output says no format: --format is needed"),
+    (["-", "--format", "candump", "--size", "1MB"], 2, "-: standard output is not rotated"),
+    (["-", "--format", "pcapng", "--files", "2"], 2, "-: standard output is not rotated"),
+    (["-", "--format", "vcd"], 1, "use 'record' in the configuration"),
     (["x.log", "--format", "asc"], 1, "expected candump or pcapng"),
     (["x.log", "--size", "1kB"], 1, "expected a size from 64kB to 1000GB"),
     (["x.log", "--files", "0"], 1, "expected a number from 1 to 1000"),
@@ -335,4 +338,102 @@ def test_recording_from_outside_follows_a_reload(bus, tmp_path):
 def test_recording_from_outside_refuses(bus, words, status, message):
     running = bus()
     assert message in running.canwire("record", "./rec.sock", *words, status=status)
+    running.stop()
+
+
+# ---- canwire record to standard output -----------------------------------------------------------
+
+
+def stream(running, kind, **more):
+    """Records into a pipe."""
+    command = subprocess.Popen([CANWIRE, "record", "./rec.sock", "-", "--format", kind],
+                               cwd=running.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                               **more)
+    assert b"writing standard output" in command.stderr.readline()
+    return command
+
+
+def end_of(command):
+    assert command.wait(PATIENCE_S) == 0
+    command.stdout.close()
+    with command.stderr:
+        return command.stderr.read().decode()
+
+
+def test_each_frame_is_on_standard_output_at_once(bus):
+    running = bus(text=BUS.replace("every: 5ms", "every: 500ms").replace("10ms", "500ms"))
+    command = stream(running, "candump")
+    for _ in range(3):  # not in blocks, which would take 100 of these
+        assert LINE.fullmatch(command.stdout.readline().decode().strip())
+    command.send_signal(signal.SIGINT)
+    rest = len(command.stdout.readlines())
+    assert re.search(rf": {rest + 3} entries, \d+ bytes$", end_of(command).strip())
+    running.stop()
+
+
+def test_a_viewer_shows_the_capture_live(bus):
+    running = bus()
+    command = stream(running, "pcapng")
+    viewer = subprocess.run(["tshark", "-l", "-i", "-", "-c", "6", "-Y", "can.flags.err == 0",
+                             "-T", "fields", "-e", "can.id", "-e", "frame.interface_name"],
+                            stdin=command.stdout, capture_output=True, text=True,
+                            timeout=PATIENCE_S, check=True)
+    shown = {tuple(line.split("\t")) for line in viewer.stdout.splitlines()}
+    assert ("291", "engine") in shown
+    assert shown <= {("291", "engine"), ("305419896", "load"), ("2047", "load")}
+    command.stdout.close()  # no reader any more: that is the end, and no error
+    assert re.search(r"standard output: \d+ entries, \d+ bytes$", end_of(command).strip())
+    running.stop()
+
+
+def test_a_recording_ends_with_its_reader_though_the_bus_is_quiet(bus):
+    running = bus(text="bus: {{ name: rec, bitrate: 500000 }}\ncontrol: rec.sock\n"
+                       "nodes: [ {{ name: engine }}, {{ name: dash }} ]\n")
+    command = stream(running, "candump")
+    command.stdout.close()
+    assert "standard output: 0 entries, 0 bytes" in end_of(command)
+    running.stop()
+
+
+def test_a_capture_goes_on_with_other_nodes(bus, tmp_path):
+    running = bus()
+    with (tmp_path / "all.pcapng").open("wb") as out:
+        command = subprocess.Popen([CANWIRE, "record", "./rec.sock", "-", "--format", "pcapng"],
+                                   cwd=tmp_path, stdout=out, stderr=subprocess.PIPE, text=True)
+    assert "writing" in command.stderr.readline()
+    running.wait_frames(20)
+    running.text = BUS.replace("name: load", "name: other")
+    running.write([])
+    running.canwire("reload", "./rec.sock")
+    running.wait_frames(running.status()["bus"]["frames"] + 20)
+    assert "lost" not in finish(command)
+    running.stop()
+    names = [name for name, in tshark(tmp_path / "all.pcapng", "frame.interface_name",
+                                      only="can.flags.err == 0")]
+    assert {"engine", "load", "other"} == set(names)
+    assert "load" not in names[names.index("other"):]
+
+
+def test_who_does_not_read_does_not_hold_up_the_end(bus):
+    running = bus(text=BUS.replace("every: 5ms", "every: 300us"))
+    command = stream(running, "pcapng")
+    running.wait_frames(3000)  # more than a pipe holds
+    command.send_signal(signal.SIGINT)
+    assert command.wait(PATIENCE_S) == 1
+    with command.stdout, command.stderr:
+        assert "the last of them are not written, nobody reads them" in (
+            command.stderr.read().decode())
+    running.stop()
+
+
+def test_a_capture_is_not_for_a_terminal(bus):
+    running = bus()
+    main, terminal = os.openpty()
+    refused = subprocess.run([CANWIRE, "record", "./rec.sock", "-", "--format", "pcapng"],
+                             cwd=running.folder, stdout=terminal, stderr=subprocess.PIPE,
+                             text=True, timeout=PATIENCE_S, check=False)
+    assert (refused.returncode, refused.stderr) == (
+        2, "canwire record: -: a terminal cannot show pcapng: give it to a program\n")
+    os.close(main)
+    os.close(terminal)
     running.stop()

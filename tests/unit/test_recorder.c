@@ -7,11 +7,14 @@
  * and the next one fails.
  */
 #include "base/number.h"
+#include "base/thread.h"
 #include "disk.h"
 #include "record/recorder.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <inttypes.h>
+#include <pthread.h>
 #include <semaphore.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -370,6 +373,88 @@ static void after_an_error_nothing_more_is_counted(void **state)
     assert_true(recorder_close(r, PATIENCE_S));
 }
 
+/* ---- Streams --------------------------------------------------------------------------------- */
+
+static recorder *start_stream(cfg *config, cfg_record_format format, int fd)
+{
+    const cfg_record what = {.file = path, .format = format, .size = 1, .files = 1};
+    int error = 0;
+    *config = (cfg){.bitrate_bps = 500000, .node_count = 2, .nodes = nodes};
+    recorder *r = recorder_start_stream(&what, config, fd, NULL, NULL, &error);
+    assert_int_equal(error, 0);
+    assert_non_null(r);
+    return r;
+}
+
+static void *count_lines_of_pipe(void *in)
+{
+    size_t *lines = calloc(1, sizeof *lines);
+    for (int c; (c = getc(in)) != EOF;)
+        *lines += c == '\n';
+    return lines;
+}
+
+static void what_a_slow_reader_misses_is_counted(void **state)
+{
+    (void)state;
+    const uint64_t count = 1000000; /* several times the queue and the pipe */
+    cfg config;
+    recorder_stats stats;
+    pthread_t reader;
+    size_t *lines;
+    int ends[2];
+    assert_int_equal(pipe(ends), 0);
+    FILE *in = fdopen(ends[0], "re");
+    recorder *r = start_stream(&config, CFG_RECORD_CANDUMP, ends[1]);
+    for (uint64_t i = 0; i < count; i++)
+        recorder_event(r, &sent, i);
+    recorder_get_stats(r, &stats);
+    assert_true(stats.lost > count / 2);
+    assert_int_equal(stats.entries + stats.lost, count);
+    assert_int_equal(pthread_create(&reader, NULL, count_lines_of_pipe, in), 0);
+    assert_true(recorder_close(r, PATIENCE_S)); /* the end of the pipe, too */
+    assert_int_equal(pthread_join(reader, (void **)&lines), 0);
+    assert_int_equal(*lines, stats.entries);
+    free(lines);
+    fclose(in);
+}
+
+static void other_nodes_are_further_interfaces_of_a_stream(void **state)
+{
+    (void)state;
+    static const unsigned char section[] = {0x0A, 0x0D, 0x0D, 0x0A};
+    cfg config;
+    int fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+    unsigned char bytes[4096];
+    recorder *r = start_stream(&config, CFG_RECORD_PCAPNG, dup(fd));
+    recorder_event(r, &sent, 1);
+    config.node_count = 1;
+    recorder_nodes_changed(r, NULL);
+    recorder_event(r, &sent, 2);
+    assert_true(recorder_close(r, PATIENCE_S));
+    assert_int_equal(count_frames(0), 2);
+    ssize_t size = pread(fd, bytes, sizeof bytes, 0);
+    assert_true(size > 0 && size < (ssize_t)sizeof bytes);
+    assert_memory_equal(bytes, section, sizeof section);
+    assert_null(memmem(bytes + 4, (size_t)size - 4, section, sizeof section));
+    close(fd);
+}
+
+static void a_stream_ends_with_its_reader(void **state)
+{
+    (void)state;
+    const struct timespec until = thread_in_seconds(PATIENCE_S);
+    cfg config;
+    int ends[2];
+    assert_int_equal(pipe(ends), 0);
+    recorder *r = start_stream(&config, CFG_RECORD_CANDUMP, ends[1]);
+    close(ends[0]);
+    recorder_event(r, &sent, 1);
+    assert_true(recorder_wait(r, &until));
+    assert_int_equal(recorder_error(r), EPIPE);
+    assert_true(recorder_close(r, PATIENCE_S));
+}
+
 #define IN_FOLDER(test) cmocka_unit_test_setup_teardown(test, make_folder, remove_folder)
 
 int main(void)
@@ -386,6 +471,9 @@ int main(void)
         IN_FOLDER(other_nodes_begin_another_capture_but_no_other_log),
         IN_FOLDER(an_entry_is_in_the_file_or_counted_as_lost),
         IN_FOLDER(after_an_error_nothing_more_is_counted),
+        cmocka_unit_test(what_a_slow_reader_misses_is_counted),
+        IN_FOLDER(other_nodes_are_further_interfaces_of_a_stream),
+        cmocka_unit_test(a_stream_ends_with_its_reader),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,304 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * record_bus.c - records the events of a running bus in a file or a stream of the user.
+ *
+ * The daemon may not write where the user may, so events come over the control socket and are
+ * written here. The bus never waits. The socket leaves out events when this reads too slowly, and
+ * the recorder does so when a disk or a reader is too slow. Both count them.
+ */
+#include "cli/record_bus.h"
+
+#include "base/jsonput.h"
+#include "base/plain.h"
+#include "base/thread.h"
+#include "cli/cli.h"
+#include "cli/client.h"
+#include "cli/record_files.h"
+#include "record/event_read.h"
+#include "record/recorder.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define PATIENCE_S 3600u     /* at the end, for pending writes */
+#define STREAM_PATIENCE_S 2u /* for a reader that does not read */
+
+typedef struct recording {
+    const record_order *order;
+    cfg config; /* nodes of the bus, with the members that recorders use */
+    client bus;
+    recorder *recorder;
+    uint64_t epoch_ns; /* CLOCK_REALTIME at bus time 0 */
+    uint64_t lost;     /* events that were lost on the way */
+    uint64_t told;     /* of the entries that a slow reader has missed */
+    uint64_t entries;  /* at the last look */
+} recording;
+
+/* ---- The bus --------------------------------------------------------------------------------- */
+
+static void free_nodes(cfg *config)
+{
+    for (size_t i = 0; i < config->node_count; i++) {
+        free(config->nodes[i].name);
+        free(config->nodes[i].port);
+    }
+    free(config->nodes);
+    config->nodes = NULL;
+    config->node_count = 0;
+}
+
+static char *copy_of(const json_t *text)
+{
+    return json_is_string(text) ? strdup(json_string_value(text)) : NULL;
+}
+
+/* Takes names and ports of the nodes. Returns false after a message. */
+static bool take_nodes(recording *r, const json_t *status)
+{
+    const json_t *nodes = json_object_get(status, "nodes");
+    size_t count = json_array_size(nodes);
+    free_nodes(&r->config);
+    r->config.bitrate_bps = (uint32_t)json_integer_value(
+        json_object_get(json_object_get(status, "bus"), "bitrate"));
+    r->config.nodes = calloc(count + 1, sizeof *r->config.nodes);
+    bool good = r->config.nodes && count <= CW_NODES_MAX;
+    for (size_t i = 0; i < count && good; i++) {
+        const json_t *node = json_array_get(nodes, i);
+        r->config.nodes[i].name = copy_of(json_object_get(node, "name"));
+        r->config.nodes[i].port = copy_of(json_object_get(node, "port"));
+        r->config.node_count++;
+        good = r->config.nodes[i].name != NULL;
+    }
+    if (!good)
+        plain_print(stderr, "%s: the status of bus %s cannot be taken\n", r->order->tool,
+                    r->bus.bus);
+    return good;
+}
+
+/* Asks for the status and, before the file is begun, checks that the bus does not use the file.
+ * Returns false after a message. */
+static bool ask_status(recording *r, bool first)
+{
+    json_t *reply = client_ask_once(r->bus.bus, client_request("status"));
+    const json_t *status = json_object_get(reply, "status");
+    const bool check = first && r->order->stream < 0;
+    bool good = reply && take_nodes(r, status) &&
+                (!check || record_check_files(&r->order->what, status));
+    json_decref(reply);
+    return good;
+}
+
+/* Returns false after a message. */
+static bool begin_watch(recording *r)
+{
+    static const char *const kinds[] = {"tx",    "skip", "error", "state", "restart",
+                                        "arbitration-lost", "drop"};
+    const bool frames = r->order->what.format == CFG_RECORD_CANDUMP || r->order->frames_only;
+    size_t count = frames ? 2 : sizeof kinds / sizeof kinds[0];
+    json_t *request = client_request("watch");
+    json_t *array = json_array();
+    for (size_t i = 0; i < count; i++)
+        put_text_last(array, kinds[i]);
+    put(request, "events", array);
+    json_t *reply = client_ask(&r->bus, request);
+    r->epoch_ns = (uint64_t)json_integer_value(json_object_get(reply, "epoch_ns"));
+    json_decref(reply);
+    return reply != NULL;
+}
+
+/* ---- Lines ----------------------------------------------------------------------------------- */
+
+static void take_lost(recording *r, json_int_t count)
+{
+    r->lost += count > 0 ? (uint64_t)count : 0;
+    plain_print(stderr, "%s: %" JSON_INTEGER_FORMAT " events lost, this reads too slowly\n",
+                r->order->tool, count);
+}
+
+/* Reads the event again with new nodes, since a reload may have changed them. */
+static event_read_result look_again(recording *r, cw_event *event, uint64_t *time_ns,
+                                    const json_t *line)
+{
+    if (!ask_status(r, false))
+        return EVENT_NO_SUCH_NODE;
+    recorder_nodes_changed(r->recorder, NULL);
+    return event_read(event, time_ns, line, &r->config);
+}
+
+static void take_line(recording *r, const char *text)
+{
+    json_t *line = json_loads(text, 0, NULL);
+    const json_t *lost = json_object_get(line, "lost");
+    uint64_t time_ns = 0;
+    cw_event event;
+    event_read_result result = EVENT_OTHER;
+    if (lost)
+        take_lost(r, json_integer_value(lost));
+    else
+        result = event_read(&event, &time_ns, line, &r->config);
+    if (result == EVENT_NO_SUCH_NODE)
+        result = look_again(r, &event, &time_ns, line);
+    if (result == EVENT_NO_SUCH_NODE || !line)
+        r->lost++;
+    if (result == EVENT_READ && event.kind == CW_EVENT_SKIP)
+        r->epoch_ns += event.ticks / 2 * 25;
+    else if (result == EVENT_READ)
+        recorder_event(r->recorder, &event, r->epoch_ns + time_ns);
+    json_decref(line);
+}
+
+/* Tells of entries that the reader of a stream has missed, once it reads again. */
+static void tell_left_out(recording *r)
+{
+    recorder_stats stats;
+    recorder_get_stats(r->recorder, &stats);
+    if (stats.lost > r->told && stats.entries > r->entries) {
+        plain_print(stderr, "%s: %s: %" PRIu64 " entries left out, the reader is too slow\n",
+                    r->order->tool, r->order->what.file, stats.lost - r->told);
+        r->told = stats.lost;
+    }
+    r->entries = stats.entries;
+}
+
+/* ---- Start and end --------------------------------------------------------------------------- */
+
+static volatile sig_atomic_t interrupted;
+static int bus_fd = -1;
+static int reader_fd = -1;
+
+/* Ends the events; those on their way are still taken. */
+static void end_events(void)
+{
+    (void)shutdown(bus_fd, SHUT_RD);
+}
+
+static void on_signal(int number)
+{
+    int error = errno;
+    interrupted = number;
+    end_events();
+    errno = error;
+}
+
+static void catch_signals(const recording *r)
+{
+    const struct sigaction action = {.sa_handler = on_signal, .sa_flags = SA_RESTART};
+    bus_fd = r->bus.fd;
+    (void)sigaction(SIGINT, &action, NULL);
+    (void)sigaction(SIGTERM, &action, NULL);
+    (void)sigaction(SIGHUP, &action, NULL);
+}
+
+/* Runs in the thread of a recorder that has ended. */
+static void on_end(void *user)
+{
+    (void)user;
+    end_events();
+}
+
+/* Ends the recording with the reader of its stream, also while nothing is written. */
+static void *watch_reader(void *user)
+{
+    struct pollfd stream = {.fd = reader_fd};
+    (void)user;
+    while (poll(&stream, 1, -1) < 0 && errno == EINTR)
+        ;
+    end_events();
+    return NULL;
+}
+
+static bool has_reader(const record_order *order)
+{
+    struct pollfd stream = {.fd = order->stream};
+    return order->stream < 0 || poll(&stream, 1, 0) <= 0;
+}
+
+static bool begin(recording *r)
+{
+    const record_order *order = r->order;
+    int error = 0;
+    const int stream = order->stream >= 0 ? fcntl(order->stream, F_DUPFD_CLOEXEC, 0) : -1;
+    if (order->stream < 0)
+        r->recorder = recorder_start(&order->what, &r->config, NULL, on_end, NULL, &error);
+    else if (stream < 0)
+        error = errno;
+    else
+        r->recorder = recorder_start_stream(&order->what, &r->config, stream, on_end, NULL, &error);
+    reader_fd = order->stream;
+    if (r->recorder && reader_fd >= 0)
+        (void)thread_start_alone(watch_reader, NULL);
+    if (!r->recorder)
+        plain_print(stderr, "%s: %s: %s\n", order->tool, order->what.file, spool_explain(error));
+    return r->recorder != NULL;
+}
+
+static void tell_end(const recording *r, bool written)
+{
+    const char *file = r->order->what.file;
+    recorder_stats stats;
+    recorder_get_stats(r->recorder, &stats);
+    plain_print(stderr, "%s: %s: %" PRIu64 " entries, %" PRIu64 " bytes", r->order->tool, file,
+                stats.entries, stats.bytes);
+    if (r->lost + stats.lost > 0)
+        plain_print(stderr, ", %" PRIu64 " lost", r->lost + stats.lost);
+    fputc('\n', stderr);
+    if (!written)
+        plain_print(stderr, "%s: %s: the last of them are not written, nobody reads them\n",
+                    r->order->tool, file);
+}
+
+/* Returns the exit status. That a reader has ended is no error. */
+static int finish(recording *r)
+{
+    const bool reader = has_reader(r->order);
+    const struct timespec until =
+        thread_in_seconds(r->order->stream >= 0 ? STREAM_PATIENCE_S : PATIENCE_S);
+    const bool written = recorder_wait(r->recorder, &until);
+    int error = recorder_error(r->recorder);
+    if (!reader && error == EPIPE)
+        error = 0;
+    tell_end(r, written);
+    if (error != 0)
+        plain_print(stderr, "%s: %s: stopped: %s\n", r->order->tool, r->order->what.file,
+                    spool_explain(error));
+    (void)recorder_close(r->recorder, r->order->stream >= 0 ? 0 : PATIENCE_S);
+    return error != 0 || !written ? CLI_BAD_INPUT : CLI_OK;
+}
+
+static int run(recording *r)
+{
+    const char *line;
+    if (!ask_status(r, true) || !begin_watch(r))
+        return CLI_BAD_INPUT;
+    catch_signals(r);
+    if (!begin(r))
+        return CLI_BAD_INPUT;
+    plain_print(stderr, "%s: writing %s\n", r->order->tool, r->order->what.file);
+    while (recorder_error(r->recorder) == 0 && (line = client_next(&r->bus))) {
+        take_line(r, line);
+        if (r->order->stream >= 0)
+            tell_left_out(r);
+    }
+    bool good = interrupted || recorder_error(r->recorder) != 0 || !has_reader(r->order) ||
+                client_report_end(&r->bus);
+    int status = finish(r);
+    return good ? status : CLI_BAD_INPUT;
+}
+
+int record_bus(const char *bus, const record_order *order)
+{
+    recording r = {.order = order};
+    if (!client_open(&r.bus, bus))
+        return CLI_BAD_INPUT;
+    int status = run(&r);
+    client_close(&r.bus);
+    free_nodes(&r.config);
+    return status;
+}
