@@ -180,7 +180,7 @@ cover: ## line coverage of lib and daemon by the tests, and build/cover/missed.t
 man: $(MAN_PAGES) ## the man pages, from --help, JSON schema and config/*.md
 
 INSTALL_FILES = DESTDIR='$(DESTDIR)' PREFIX='$(PREFIX)' SYSCONFDIR='$(SYSCONFDIR)' \
-  UNITDIR='$(UNITDIR)' BUILD='$(BUILD)' scripts/install-files
+  UNITDIR='$(UNITDIR)' EXTCAPDIR='$(EXTCAPDIR)' BUILD='$(BUILD)' scripts/install-files
 
 install: build man ## into $(DESTDIR)$(PREFIX), with units, configuration in $(DESTDIR)$(SYSCONFDIR)
 	@$(INSTALL_FILES) install
@@ -199,7 +199,7 @@ help: ## this list
 	@echo "canwire $(VERSION). Targets:"
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1\t\2/p' $(MAKEFILE_LIST) | expand -t 14
 	@echo "Variables: V=1 (show commands), VARIANT=release|debug|san, CC=gcc|clang, PREFIX, DESTDIR," \
-	  "SYSCONFDIR, UNITDIR"
+	  "SYSCONFDIR, UNITDIR, EXTCAPDIR"
 
 # scripts/test runs these targets: unit tests of one variant and compiler. The differential test
 # takes fewer bits where each costs more.

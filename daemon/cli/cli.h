@@ -22,6 +22,7 @@ int cli_vcan(int argc, char **argv);
 int cli_sim(int argc, char **argv);
 int cli_analyse(int argc, char **argv);
 int cli_record(int argc, char **argv);
+int cli_extcap(int argc, char **argv);
 int cli_status(int argc, char **argv);
 int cli_faults(int argc, char **argv);
 int cli_inject(int argc, char **argv);

@@ -30,6 +30,7 @@ static const command commands[] = {
     {"status", "show a running bus and its nodes", cli_status},
     {"watch", "show what happens on a bus, live", cli_watch},
     {"record", "write what happens on a bus into a file, live", cli_record},
+    {"extcap", "list and capture buses for Wireshark, which calls it", cli_extcap},
     {"faults", "list the fault rules on a bus", cli_faults},
     {"inject", "put fault rules onto a bus", cli_inject},
     {"clear", "take fault rules away", cli_clear},

@@ -244,6 +244,8 @@ static void tell_end(const recording *r, bool written)
     const char *file = r->order->what.file;
     recorder_stats stats;
     recorder_get_stats(r->recorder, &stats);
+    if (r->order->quiet && written && r->lost + stats.lost == 0)
+        return;
     plain_print(stderr, "%s: %s: %" PRIu64 " entries, %" PRIu64 " bytes", r->order->tool, file,
                 stats.entries, stats.bytes);
     if (r->lost + stats.lost > 0)
@@ -280,7 +282,8 @@ static int run(recording *r)
     catch_signals(r);
     if (!begin(r))
         return CLI_BAD_INPUT;
-    plain_print(stderr, "%s: writing %s\n", r->order->tool, r->order->what.file);
+    if (!r->order->quiet)
+        plain_print(stderr, "%s: writing %s\n", r->order->tool, r->order->what.file);
     while (recorder_error(r->recorder) == 0 && (line = client_next(&r->bus))) {
         take_line(r, line);
         if (r->order->stream >= 0)

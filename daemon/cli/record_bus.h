@@ -13,6 +13,7 @@ typedef struct record_order {
     cfg_record what; /* its file is also the name in messages */
     int stream;      /* a descriptor to write to in place of a file; -1: none */
     bool frames_only;
+    bool quiet;       /* tells losses and errors alone */
     const char *tool; /* "canwire NAME", for messages */
 } record_order;
 

@@ -5,8 +5,8 @@
 #
 # Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
 
-_canwire_commands="check vcan bits timing sim analyse status watch record faults inject clear fire"
-_canwire_commands+=" restart set reload run help"
+_canwire_commands="check vcan bits timing sim analyse status watch record extcap faults inject"
+_canwire_commands+=" clear fire restart set reload run help"
 _canwire_events="fault link drop restart arbitration-lost improper-arbitration error overload"
 _canwire_events+=" protocol-exception overrun rx tx wake state skip sync capture"
 
@@ -62,6 +62,10 @@ _canwire_options() {
     status | faults) echo --json --help ;;
     watch) echo --json --text --help ;;
     record) echo --format --size --files --help ;;
+    extcap)
+        echo --extcap-interfaces --extcap-interface --extcap-dlts --extcap-config --capture --fifo \
+            --frames-only --extcap-capture-filter --extcap-version --help
+        ;;
     inject) echo --with --help ;;
     clear) echo --injected --help ;;
     reload) echo --config --pid --help ;;

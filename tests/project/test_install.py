@@ -93,16 +93,20 @@ def test_everything_is_where_it_belongs(make, prefix):
         assert "/etc/canwire/%i.yaml" in text or unit.suffix == ".socket"
         pages = re.findall(r"man:(\S+)\((\d)\)", text)
         assert pages and {f"{prefix}/share/man/man{n}/{page}.{n}" for page, n in pages} <= files
+    extcap, = (f for f in files if f.endswith("/wireshark/extcap/canwire"))
+    assert f"exec {prefix}/bin/canwire extcap " in (make.root / extcap[1:]).read_text()
     modes = {name: mode for name, (mode, _) in tree(make.root).items()}
     assert modes[f"{prefix[1:]}/bin/canwire"] == "-rwxr-xr-x"
+    assert modes[extcap[1:]] == "-rwxr-xr-x"
     assert modes[f"{prefix[1:]}/share/canwire/example.yaml"] == "-rw-r--r--"
 
 
 def test_folders_can_be_chosen(make):
-    make("install", "/usr", SYSCONFDIR="/conf", UNITDIR="/units")
+    make("install", "/usr", SYSCONFDIR="/conf", UNITDIR="/units", EXTCAPDIR="/sharks")
     text = (make.root / "units/canwired@.service").read_text()
     assert "/usr/sbin/canwired -c /conf/canwire/%i.yaml" in text
     assert (make.root / "conf/canwire").is_dir()
+    assert (make.root / "sharks/canwire").is_file()
     assert not (make.root / "etc").exists()
 
 

@@ -38,6 +38,7 @@ COMMANDS = {
     "status": [BUS],
     "watch": [BUS],
     "record": [BUS, "out.log"],
+    "extcap": ["--extcap-interfaces"],
     "faults": [BUS],
     "inject": [BUS, "{}"],
     "clear": [BUS],
@@ -146,7 +147,8 @@ def test_a_bad_argument_is_wrong_usage(call, words, message, allowed):
 def test_every_option_with_a_value_is_in_the_table(call):
     tried = {(name, option) for name, option, _, _ in VALUES}
     files = {"--events", "--log", "--pcapng", "--stats", "--vcd", "--svg", "--junit", "--journal",
-             "--config", "--bus", "--as", "--interface"}  # or names
+             "--config", "--bus", "--as", "--interface", "--extcap-interface", "--fifo",
+             "--extcap-capture-filter", "--extcap-version"}  # or names
     for name in COMMANDS:
         for line in call(name, "--help", status=0).stdout.splitlines():
             option = re.match(r" +(--[a-z-]+) \[?[A-Z]", line)
