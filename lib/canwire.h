@@ -816,6 +816,10 @@ typedef enum cw_action {
     CW_ACTION_DUPLICATE, /* `number` more copies */
     CW_ACTION_REORDER,   /* after the next `number` frames of that node and side */
     CW_ACTION_CHANGE,    /* `change` */
+    /* On frames as their senders make them, before all other rules; only frames of a cw_protection
+     * that has what they act on match. The last one of several counts. CW_SIDE_TX: */
+    CW_ACTION_COUNTER,   /* a cw_counter_fault in `number` */
+    CW_ACTION_CHECKSUM,  /* all bits of the checksum are inverted */
     /* Traffic of `node`: */
     CW_ACTION_SEND,   /* `frame`, at once and then every period_ticks (0: once) while it lasts */
     CW_ACTION_BABBLE, /* `frame`, again as soon as the last one is done, while it lasts */
@@ -843,6 +847,14 @@ bool cw_action_needs_frame(cw_action action);
 
 typedef enum cw_line { CW_LINE_WIRE = 0, CW_LINE_TX, CW_LINE_RX } cw_line;
 typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
+
+/* Faults of the counter in a frame. The first frame has no value before it, and gets its own. */
+typedef enum cw_counter_fault {
+    CW_COUNTER_STUCK = 0, /* it has the value of the frame before, and so the counter stands still */
+    CW_COUNTER_SKIP,      /* a value is left out before it */
+    CW_COUNTER_REPEAT,    /* it has the value of the frame before; the counter goes on meanwhile */
+    CW_COUNTER_FAULTS
+} cw_counter_fault;
 
 #define CW_KEEP UINT16_MAX
 #define CW_PATTERN_MAX 64 /* bits of a glitch */
@@ -1169,6 +1181,57 @@ typedef struct cw_node_config {
     cw_schedule schedule;   /* needs local time */
 } cw_node_config;
 
+/* ---- Counters and checksums in data ---------------------------------------------------------- */
+
+/* A number in the data that counts frames. */
+typedef struct cw_counter {
+    uint16_t bit;   /* of the most significant one: 8 * byte + bit, bit 0 is the most significant */
+    uint8_t bits;   /* 1..32; 0: there is none */
+    uint32_t max;   /* after it comes 0 */
+    uint32_t start; /* of the first frame */
+} cw_counter;
+
+/* The sorts of checksums. CRCs take the most significant bit of a byte first. */
+typedef enum cw_checksum_kind {
+    CW_CHECKSUM_NONE = 0,
+    CW_CHECKSUM_XOR,
+    CW_CHECKSUM_SUM,
+    CW_CHECKSUM_CRC8,
+    CW_CHECKSUM_CRC16, /* two bytes, the low one first */
+    CW_CHECKSUM_COUNT
+} cw_checksum_kind;
+
+#define CW_DATA_ID_MAX 16
+
+/* A checksum in the data: over all bytes but its own, and over a Data ID, which is not sent. */
+typedef struct cw_checksum {
+    cw_checksum_kind kind;
+    uint8_t at;          /* byte */
+    uint16_t polynomial; /* without its highest bit */
+    uint16_t start;
+    uint16_t inverted;   /* bits that are inverted at the end */
+    bool id_first;       /* the Data ID comes before the data, else behind them */
+    bool id_by_counter;  /* one byte of it, that of the counter modulo id_length; else all */
+    uint8_t id_length;   /* 0: there is none */
+    uint8_t id[CW_DATA_ID_MAX];
+} cw_checksum;
+
+/* The frames of a node with one identifier have a counter, a checksum or both, which are written
+ * when a host hands them in. Frames that have no such place, and frames of rules, schedules and
+ * mailboxes, are left alone. */
+typedef struct cw_protection {
+    uint8_t node;
+    uint32_t id; /* as cw_frame_can_id(), without CW_FILTER_REMOTE */
+    cw_counter counter;
+    cw_checksum checksum;
+} cw_protection;
+
+/* Returns true when a frame has the places of a protection. */
+bool cw_protection_fits(const cw_protection *protection, const cw_frame *frame);
+
+/* Writes the counter and the checksum into a frame that has their places. */
+void cw_protection_write(const cw_protection *protection, cw_frame *frame, uint32_t counter);
+
 typedef struct cw_bus_config {
     uint32_t bit_ticks; /* ticks of one bit, at least 1: CW_CLOCK_HZ / bit rate */
     uint64_t seed;
@@ -1180,6 +1243,8 @@ typedef struct cw_bus_config {
     bool marks;                  /* room for the marks of cw_bit_view */
     const cw_node_config *nodes; /* node_count of them; not kept */
     const cw_rule *rules;        /* rule_count of them; not kept */
+    uint32_t protection_count;
+    const cw_protection *protections; /* sorted by node and id, which are distinct; not kept */
 } cw_bus_config;
 
 /* Events of one node at one tick come in this order; faults come before all nodes. */

@@ -3,6 +3,7 @@
  * action.c - the actions of fault rules: the key `do`, with a table of keys for each action.
  */
 #include "config/parts.h"
+#include "config/protect.h"
 #include "config/values.h"
 #include "config/wake.h"
 
@@ -37,7 +38,7 @@ static schema_reader read_level, read_levels, read_at, read_groups,
     read_restart, read_order, read_period, read_sleep, read_wake;
 static action_completer complete_force, complete_stuck, complete_wrong_crc, complete_counters,
     complete_set, complete_side, complete_change, complete_send, complete_babble,
-    complete_reply;
+    complete_reply, complete_making;
 
 static const schema_range bits_range = {1, UINT16_MAX, sizeof(uint16_t)};
 static const schema_range tec_range = {0, TEC_MAX, sizeof(uint16_t)};
@@ -60,6 +61,18 @@ static const schema_choice levels[] = {
 static const schema_choice sides[] = {
     {.name = "tx", .value = CW_SIDE_TX},
     {.name = "rx", .value = CW_SIDE_RX},
+    {.name = NULL},
+};
+
+static const schema_choice counter_faults[] = {
+    {.name = "stuck", .value = CW_COUNTER_STUCK},
+    {.name = "skip", .value = CW_COUNTER_SKIP},
+    {.name = "repeat", .value = CW_COUNTER_REPEAT},
+    {.name = NULL},
+};
+
+static const schema_choice checksum_faults[] = {
+    {.name = "wrong", .value = 1},
     {.name = NULL},
 };
 
@@ -205,6 +218,10 @@ static const schema_key duplicate_keys[] = {NUMBER("duplicate", &copies_range), 
 static const schema_key reorder_keys[] = {NUMBER("reorder", &overtaking_range), AT, SIDE, END};
 static const schema_key change_keys[] = {
     {.name = "change", .read = read_change, MEMBER(change)}, AT, SIDE, END};
+static const schema_key counter_keys[] = {
+    {.name = "counter", .read = schema_read_choice, MEMBER(number), .arg = counter_faults}, END};
+static const schema_key checksum_keys[] = {
+    {.name = "checksum", .read = schema_read_choice, MEMBER(number), .arg = checksum_faults}, END};
 static const schema_key send_keys[] = {
     FRAME("send"), AS,  {.name = "every", .read = read_period, MEMBER(period_ticks)},
     FOR,           END,
@@ -256,6 +273,8 @@ static const action actions[] = {
     {CW_ACTION_DUPLICATE, duplicate_keys, complete_side},
     {CW_ACTION_REORDER, reorder_keys, complete_side},
     {CW_ACTION_CHANGE, change_keys, complete_change},
+    {CW_ACTION_COUNTER, counter_keys, complete_making},
+    {CW_ACTION_CHECKSUM, checksum_keys, complete_making},
     {CW_ACTION_SEND, send_keys, complete_send},
     {CW_ACTION_BABBLE, babble_keys, complete_babble},
     {CW_ACTION_LOAD, load_keys, NULL},
@@ -621,6 +640,13 @@ static void complete_change(schema *self, yaml_node_t *map, cw_rule *rule)
     complete_side(self, map, rule);
     if (change->type == YAML_MAPPING_NODE && !schema_pair(self, &value, change, 0))
         complain_at(self, map, "change", "one of the keys id, dlc, set, and, or, xor is needed");
+}
+
+/* Completes a rule on what senders write into their frames. */
+static void complete_making(schema *self, yaml_node_t *map, cw_rule *rule)
+{
+    rule->side = CW_SIDE_TX;
+    cfg_check_protected(self, schema_find(self, map, cw_action_name(rule->action)), rule);
 }
 
 /* Complains about a frame that the node of the rule does not know. */

@@ -166,5 +166,7 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
         .marks = cfg_has_clocks(config),
         .nodes = nodes,
         .rules = config->rules,
+        .protection_count = config->protection_count,
+        .protections = config->protections,
     };
 }

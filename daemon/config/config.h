@@ -29,6 +29,19 @@ typedef enum cfg_traffic_kind {
     CFG_TRAFFIC_REPLY     /* `frame` answers each match, after `delay`, count times */
 } cfg_traffic_kind;
 
+/* The keys `counter` and `checksum` of an entry. */
+typedef struct cfg_protect {
+    bool has_counter;
+    bool has_checksum;
+    unsigned kind; /* in the table of protect.c */
+    unsigned mode; /* of the Data ID */
+    uint16_t nibble;
+    bool id_list;
+    uint8_t id_count;
+    uint16_t id[CW_DATA_ID_MAX];
+    cw_protection what; /* for the library; without the node */
+} cfg_protect;
+
 /* One entry of a node's traffic. */
 typedef struct cfg_traffic {
     cfg_traffic_kind kind;
@@ -40,6 +53,7 @@ typedef struct cfg_traffic {
     cfg_time jitter; /* at most `every`, if there is one */
     cfg_time delay;
     uint64_t count; /* UINT64_MAX: unlimited; 1 without `every` */
+    cfg_protect protect; /* of a send */
 
     /* Of a replay: */
     char *file;
@@ -310,6 +324,8 @@ typedef struct cfg {
     size_t guest_count; /* nodes at the end, which are on the bus while their clients are there */
     size_t rule_count;
     cw_rule *rules; /* names owned by the cfg */
+    uint32_t protection_count;
+    cw_protection *protections; /* of all entries, sorted */
     size_t reply_count; /* entries of kind CFG_TRAFFIC_REPLY; a bus keeps them as quiet rules */
     size_t expect_count;
     cfg_expect *expects;
@@ -381,6 +397,9 @@ const char *cfg_record_format_name(cfg_record_format format);
 
 /* Reads the size at which the next file begins, "100MB". Returns NULL, or the allowed values. */
 const char *cfg_record_parse_size(uint64_t *size, const char *text);
+
+/* Returns true when its frames have a counter or a checksum. */
+bool cfg_is_protected(const cfg_traffic *traffic);
 
 /* Returns true when the traffic never ends by itself. */
 bool cfg_traffic_is_endless(const cfg_traffic *traffic);

@@ -3,6 +3,7 @@
  * traffic.c - the traffic of nodes without port: the keys of `send`, `replay` and `reply`.
  */
 #include "config/parts.h"
+#include "config/protect.h"
 #include "config/source.h"
 #include "config/values.h"
 
@@ -44,6 +45,8 @@ static const schema_key send_keys[] = {
     {.name = "offset", .read = cfg_read_time, MEMBER(offset)},
     {.name = "jitter", .read = cfg_read_time, MEMBER(jitter)},
     {.name = "count", .read = schema_read_uint, MEMBER(count), .arg = &count_range},
+    {.name = "counter", .read = cfg_read_counter},
+    {.name = "checksum", .read = cfg_read_checksum},
     {.name = NULL},
 };
 
@@ -124,6 +127,12 @@ static void complain_missing(schema *self, const yaml_node_t *map)
 static size_t find_kind(schema *self, yaml_node_t *map)
 {
     size_t found = KINDS;
+    const yaml_node_t *database = schema_find(self, map, "dbc");
+    if (database) {
+        schema_complain(self, database, "dbc: canwire reads no databases; this makes frames of all "
+                        "such entries: canwire-restbus %s > FILE", cfg_of(self)->file);
+        return KINDS;
+    }
     for (size_t i = 0; i < KINDS; i++) {
         yaml_node_t *value = schema_find(self, map, kinds[i].keys[0].name);
         if (value && found < KINDS) {
@@ -193,6 +202,7 @@ void cfg_check_traffic(schema *self, yaml_node_t *nodes)
 {
     for (size_t i = 0; i < cfg_of(self)->node_count; i++)
         check_node(self, cfg_node_map(self, nodes, i), i);
+    cfg_collect_protections(self, nodes);
 }
 
 /* ---- send ------------------------------------------------------------------------------------ */
@@ -210,6 +220,7 @@ static void complete_send(schema *self, yaml_node_t *map, cfg_traffic *traffic)
     cw_rate rate = cfg_of(self)->rate;
     yaml_node_t *count = schema_find(self, map, "count");
 
+    cfg_complete_protection(self, map, traffic);
     if (traffic->has_every) {
         if (text_time_ticks(traffic->jitter, rate) > text_time_ticks(traffic->every, rate))
             schema_complain(self, schema_find(self, map, "jitter"),

@@ -388,12 +388,13 @@ uint64_t release_next_tick(const release_plan *plan)
     return plan->count ? plan->heap[0]->tick : CW_NEVER;
 }
 
-/* A frame may join another one's SOF (M6), and receivers have it before its last bit (M7). */
+/* A frame may join another one's SOF (M6), and receivers have it before its last bit (M7). The stuff
+ * bits of one with a counter differ from frame to frame. */
 static uint64_t rx_ticks(const release_plan *plan, const source *s, uint64_t least)
 {
     const cw_frame *frame = &s->traffic->frame;
     if (s->traffic->kind != CFG_TRAFFIC_SEND || plan->config->dbitrate_bps > 0 ||
-        !cw_frame_valid(frame))
+        cfg_is_protected(s->traffic) || !cw_frame_valid(frame))
         return least;
     const uint64_t ticks = cw_rate_ticks(plan->rate, cw_frame_wire_bits(frame) - JOINED_BITS);
     return ticks > least ? ticks : least;

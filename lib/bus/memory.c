@@ -4,6 +4,7 @@
  */
 #include "bus/bus_private.h"
 #include "format/layout.h"
+#include "format/protect.h"
 
 #include <assert.h>
 #include <string.h>
@@ -87,6 +88,19 @@ static bool has_fd(const cw_bus_config *c)
     return false;
 }
 
+static bool protections_valid(const cw_bus_config *c)
+{
+    for (unsigned i = 0; i < c->protection_count; i++) {
+        const cw_protection *p = &c->protections[i];
+        const cw_protection *before = i > 0 ? p - 1 : NULL;
+        const bool sorted = !before || before->node < p->node ||
+                            (before->node == p->node && before->id < p->id);
+        if (!sorted || p->node >= c->node_count || !cw_protection_valid(p))
+            return false;
+    }
+    return true;
+}
+
 static bool config_valid(const cw_bus_config *c)
 {
     if (c->bit_ticks == 0 || c->node_count == 0 || c->node_count > CW_NODES_MAX || c->inbox == 0 ||
@@ -95,7 +109,7 @@ static bool config_valid(const cw_bus_config *c)
     for (unsigned i = 0; i < c->node_count; i++)
         if (!node_config_valid(&c->nodes[i]))
             return false;
-    return cw_timing_valid(c);
+    return protections_valid(c) && cw_timing_valid(c);
 }
 
 /* The layout of the caller's memory. With base NULL only the size is counted. */
@@ -273,6 +287,21 @@ static void carve_rules(arena *a, cw_rule_set *set, const cw_bus_config *c)
                              .stale = true, .next_due = CW_NEVER};
 }
 
+static void carve_protections(arena *a, cw_rule_set *set, const cw_bus_config *c)
+{
+    if (c->protection_count == 0)
+        return;
+    cw_protected *protections = carve(a, c->protection_count, sizeof *protections);
+    if (!set)
+        return;
+    for (unsigned i = 0; i < c->protection_count; i++)
+        protections[i] = (cw_protected){.what = c->protections[i],
+                                        .next = c->protections[i].counter.start};
+    set->protections = protections;
+    set->protection_count = c->protection_count;
+    set->hand_in_rules = 1;
+}
+
 /* Returns the edges that nodes may look at. That is one for each bit of a node in the longest delay
  * and ringing, which may be changed later, and in some bits more. */
 static unsigned edges_looked_at(const cw_bus_config *c)
@@ -351,6 +380,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
                                  .capacity = events};
     }
     carve_rules(a, bus ? &bus->rules : NULL, c);
+    carve_protections(a, bus ? &bus->rules : NULL, c);
     carve_timed(a, bus ? &bus->timed : NULL, c);
     carve_queues(a, nodes, c);
     carve_buffers(a, bus, c);

@@ -332,6 +332,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     take_over_buffers(bus, old, from, to);
     take_over_tt(bus, old, from, to);
     cw_find_node_due(bus);
+    cw_rules_take_over_protections(&bus->rules, &old->rules, from);
     take_over_inbox(bus, old, to);
     take_over_held(bus, old, to);
     cw_rules_start(&bus->rules);

@@ -29,6 +29,7 @@ struct cw_passing;
 #define CW_SENDS_FRAME 0x400u    /* sends the rule's frame, which must be valid */
 #define CW_IN_TIME 0x1000u       /* acts for parts of bits, see in_time.c */
 #define CW_DEVIATES 0x2000u      /* its frames are not as their nodes would send them */
+#define CW_IN_MAKING 0x4000u     /* acts on a frame that has a protection, as it is made */
 #define CW_STEADY_TRAFFIC 0x800u /* sends whenever there is a reason, not at ticks known before */
 
 /* The values that a number of a rule may have. */
@@ -71,6 +72,8 @@ extern const cw_action_row cw_actions[CW_ACTION_COUNT];
 cw_level_action cw_flip, cw_force, cw_glitch, cw_hold_level, cw_flip_at_random;
 /* host.c */
 cw_host_action cw_drop_frame, cw_delay_frame, cw_copy_frame, cw_let_overtake, cw_change_frame;
+/* protect.c */
+cw_host_action cw_fault_counter, cw_fault_checksum;
 /* traffic.c */
 cw_traffic_action cw_send_periodically, cw_babble, cw_fill_up;
 /* raw.c has what RAW and RAW_FRAME do beside that. */

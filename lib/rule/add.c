@@ -28,6 +28,7 @@ static bool divides_bits(const cw_rule_set *set, const cw_rule_state *s)
 static void count_kinds(cw_rule_set *set)
 {
     set->host_rules = 0;
+    set->making_rules = 0;
     set->reply_rules = 0;
     set->noise_rules = 0;
     set->line_rules = 0;
@@ -41,6 +42,7 @@ static void count_kinds(cw_rule_set *set)
     for (unsigned i = 0; i < set->count; i++) {
         const cw_rule_state *s = &set->rules[i];
         set->host_rules += s->used && s->does->kind == CW_KIND_HOST;
+        set->making_rules += s->used && cw_rule_is(s, CW_IN_MAKING);
         set->reply_rules += s->used && s->rule.action == CW_ACTION_REPLY;
         set->noise_rules += s->used && cw_rule_is(s, CW_RANDOM_BITS);
         set->line_rules += s->used && cw_rule_is(s, CW_ON_LINE);
@@ -54,6 +56,7 @@ static void count_kinds(cw_rule_set *set)
         if (s->used && s->rule.action == CW_ACTION_DUPLICATE)
             set->copies += s->rule.number;
     }
+    set->hand_in_rules = set->host_rules + (set->protection_count > 0);
     set->stale = true;
 }
 

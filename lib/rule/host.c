@@ -184,8 +184,9 @@ static bool is_hit(cw_rule_set *set, unsigned rule, cw_side side, uint64_t tick)
     return s->rx_hit;
 }
 
+/* made_by: the protection of the frame for rules on what it has written, or NULL for all others. */
 static bool run_rules(cw_rule_set *set, unsigned node, cw_frame *frame, cw_side side, uint64_t tick,
-                      const frame_origin *origin)
+                      const frame_origin *origin, cw_protected *made_by)
 {
     cw_frame original;
     uint64_t self = cw_node_bit(node);
@@ -198,10 +199,11 @@ static bool run_rules(cw_rule_set *set, unsigned node, cw_frame *frame, cw_side 
         const cw_rule_state *s = cw_rule_at(set, rule);
         const cw_rule *r = &s->rule;
         if (s->does->kind != CW_KIND_HOST || r->side != side || !cw_rule_names(r->from, from) ||
-            !cw_rule_names(r->at, self) || !is_hit(set, rule, side, tick))
+            !cw_rule_names(r->at, self) || !cw_rule_is_for(s, made_by) ||
+            !is_hit(set, rule, side, tick))
             continue;
         const cw_passing p = {.frame = frame, .rule = rule, .node = node, .tick = tick,
-                              .origin = origin};
+                              .origin = origin, .made_by = made_by};
         if (!s->does->host(set, r, &p))
             return false;
     }
@@ -242,12 +244,19 @@ static void answer(cw_rule_set *set, unsigned node, const cw_frame *frame, uint6
 bool cw_rules_hand_in(cw_rule_set *set, unsigned node, cw_frame *frame, uint64_t tick)
 {
     static const frame_origin none = {.from = 0};
-    return set->host_rules == 0 || run_rules(set, node, frame, CW_SIDE_TX, tick, &none);
+    cw_protected *made_by = NULL;
+    if (set->hand_in_rules == 0)
+        return true;
+    if (set->protection_count > 0)
+        made_by = cw_rules_protect(set, node, frame);
+    if (made_by && set->making_rules > 0)
+        (void)run_rules(set, node, frame, CW_SIDE_TX, tick, &none, made_by);
+    return set->host_rules == 0 || run_rules(set, node, frame, CW_SIDE_TX, tick, &none, NULL);
 }
 
 bool cw_rules_hand_out(cw_rule_set *set, unsigned node, cw_frame *frame, const frame_origin *origin)
 {
     answer(set, node, frame, origin->from);
     return set->host_rules == 0 ||
-           run_rules(set, node, frame, CW_SIDE_RX, cw_rules_now(set), origin);
+           run_rules(set, node, frame, CW_SIDE_RX, cw_rules_now(set), origin, NULL);
 }

@@ -59,7 +59,18 @@ typedef struct cw_passing {
     unsigned node;
     uint64_t tick;
     const frame_origin *origin;
+    cw_protected *made_by; /* CW_IN_MAKING: the protection that has written counter and checksum */
 } cw_passing;
+
+/* ---- protect.c ------------------------------------------------------------------------------- */
+
+/* Writes counter and checksum into a frame that a host hands in. Returns the protection that has
+ * done so, or NULL. */
+cw_protected *cw_rules_protect(const cw_rule_set *set, unsigned node, cw_frame *frame);
+
+/* Returns whether a rule acts on what a protection has written; with NULL, whether it acts on
+ * anything else. */
+bool cw_rule_is_for(const cw_rule_state *state, const cw_protected *made_by);
 
 /* ---- Effects on the bus ---------------------------------------------------------------------- */
 

@@ -15,6 +15,7 @@
  *   raw.c          drives given bits in place of a controller
  *   in_time.c disturb.c  do so where nodes have clocks of their own
  *   host.c         acts on frames on the host side
+ *   protect.c      writes counters and checksums into frames, and makes faults in them
  *   traffic.c      sends the frames of rules
  * The bus acts on controllers, queues and events for the rules (cw_rule_effects). The controllers
  * themselves do all that follows on the bus.
@@ -104,6 +105,17 @@ typedef struct held_frame {
     frame_origin origin;
     cw_frame frame; /* in its short form where the bus has no FD */
 } held_frame;
+
+/* A protection in use. */
+typedef struct cw_protected {
+    cw_protection what;
+    uint32_t next;   /* value of the counter in the next frame */
+    bool sent;       /* some frame has had a value ... */
+    uint32_t value;  /* ... and the last one this */
+    bool wrong;      /* of the frame that passes: its checksum is inverted ... */
+    uint32_t before; /* ... `next` without it ... */
+    uint32_t last;   /* ... and the value of the frame before it */
+} cw_protected;
 
 #define CW_HELD_FRAMES 256u /* all nodes together */
 
@@ -213,7 +225,11 @@ typedef struct cw_rule_set {
     unsigned key_count;
     unsigned wildcard_count;
     unsigned awake_count;
+    cw_protected *protections; /* sorted by node and identifier */
+    unsigned protection_count;
     unsigned host_rules;    /* rules on frames at the host side */
+    unsigned making_rules;  /* ... of these, those on counters and checksums */
+    unsigned hand_in_rules; /* the former, and 1 more where frames have protections */
     unsigned reply_rules;
     unsigned noise_rules;
     unsigned line_rules;    /* rules that hold a line at a level */
@@ -498,6 +514,12 @@ bool cw_rules_hand_in(cw_rule_set *set, unsigned node, cw_frame *frame, uint64_t
 /* Does the same for a frame on its way to a host. */
 bool cw_rules_hand_out(cw_rule_set *set, unsigned node, cw_frame *frame,
                        const frame_origin *origin);
+
+/* Returns the protection of a node's frames with an identifier, or NULL. */
+cw_protected *cw_rules_protection(const cw_rule_set *set, unsigned node, uint32_t id);
+
+/* Goes on with the counters of another bus; from: the old node of each node, or CW_NO_NODE. */
+void cw_rules_take_over_protections(cw_rule_set *set, const cw_rule_set *old, const uint8_t *from);
 
 /* Notes that a frame of that node and side has passed at a tick: frames that wait behind it go
  * now. */

@@ -30,6 +30,7 @@ static bool moment_known(const cw_rule *r, unsigned traits)
     bool position = none || (r->field != CW_FIELD_NONE &&
                              (pulse || r->bits >= 1 || r->for_ticks > 0));
     return (!(traits & CW_NEEDS_FRAME) || r->trigger == CW_TRIGGER_FRAME) &&
+           (!(traits & CW_IN_MAKING) || r->side == CW_SIDE_TX) &&
            (!(traits & CW_HAS_POSITION) || position);
 }
 

@@ -61,7 +61,7 @@ static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
 static bool is_next(const cw_bus *bus)
 {
     return bus->inbox.count == 0 && !bus->buffers && bus->rules.next_due > cw_now(bus) &&
-           bus->node_due > cw_now(bus) && !bus->pending && bus->rules.host_rules == 0 &&
+           bus->node_due > cw_now(bus) && !bus->pending && bus->rules.hand_in_rules == 0 &&
            bus->rules.traffic_rules == 0 && bus->rules.held_count == 0;
 }
 

@@ -16,6 +16,7 @@
 
 #define DIFF_RULES_MAX 40u  /* of one configuration, and added while the bus runs */
 #define DIFF_PLANS_MAX 5u   /* configurations of a scenario */
+#define DIFF_PROTECTIONS_MAX 24u /* of one configuration */
 #define DIFF_NAMES 256u     /* distinct names of rules */
 #define DIFF_STYLES 18u
 #define DIFF_TIMED_BIT_MAX 8000u /* ticks; longer bits have no clocks of their own here */
@@ -50,6 +51,7 @@ typedef struct diff_plan {
     cw_bus_config config; /* nodes and rules are those below, filled in when it is used */
     cw_node_config nodes[CW_NODES_MAX];
     diff_rule rules[DIFF_RULES_MAX];
+    cw_protection protections[DIFF_PROTECTIONS_MAX];
 } diff_plan;
 
 typedef enum diff_op_kind {
@@ -181,6 +183,9 @@ void diff_random_rates(diff_maker *m, cw_node_timing *timing);
 
 /* Returns the frame with an identifier of that node, if identifiers belong to nodes. */
 cw_frame diff_owned_frame(const diff_maker *m, const cw_frame *frame, unsigned node);
+
+/* Gives frames of some nodes a counter, a checksum or both. */
+void diff_random_protections(diff_maker *m, diff_plan *plan);
 cw_settings diff_random_settings(diff_maker *m);
 cw_frame diff_random_frame(diff_maker *m);
 void diff_change_format(diff_maker *m, cw_frame *frame);

@@ -20,7 +20,9 @@
     (ACTION(WRONG_CRC) | ACTION(BUS_OFF) | ACTION(ERROR_FLAG) | ACTION(RESTART) |                  \
      ACTION(COUNTERS) | ACTION(OVERLOAD) | ACTION(SET) | ACTION(SOFTWARE_RESET) |                  \
      ACTION(HARDWARE_RESET))
-#define HOST (ACTION(DROP) | ACTION(DELAY) | ACTION(DUPLICATE) | ACTION(REORDER) | ACTION(CHANGE))
+#define HOST                                                                                       \
+    (ACTION(DROP) | ACTION(DELAY) | ACTION(DUPLICATE) | ACTION(REORDER) | ACTION(CHANGE) |         \
+     ACTION(COUNTER) | ACTION(CHECKSUM))
 #define TRAFFIC                                                                                    \
     (ACTION(SEND) | ACTION(BABBLE) | ACTION(LOAD) | ACTION(REPLY) | ACTION(RAW_FRAME))
 #define TIMED (ACTION(PULSE) | ACTION(JITTER) | ACTION(RAMP)) /* they leave the grid */
@@ -371,6 +373,18 @@ static void add_line_rule(generator *g, diff_plan *plan)
     }
 }
 
+/* Makes a fault in counters or checksums, of which the bus has some. */
+static void add_making_rule(generator *g, diff_plan *plan)
+{
+    diff_random *r = &g->maker.random;
+    cw_rule *rule = &plan->rules[plan->config.rule_count - 1u].rule;
+    *rule = (cw_rule){.action = diff_chance(r, 600) ? CW_ACTION_COUNTER : CW_ACTION_CHECKSUM,
+                      .trigger = CW_TRIGGER_FRAME, .time_end = CW_NEVER, .every = 1,
+                      .probability = UINT64_MAX};
+    rule->every = (uint32_t)diff_between(r, 1, 2 * g->maker.rarity);
+    rule->number = (uint32_t)diff_below(r, CW_COUNTER_FAULTS);
+}
+
 /* Returns true when the library accepts the configuration. */
 static bool is_accepted(diff_plan *plan)
 {
@@ -397,6 +411,9 @@ static void random_rules(generator *g, diff_plan *plan, unsigned count)
             add_plan_helper(g, plan, first);
         if (g->style->lines && diff_chance(&g->maker.random, 900))
             add_line_rule(g, plan);
+        if (plan->config.protection_count > 0 && (g->style->actions & ACTION(COUNTER)) &&
+            diff_chance(&g->maker.random, 200))
+            add_making_rule(g, plan);
         plan->config.rule_room--;
         if (is_accepted(plan))
             continue;
@@ -429,6 +446,8 @@ static void random_plan(generator *g, diff_plan *plan)
         plan->nodes[i] = random_node(g);
         plan->nodes[i].protocol |= non_iso ? CW_PROTOCOL_NON_ISO : 0;
     }
+    if (diff_chance(r, g->style->actions & ACTION(COUNTER) ? 500 : 100))
+        diff_random_protections(&g->maker, plan);
     random_rules(g, plan, random_rule_count(g));
 }
 

@@ -50,6 +50,7 @@ static bool rules_leave_frames_alone(const diff_scenario *s)
     for (unsigned i = 0; i < s->added_count; i++)
         alone = alone && leaves_frames_alone(&s->added[i].rule);
     for (unsigned p = 0; p < s->plan_count; p++) {
+        alone = alone && s->plans[p].config.protection_count == 0;
         for (unsigned i = 0; i < s->plans[p].config.rule_count; i++)
             alone = alone && leaves_frames_alone(&s->plans[p].rules[i].rule);
         for (unsigned i = 0; i < s->plans[p].config.node_count; i++)

@@ -306,8 +306,17 @@ static void simple_when(diff_maker *m, cw_rule *rule)
     rule->every = (uint32_t)diff_between(&m->random, 1, 3 * m->rarity);
 }
 
+static bool is_about_making(const cw_rule *rule)
+{
+    return rule->action == CW_ACTION_COUNTER || rule->action == CW_ACTION_CHECKSUM;
+}
+
 static void random_when(diff_maker *m, cw_rule *rule)
 {
+    if (is_about_making(rule) && diff_chance(&m->random, 700)) {
+        simple_when(m, rule);
+        return;
+    }
     if (diff_chance(&m->random, cw_action_kind_of(rule->action) == CW_KIND_POSITION ? 500 : 100)) {
         simple_when(m, rule);
         return;
@@ -502,6 +511,10 @@ static void random_host(diff_maker *m, cw_rule *rule)
     rule->side = diff_chance(&m->random, 500) ? CW_SIDE_TX : CW_SIDE_RX;
     rule->for_ticks = diff_random_ticks(m, 1, 1000);
     rule->number = (uint32_t)diff_below(&m->random, 4);
+    if (is_about_making(rule)) {
+        rule->side = CW_SIDE_TX;
+        rule->number = (uint32_t)diff_below(&m->random, CW_COUNTER_FAULTS);
+    }
     random_change(m, &rule->change);
 }
 

@@ -67,6 +67,7 @@ const cw_bus_config *diff_fill_in(diff_plan *plan, cw_rule rules[DIFF_RULES_MAX]
     }
     plan->config.nodes = plan->nodes;
     plan->config.rules = rules;
+    plan->config.protections = plan->protections;
     return &plan->config;
 }
 

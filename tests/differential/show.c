@@ -370,6 +370,19 @@ static void write_nodes(FILE *out, const diff_plan *plan)
     }
 }
 
+static void write_protection(FILE *out, const cw_protection *p)
+{
+    const cw_counter *n = &p->counter;
+    const cw_checksum *c = &p->checksum;
+    fprintf(out, "  {.node = %u, .id = 0x%" PRIX32 ", .counter = {%u, %u, %" PRIu32 ", %" PRIu32
+            "}, .checksum = {.kind = %d, .at = %u, .polynomial = 0x%X, .start = 0x%X, "
+            ".inverted = 0x%X, .id_first = %d, .id_by_counter = %d, .id_length = %u, ", p->node,
+            p->id, n->bit, n->bits, n->max, n->start, (int)c->kind, c->at, c->polynomial, c->start,
+            c->inverted, c->id_first, c->id_by_counter, c->id_length);
+    write_bytes(out, "id", c->id, c->id_length);
+    fputs("}},\n", out);
+}
+
 static void write_plan(FILE *out, const diff_plan *plan, unsigned number)
 {
     const cw_bus_config *c = &plan->config;
@@ -383,7 +396,12 @@ static void write_plan(FILE *out, const diff_plan *plan, unsigned number)
         write_rule(out, &plan->rules[i]);
         fprintf(out, ", /* %u */\n", i);
     }
-    fprintf(out, "%scw_bus_config config_%u = {", c->rule_count ? "};\n" : "", number);
+    fputs(c->rule_count ? "};\n" : "", out);
+    if (c->protection_count)
+        fprintf(out, "cw_protection protections_%u[] = {\n", number);
+    for (unsigned i = 0; i < c->protection_count; i++)
+        write_protection(out, &plan->protections[i]);
+    fprintf(out, "%scw_bus_config config_%u = {", c->protection_count ? "};\n" : "", number);
     fprintf(out, ".bit_ticks = %" PRIu32 ", .node_count = %u, .inbox = %u, ", c->bit_ticks,
             c->node_count, c->inbox);
     write_number(out, "events", c->events);
@@ -393,6 +411,9 @@ static void write_plan(FILE *out, const diff_plan *plan, unsigned number)
     fprintf(out, "\n  .nodes = nodes_%u", number);
     if (c->rule_count)
         fprintf(out, ", .rules = rules_%u", number);
+    if (c->protection_count)
+        fprintf(out, ", .protection_count = %" PRIu32 ", .protections = protections_%u",
+                c->protection_count, number);
     fputs("};\n", out);
 }
 

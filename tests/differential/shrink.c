@@ -260,6 +260,41 @@ static bool simplify_field(diff_scenario *s, unsigned place)
     return rule < count && simplify_rule(&rules[rule].rule, place % RULE_CHANGES);
 }
 
+/* ---- Protections ----------------------------------------------------------------------------- */
+
+static unsigned protection_places(const diff_scenario *s)
+{
+    return s->plan_count * DIFF_PROTECTIONS_MAX;
+}
+
+static void drop_protection(diff_plan *plan, unsigned at)
+{
+    plan->config.protection_count--;
+    memmove(&plan->protections[at], &plan->protections[at + 1],
+            (plan->config.protection_count - at) * sizeof plan->protections[0]);
+}
+
+static bool remove_protection(diff_scenario *s, unsigned place)
+{
+    diff_plan *plan = &s->plans[place / DIFF_PROTECTIONS_MAX];
+    const unsigned at = place % DIFF_PROTECTIONS_MAX;
+    if (at >= plan->config.protection_count)
+        return false;
+    drop_protection(plan, at);
+    return true;
+}
+
+static void remove_protections_of(diff_plan *plan, unsigned node)
+{
+    for (unsigned i = plan->config.protection_count; i-- > 0;) {
+        cw_protection *p = &plan->protections[i];
+        if (p->node == node)
+            drop_protection(plan, i);
+        else
+            p->node = (uint8_t)(p->node - (p->node > node));
+    }
+}
+
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
 static unsigned node_places(const diff_scenario *s)
@@ -302,6 +337,7 @@ static bool remove_node(diff_scenario *s, unsigned at)
     plan->config.node_count--;
     memmove(&plan->nodes[at], &plan->nodes[at + 1],
             (plan->config.node_count - at) * sizeof plan->nodes[0]);
+    remove_protections_of(plan, at);
     for (unsigned i = 0; i < DIFF_RULES_MAX; i++) {
         remove_from_rule(&plan->rules[i].rule, at);
         remove_from_rule(&s->added[i].rule, at);
@@ -472,6 +508,7 @@ void diff_shrink(diff_scenario *s, diff_outcome outcome, uint64_t tick)
     static const simplification all[] = {
         {whole_places, simplify_whole},     {plan_places, begin_with_plan},
         {rule_places, remove_rule},         {node_places, remove_node},
+        {protection_places, remove_protection},
         {setting_places, simplify_setting}, {field_places, simplify_field},
         {op_places, simplify_op},           {time_places, leave_out_time},
     };

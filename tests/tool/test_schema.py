@@ -61,6 +61,11 @@ SEMANTIC = [
     "goes in each basic cycle",
     "has a schedule, which needs it", "needs local-time", "needs time-triggered", "a counter of",
     "lasts 13ns to 1s", "a slot lasts a unit",
+    "counter: the key 'at' is missing", "the counter ends at", "the checksum needs byte",
+    "bits have at most", "as 'max' says", "the counter is in the checksum", "the counter of 'e2e-",
+    "at most 0xFFF", "it is half a byte", "counter or checksum are at", "data bytes, no",
+    "both need the same 'counter'", "no traffic that the rule waits for",
+    "must be those of a frame",
 ]
 
 

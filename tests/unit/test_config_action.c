@@ -105,6 +105,9 @@ static void host_actions_are_read(void **state)
     assert_int_equal(rule_of(config, "duplicate")->side, CW_SIDE_RX);
     assert_int_equal(rule_of(config, "duplicate")->number, 2);
     assert_int_equal(rule_of(config, "reorder")->side, CW_SIDE_RX);
+    assert_int_equal(rule_of(config, "counter")->number, CW_COUNTER_REPEAT);
+    assert_int_equal(rule_of(config, "counter")->side, CW_SIDE_TX);
+    assert_int_equal(rule_of(config, "checksum")->side, CW_SIDE_TX);
     assert_true(change->set_id && change->set_dlc);
     assert_int_equal(change->id, 0x12345678);
     assert_int_equal(change->id_flags, CW_FRAME_EXTENDED);

@@ -228,7 +228,7 @@ static void random_effect(cw_rule *rule, rig_random *random)
 static bool needs_frame(cw_action action)
 {
     return action <= CW_ACTION_GLITCH || action == CW_ACTION_WRONG_CRC ||
-           (action >= CW_ACTION_DROP && action <= CW_ACTION_CHANGE) || action == CW_ACTION_REPLY;
+           (action >= CW_ACTION_DROP && action <= CW_ACTION_CHECKSUM) || action == CW_ACTION_REPLY;
 }
 
 /* Makes a rule of each action. */
