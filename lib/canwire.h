@@ -850,7 +850,7 @@ typedef enum cw_side { CW_SIDE_TX = 0, CW_SIDE_RX } cw_side;
 
 /* Faults of the counter in a frame. The first frame has no value before it, and gets its own. */
 typedef enum cw_counter_fault {
-    CW_COUNTER_STUCK = 0, /* it has the value of the frame before, and so the counter stands still */
+    CW_COUNTER_STUCK = 0, /* it has the value of the frame before; the counter stands still */
     CW_COUNTER_SKIP,      /* a value is left out before it */
     CW_COUNTER_REPEAT,    /* it has the value of the frame before; the counter goes on meanwhile */
     CW_COUNTER_FAULTS

@@ -188,8 +188,10 @@ static void read_place(schema *self, const schema_key *key, yaml_node_t *value, 
 static void read_id_number(schema *self, const schema_key *key, const yaml_node_t *value,
                            uint16_t *out, unsigned most)
 {
-    static const char *const expected[] = {"a byte, 0..255 or 0x00..0xFF",
-                                           "a number 0..65535 or 0x0000..0xFFFF, or a list of bytes"};
+    static const char *const expected[] = {
+        "a byte, 0..255 or 0x00..0xFF",
+        "a number 0..65535 or 0x0000..0xFFFF, or a list of bytes",
+    };
     const char *what = expected[most > UINT8_MAX];
     const char *text = schema_text(self, key, value, what);
     unsigned number;

@@ -388,8 +388,8 @@ uint64_t release_next_tick(const release_plan *plan)
     return plan->count ? plan->heap[0]->tick : CW_NEVER;
 }
 
-/* A frame may join another one's SOF (M6), and receivers have it before its last bit (M7). The stuff
- * bits of one with a counter differ from frame to frame. */
+/* A frame may join another one's SOF (M6), and receivers have it before its last bit (M7). The
+ * stuff bits of one with a counter differ from frame to frame. */
 static uint64_t rx_ticks(const release_plan *plan, const source *s, uint64_t least)
 {
     const cw_frame *frame = &s->traffic->frame;

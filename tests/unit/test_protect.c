@@ -278,7 +278,7 @@ static void counters_go_on_on_another_bus(void **state)
     (void)state;
     check_take_over(0, 4, 3);
     check_take_over(CW_NO_NODE, 4, 1); /* another node */
-    check_take_over(0, 2, 1);          /* which knows no 3 */
+    check_take_over(0, 2, 1);          /* it knows no 3 */
 }
 
 int main(void)
