@@ -57,9 +57,11 @@ DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -isystem $(GEN) -DCANWIRE_VERSION='"$(VER
 
 LIB_SOURCES := $(wildcard lib/*.c lib/*/*.c)
 # all of daemon/ but the main functions; an archive, so that each program takes what it needs
-PARTS_SOURCES := $(filter-out daemon/cli/main.c daemon/usb/main.c daemon/preload/%, \
+PARTS_SOURCES := $(filter-out daemon/cli/main.c daemon/usb/main.c daemon/preload/% daemon/embed/%, \
   $(wildcard daemon/*/*.c daemon/*/*/*.c))
 PRELOAD_SOURCES := $(wildcard daemon/preload/*.c)
+SIM_SOURCES := $(LIB_SOURCES) $(filter-out daemon/base/jsonexit.c,$(foreach folder,base timing trace \
+  config run record sim embed,$(wildcard daemon/$(folder)/*.c)))
 DAEMON_SOURCES := daemon/main.c $(filter-out daemon/cli/% daemon/usb/%,$(PARTS_SOURCES))
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
@@ -78,6 +80,7 @@ LAYOUT := $(GEN)/lib/format/layout.h
 DAEMON := $(BUILD)/canwired
 TOOL := $(BUILD)/canwire
 PRELOAD := $(BUILD)/libcanwire-socketcan.so
+SIM := $(BUILD)/libcanwire-sim.so
 USB := $(BUILD)/canwire-usb
 CONFORMANCE := $(BUILD)/conformance
 MAN_PAGES := $(patsubst daemon/man/%.md,$(BUILD)/man/%,$(wildcard daemon/man/*.md))
@@ -96,7 +99,7 @@ all: ## install what the build needs, then build canwired and canwire
 	@scripts/install-deps build
 	@$(MAKE) --no-print-directory build
 
-build: $(DAEMON) $(TOOL) $(USB) $(PRELOAD) ## the programs alone, with what is installed
+build: $(DAEMON) $(TOOL) $(USB) $(PRELOAD) $(SIM) ## the programs alone, with what is installed
 
 # The compiler runs only when ccache has no result; the first call installs missing packages.
 dev: ## for the loop of a developer: build/debug, and the unit tests that a change concerns
@@ -229,7 +232,7 @@ DEV_SLOW := test_encode_fd test_engine_replay test_fault_step test_format test_j
             test_journal_check test_journal_keep test_journal_play test_quanta \
             test_recorder test_steady
 DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
-dev-run: $(DAEMON) $(TOOL) $(PRELOAD) $(DEV_TESTS:%=$(BUILD)/%.passed)
+dev-run: $(DAEMON) $(TOOL) $(PRELOAD) $(SIM) $(DEV_TESTS:%=$(BUILD)/%.passed)
 
 $(BUILD)/%.passed: $(BUILD)/% $(TOOL)
 	$(call tell,TEST,$(<F)) CANWIRE=$(TOOL) $< >$@.log 2>&1 || { cat $@.log; false; }
@@ -310,6 +313,27 @@ $(BUILD)/daemon/preload/%.o: daemon/preload/%.c
 $(PRELOAD): $(call objects,$(PRELOAD_SOURCES))
 	$(call tell,LD,$@) $(CC) $(PRELOAD_CFLAGS) -shared -Wl,-z,relro -Wl,-z,now -Wl,-z,defs \
 	  -Wl,-soname,$(@F) $(filter-out -pie -fPIE,$(LDFLAGS)) -o $@ $^ -ldl
+
+# The buses in virtual time as a library (daemon/embed). Only canwire-sim.h is visible.
+PIC = -fPIC -fvisibility=hidden
+SIM_OBJECTS := $(SIM_SOURCES:%.c=$(BUILD)/pic/%.o) $(BUILD)/pic/lib/format/tables.o
+
+$(BUILD)/pic/lib/%.o: lib/%.c | $(LAYOUT)
+	@mkdir -p $(@D)
+	$(call tell,CC,$<) $(filter-out -fPIE,$(LIB_COMPILE)) $(PIC)
+
+$(BUILD)/pic/lib/format/tables.o: $(GEN)/lib/format/tables.c | $(LAYOUT)
+	@mkdir -p $(@D)
+	$(call tell,CC,$<) $(filter-out -fPIE,$(LIB_COMPILE)) $(PIC)
+
+$(BUILD)/pic/daemon/%.o: daemon/%.c | $(LAYOUT)
+	@mkdir -p $(@D)
+	$(call tell,CC,$<) $(CC) $(filter-out -fPIE,$(DAEMON_CFLAGS)) $(PIC) -c -o $@ $<
+
+$(SIM): $(SIM_OBJECTS)
+	$(call tell,LD,$@) $(CC) $(filter-out -fPIE,$(ALL_CFLAGS)) $(LINK_LTO) $(PIC) -shared \
+	  -Wl,-soname,$(@F) -Wl,--gc-sections $(filter-out -pie,$(HARDEN_LINK)) \
+	  $(filter-out -pie -fPIE,$(LDFLAGS)) -o $@ $^ $(TOOL_LIBS)
 
 $(USB): $(call objects,daemon/usb/main.c) $(PARTS) $(LIB)
 	$(call link,$(LINK_LTO)) -lsystemd $(TOOL_LIBS)

@@ -7,35 +7,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-static _Noreturn void end_without_memory(void)
-{
-    fputs("canwire: out of memory\n", stderr);
-    exit(EXIT_FAILURE);
-}
-
-static void *allocate(size_t size)
-{
-    void *memory = malloc(size);
-    if (!memory)
-        end_without_memory();
-    return memory;
-}
-
-void json_must_have_memory(void)
-{
-    json_set_alloc_funcs(allocate, free);
-}
-
 void put(json_t *object, const char *key, json_t *value)
 {
     if (json_object_set_new(object, key, value) != 0)
-        end_without_memory();
+        json_no_memory();
 }
 
 void put_last(json_t *array, json_t *value)
 {
     if (json_array_append_new(array, value) != 0)
-        end_without_memory();
+        json_no_memory();
 }
 
 void put_out(FILE *out, const json_t *value)
@@ -77,8 +58,10 @@ json_t *text_to_json(const char *text, size_t length)
     if (value)
         return value;
     char *ascii = malloc(length + 1);
-    if (!ascii)
-        end_without_memory();
+    if (!ascii) {
+        json_no_memory();
+        return NULL;
+    }
     memcpy(ascii, text, length);
     for (size_t i = 0; i < length; i++)
         if ((unsigned char)text[i] >= 0x80)

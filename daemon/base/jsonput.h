@@ -2,7 +2,8 @@
  *
  * jsonput.h - fills JSON objects and arrays and writes them.
  *
- * Half a report would be read as zeros, so running out of memory ends the program, with status 1.
+ * Half a report would be read as zeros, so running out of memory ends the program, with status 1. In
+ * libcanwire-sim the report is thrown away instead.
  */
 #ifndef CANWIRE_BASE_JSONPUT_H
 #define CANWIRE_BASE_JSONPUT_H
@@ -11,6 +12,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
+
+/* Handles a lack of memory. Programs have that of base/jsonexit.c, which ends them; a library
+ * brings its own one, which returns. */
+void json_no_memory(void);
 
 /* Ends the program when jansson runs out of memory, too: by itself jansson drops parts of texts or
  * crashes. main() calls it first.

@@ -352,6 +352,10 @@ cfg *cfg_load_regular(const char *file, FILE *errors);
  * configuration. Files of traffic are not read. */
 cfg *cfg_load_given(const cfg_file *files, size_t count, FILE *errors);
 
+/* Reads the text of a configuration; other files are read as by cfg_load(). Paths are relative to the
+ * directory of its name. */
+cfg *cfg_load_text(const cfg_file *file, FILE *errors);
+
 /* Reads a configuration or a fault profile on its own; a profile may name any node. Returns true
  * when it is valid. *config is then the configuration, to be freed, or NULL for a profile, and
  * *rule_count counts its rules. Otherwise it writes one line per error to `errors`. */
@@ -386,6 +390,22 @@ cfg_rules *cfg_load_rules(const char *text, size_t size, const char *name, const
 /* Frees the rules; NULL is allowed. */
 void cfg_free_rules(cfg_rules *rules);
 
+/* Expectations from a text, for a running bus. */
+typedef struct cfg_expects {
+    size_t count;
+    cfg_expect *expects;
+    const char *warnings; /* in the form of a configuration's warnings */
+} cfg_expects;
+
+/* Reads expectations from size bytes of YAML or JSON: one, or a list. Nodes and rules are those of
+ * the configuration. `name` stands for the text in messages. Returns NULL after writing one line per
+ * error to `errors`. */
+cfg_expects *cfg_load_expects(const char *text, size_t size, const char *name, const cfg *config,
+                              FILE *errors);
+
+/* Frees the expectations; NULL is allowed. */
+void cfg_free_expects(cfg_expects *expects);
+
 /* Fills a recording with the defaults. */
 void cfg_record_default(cfg_record *record);
 
@@ -403,6 +423,9 @@ bool cfg_is_protected(const cfg_traffic *traffic);
 
 /* Returns true when the traffic never ends by itself. */
 bool cfg_traffic_is_endless(const cfg_traffic *traffic);
+
+/* Returns such traffic, or NULL. */
+const cfg_traffic *cfg_find_endless(const cfg *config);
 
 #define CFG_GUEST_NAME_MAX 12 /* bytes of guest-255 and a final 0 */
 

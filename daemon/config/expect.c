@@ -4,10 +4,13 @@
  *
  * Each expectation has one key for its subject, and perhaps conditions.
  */
+#include "base/yamlfile.h"
 #include "config/parts.h"
+#include "config/source.h"
 #include "config/values.h"
 
 #include <assert.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define EXPECT_MAX 1000u
@@ -324,7 +327,7 @@ static void read_rule(schema *self, const schema_key *key, yaml_node_t *value, v
     for (size_t i = 0; text && i < config->rule_count && !e->rule; i++) {
         const char *name = config->rules[i].name;
         if (name && strcmp(name, text) == 0)
-            e->rule = name;
+            e->rule = schema_copy(self, text); /* the rule may go before */
         else if (name)
             nearest_consider(&guess, name);
     }
@@ -422,10 +425,9 @@ static void read_expect(schema *self, yaml_node_t *value, cfg_expect *e)
         check_sense(self, value, e);
 }
 
-void cfg_read_expect(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void read_list(schema *self, yaml_node_t *value, size_t count)
 {
-    cfg *config = object;
-    size_t count = schema_count(self, key, value, 0, EXPECT_MAX);
+    cfg *config = cfg_of(self);
 
     config->expects = schema_alloc(self, count + 1, sizeof *config->expects);
     if (!config->expects)
@@ -433,4 +435,78 @@ void cfg_read_expect(schema *self, const schema_key *key, yaml_node_t *value, vo
     for (; config->expect_count < count; config->expect_count++)
         read_expect(self, schema_item(self, value, config->expect_count),
                     &config->expects[config->expect_count]);
+}
+
+void cfg_read_expect(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    (void)object;
+    read_list(self, value, schema_count(self, key, value, 0, EXPECT_MAX));
+}
+
+/* ---- Expectations alone ---------------------------------------------------------------------- */
+
+/* The owner of expectations; cfg_load_expects() returns its first member. */
+typedef struct expects_owner {
+    cfg_expects expects;
+    arena arena;
+} expects_owner;
+
+static void read_root(schema *self, yaml_node_t *root)
+{
+    static const schema_key key = {.name = "expect"};
+
+    read_list(self, root, schema_count_one(self, &key, root, 0, EXPECT_MAX));
+}
+
+static bool read_text(expects_owner *owner, cfg_walk *walk, diag *errors, const char *text,
+                      size_t size)
+{
+    yaml_document_t document;
+    schema self = {
+        .errors = errors,
+        .arena = &owner->arena,
+        .document = &document,
+        .user = walk,
+    };
+
+    if (!yaml_text_load(&document, text, size, &yaml_text_limits, errors))
+        return false;
+    yaml_node_t *root = yaml_document_get_root_node(&document);
+    if (root)
+        read_root(&self, root);
+    else
+        diag_add(errors, 1, 1, "there is no expectation");
+    yaml_document_delete(&document);
+    owner->expects.expects = walk->config->expects;
+    owner->expects.count = walk->config->expect_count;
+    return errors->errors == 0;
+}
+
+cfg_expects *cfg_load_expects(const char *text, size_t size, const char *name, const cfg *config,
+                              FILE *errors)
+{
+    diag found = {.file.name = name};
+    cfg scratch = *config;
+    cfg_walk walk = {.config = &scratch};
+    expects_owner *owner = calloc(1, sizeof *owner);
+
+    scratch.expects = NULL;
+    scratch.expect_count = 0;
+    if (!owner)
+        diag_add(&found, 0, 0, "out of memory");
+    else if (read_text(owner, &walk, &found, text, size) &&
+             cfg_keep_warnings(&owner->expects.warnings, &owner->arena, &found))
+        return &owner->expects;
+    diag_flush(&found, errors);
+    cfg_free_expects(owner ? &owner->expects : NULL);
+    return NULL;
+}
+
+void cfg_free_expects(cfg_expects *expects)
+{
+    if (!expects)
+        return;
+    expects_owner *owner = (expects_owner *)expects;
+    arena_free(&owner->arena);
+    free(owner);
 }

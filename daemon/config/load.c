@@ -114,6 +114,13 @@ cfg *cfg_load_given(const cfg_file *files, size_t count, FILE *errors)
     return load(files[0].name, &walk, errors);
 }
 
+cfg *cfg_load_text(const cfg_file *file, FILE *errors)
+{
+    const cfg_walk walk = {.given = file, .given_count = 1, .others = true};
+
+    return load(file->name, &walk, errors);
+}
+
 bool cfg_check(cfg **config, size_t *rule_count, const char *file, FILE *errors)
 {
     diag found = {.file.name = file};

@@ -228,12 +228,12 @@ static const schema_key usb_keys[] = {
     {.name = NULL},
 };
 
-static char no_name[] = "";
+static const char no_name[] = "";
 
 void cfg_node_defaults(cfg_node *node)
 {
     *node = (cfg_node){
-        .name = no_name,
+        .name = (char *)no_name, /* nobody writes to it */
         .queue = QUEUE_DEFAULT,
         .clients.max = CLIENTS_DEFAULT,
         .warning_limit = WARNING_LIMIT_DEFAULT,

@@ -308,11 +308,28 @@ static bool read_root(rig_owner *owner, yaml_document_t *document, diag *found, 
     return found->errors == 0;
 }
 
-/* Loads the document of a file, whose text the caller frees. Returns false after a complaint. */
-static bool load_document(yaml_document_t *document, char **text, size_t *size, const char *file,
-                          diag *found)
+/* Returns a copy of a text, or NULL after a complaint. */
+static char *copy_text(size_t *size, const cfg_file *file, diag *found)
 {
-    *text = yaml_file_read(size, file, true, found);
+    char *copy = malloc(file->size + 1);
+
+    if (!copy) {
+        diag_add(found, 0, 0, "out of memory");
+        return NULL;
+    }
+    memcpy(copy, file->text, file->size);
+    copy[file->size] = '\0';
+    *size = file->size;
+    return copy;
+}
+
+/* Loads the document of a file, or of its text if there is one. The caller frees *text. Returns
+ * false after a complaint. */
+static bool load_document(yaml_document_t *document, char **text, size_t *size,
+                          const cfg_file *file, diag *found)
+{
+    *text = file->text ? copy_text(size, file, found)
+                       : yaml_file_read(size, file->name, true, found);
     return *text && yaml_text_load(document, *text, *size, &yaml_file_limits, found);
 }
 
@@ -330,15 +347,15 @@ bool rig_is_same(const char *file, const char *text, size_t size, FILE *errors)
     return same;
 }
 
-rig *rig_load(const char *file, FILE *errors)
+static rig *load(const cfg_file *file, FILE *errors)
 {
-    diag found = {.file.name = file};
+    diag found = {.file.name = file->name};
     rig_owner *owner = calloc(1, sizeof *owner);
     yaml_document_t document;
     bool good = false;
 
     if (owner)
-        owner->rig.file = arena_print(&owner->arena, "%s", file);
+        owner->rig.file = arena_print(&owner->arena, "%s", file->name);
     if (!owner || !owner->rig.file)
         diag_add(&found, 0, 0, "out of memory");
     else if (load_document(&document, &owner->rig.text, &owner->rig.size, file, &found)) {
@@ -350,6 +367,16 @@ rig *rig_load(const char *file, FILE *errors)
         return &owner->rig;
     rig_free(owner ? &owner->rig : NULL);
     return NULL;
+}
+
+rig *rig_load(const char *file, FILE *errors)
+{
+    return load(&(cfg_file){.name = file}, errors);
+}
+
+rig *rig_load_text(const cfg_file *file, FILE *errors)
+{
+    return load(file, errors);
 }
 
 void rig_free(rig *self)
@@ -365,9 +392,9 @@ void rig_free(rig *self)
     free(owner);
 }
 
-bool rig_is_rig(const char *file)
+static bool is_rig(const cfg_file *file)
 {
-    diag found = {.file.name = file};
+    diag found = {.file.name = file->name};
     arena memory = {.blocks = NULL};
     yaml_document_t document;
     schema self = {.errors = &found, .arena = &memory, .document = &document};
@@ -391,4 +418,14 @@ bool rig_is_rig(const char *file)
     free(text);
     arena_free(&memory);
     return is;
+}
+
+bool rig_is_rig(const char *file)
+{
+    return is_rig(&(cfg_file){.name = file});
+}
+
+bool rig_is_rig_text(const cfg_file *file)
+{
+    return is_rig(file);
 }

@@ -69,7 +69,7 @@ bool cfg_load_file(schema *self, yaml_document_t *document, const char *file)
 
     if (!found && given)
         found = keep_file(self, file, given->text, given->size);
-    else if (!found && !walk->given)
+    else if (!found && cfg_reads_files(self))
         found = read_new_file(self, file);
     else if (!found)
         diag_add(self->errors, 0, 0, "this file is not among those that are given");

@@ -93,6 +93,15 @@ bool cfg_traffic_is_endless(const cfg_traffic *traffic)
     return traffic->kind != CFG_TRAFFIC_REPLY && traffic->count == UINT64_MAX;
 }
 
+const cfg_traffic *cfg_find_endless(const cfg *config)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        for (size_t t = 0; t < config->nodes[i].traffic_count; t++)
+            if (cfg_traffic_is_endless(&config->nodes[i].traffic[t]))
+                return &config->nodes[i].traffic[t];
+    return NULL;
+}
+
 /* ---- Entries --------------------------------------------------------------------------------- */
 
 static bool is_known_key(const char *name)
@@ -312,8 +321,7 @@ static void complete_replay(schema *self, yaml_node_t *map, cfg_traffic *traffic
         schema_complain(self, gap, "gap: with 'speed: max' the file is repeated at once");
     if (!count && !traffic->loop)
         traffic->count = 1;
-    const cfg_walk *walk = self->user;
-    if (traffic->file && !walk->given)
+    if (traffic->file && cfg_reads_files(self))
         look_into_file(self, schema_find(self, map, "replay"), traffic);
 }
 

@@ -18,6 +18,7 @@ typedef struct cfg_walk {
                                    NULL */
     const cfg_file *given;      /* the files to read from; NULL: those of the file system */
     size_t given_count;
+    bool others;                /* files that are not given are read from the file system */
     bool regular;               /* no file may be a pipe or a device */
     cfg_node defaults;          /* defaults of each node */
     bool default_order;         /* `defaults` sets it; else it depends on the port */
@@ -36,6 +37,13 @@ static inline cfg *cfg_of(const schema *self)
 {
     const cfg_walk *walk = self->user;
     return walk->config;
+}
+
+/* Returns true when a walk may read files that are not given. */
+static inline bool cfg_reads_files(const schema *self)
+{
+    const cfg_walk *walk = self->user;
+    return !walk->given || walk->others;
 }
 
 /* Returns the place of a value in its file. */

@@ -54,6 +54,20 @@ void live_replace(live *l, cfg *config)
     take(l, config);
 }
 
+void live_restart(live *l, uint64_t seed)
+{
+    for (unsigned i = 0; i < CW_RULES_MAX; i++) {
+        free(l->injected[i]);
+        l->injected[i] = NULL;
+        l->names[i] = NULL;
+    }
+    for (size_t i = 0; i < l->file->node_count; i++)
+        l->file->nodes[i].name = l->own[i];
+    memset(l->guests, 0, sizeof l->guests);
+    l->file->seed = seed;
+    take(l, l->file);
+}
+
 void live_free(live *l)
 {
     if (!l)

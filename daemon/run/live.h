@@ -22,6 +22,10 @@ void live_free(live *l);
 /* Takes over another configuration. It frees the old one and forgets injected rules. */
 void live_replace(live *l, cfg *config);
 
+/* Goes back to the configuration of the file, with another seed: injected rules are forgotten, and
+ * guests have their own names. */
+void live_restart(live *l, uint64_t seed);
+
 /* Returns the configuration in effect; the pointer stays the same. Entry i of its rules is rule i
  * of the bus; the name of a missing rule is NULL. */
 const cfg *live_config(const live *l);

@@ -5,7 +5,7 @@
  * Each case is one expectation of a configuration, on a run given as events. Each has its result as
  * text.
  */
-#include "cli/sim/expect.h"
+#include "sim/expect.h"
 
 #include <inttypes.h>
 #include <setjmp.h>

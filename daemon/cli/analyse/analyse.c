@@ -7,9 +7,9 @@
 #include "base/plain.h"
 #include "cli/analyse/failure.h"
 #include "cli/analyse/report.h"
-#include "cli/sim/sim_run.h"
 #include "config/files.h"
 #include "config/rig.h"
+#include "sim/sim_run.h"
 
 #include <getopt.h>
 #include <math.h>
@@ -156,7 +156,7 @@ static bool simulate(sources *s, cfg *config, uint64_t until)
                            .kinds = 1u << CW_EVENT_TX | 1u << CW_EVENT_DROP};
     config->rule_count = 0;
     begin_later(config);
-    bool good = sim_open(&run, config, true);
+    bool good = sim_open(&run, config, NULL);
     if (good) {
         run.until = until + cw_rate_ticks(config->rate, INTEGRATED_BITS);
         sim_add_sink(&run, &sink);

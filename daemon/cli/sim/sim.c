@@ -7,15 +7,16 @@
 #include "base/plain.h"
 #include "cli/sim/sim_journal.h"
 #include "cli/sim/sim_judge.h"
+#include "cli/sim/sim_progress.h"
 #include "cli/sim/sim_rig.h"
-#include "cli/sim/sim_run.h"
 #include "cli/sim/sim_scout.h"
 #include "cli/sim/sim_trace.h"
-#include "cli/sim/sim_until.h"
 #include "cli/sim/summary.h"
 #include "config/files.h"
 #include "record/output.h"
 #include "record/pcapng.h"
+#include "sim/sim_run.h"
+#include "sim/sim_until.h"
 
 #include <getopt.h>
 #include <inttypes.h>
@@ -59,6 +60,7 @@ typedef struct sim {
     sim_trace trace;
     sim_until awaited;
     sim_judge judge;
+    sim_progress progress;
 } sim;
 
 static const char usage[] =
@@ -108,20 +110,10 @@ static const char help[] =
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
-/* Returns traffic that does not end by itself, or NULL. */
-static const cfg_traffic *find_endless(const cfg *config)
-{
-    for (size_t i = 0; i < config->node_count; i++)
-        for (size_t t = 0; t < config->nodes[i].traffic_count; t++)
-            if (cfg_traffic_is_endless(&config->nodes[i].traffic[t]))
-                return &config->nodes[i].traffic[t];
-    return NULL;
-}
-
 /* Complains about what never ends: traffic, or a time master. */
 static void tell_endless(const cfg *config)
 {
-    const cfg_traffic *endless = find_endless(config);
+    const cfg_traffic *endless = cfg_find_endless(config);
     const cfg_place *master = cfg_find_master(config);
     if (endless)
         plain_print(stderr,
@@ -138,7 +130,7 @@ static void tell_endless(const cfg *config)
 static bool set_until(sim *s, const time_option *o)
 {
     const bool endless = !s->journal.player &&
-                         (find_endless(s->config) || cfg_find_master(s->config));
+                         (cfg_find_endless(s->config) || cfg_find_master(s->config));
     if (o->text) {
         /* the last tick whose time in events, truncated to nanoseconds, is not after TIME */
         const cfg_time beyond = {.ns = 1};
@@ -147,7 +139,7 @@ static bool set_until(sim *s, const time_option *o)
         tell_endless(s->config);
         return false;
     } else if (endless) {
-        sim_until_warn(&s->awaited);
+        sim_until_warn(&s->awaited, stderr);
     }
     return true;
 }
@@ -173,7 +165,7 @@ static bool make_bus(sim *s, const sim_options *o)
     fputs(s->config->warnings, stderr);
     if (o->has_seed)
         s->config->seed = o->seed;
-    if (sim_open(&s->run, s->config, false) &&
+    if (sim_open(&s->run, s->config, stderr) &&
         (!o->outputs[OUT_STATS] || sim_count_syncs(&s->run)))
         return true;
     plain_print(stderr, "canwire sim: out of memory\n");
@@ -525,9 +517,9 @@ int cli_sim(int argc, char **argv)
         bool room = !s.judge.to_stderr || !isatty(STDOUT_FILENO);
         look_ahead(&s, &options, room);
         begin_outputs(&s);
-        sim_progress_start(&s.run.progress, room, options.until_event);
+        sim_progress_start(&s.progress, &s.run, room, options.until_event);
         good = options.journal ? sim_journal_go(&s.journal) : sim_go(&s.run);
-        sim_until_finish(&s.awaited);
+        sim_until_finish(&s.awaited, stderr);
         good = finish(&s, &options) && good;
     }
     bool met = s.judge.report.failed == 0;

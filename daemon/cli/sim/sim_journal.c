@@ -71,7 +71,8 @@ bool sim_journal_open(sim_journal *j, const char *file)
     if (strcmp(journal_player_writer(j->player), CANWIRE_VERSION) != 0)
         fprintf(j->errors, "canwire sim: %s: written by canwire %s; this is " CANWIRE_VERSION "\n",
                 file, journal_player_writer(j->player));
-    if (sim_open_bus(j->run, journal_player_config(j->player), journal_player_bus(j->player)))
+    if (sim_open_bus(j->run, journal_player_config(j->player), journal_player_bus(j->player),
+                     stderr))
         return true;
     fprintf(j->errors, "canwire sim: out of memory\n");
     return false;

@@ -6,10 +6,10 @@
 #define CANWIRE_CLI_SIM_SIM_JOURNAL_H
 
 #include "cli/sim/sim_judge.h"
-#include "cli/sim/sim_run.h"
 #include "cli/sim/sim_trace.h"
-#include "cli/sim/sim_until.h"
 #include "run/journal_play.h"
+#include "sim/sim_run.h"
+#include "sim/sim_until.h"
 
 /* A run and its observers, which must know of other configurations. */
 typedef struct sim_journal {

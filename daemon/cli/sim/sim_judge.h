@@ -6,8 +6,8 @@
 #define CANWIRE_CLI_SIM_SIM_JUDGE_H
 
 #include "cli/outfile.h"
-#include "cli/sim/expect.h"
-#include "cli/sim/sim_run.h"
+#include "sim/expect.h"
+#include "sim/sim_run.h"
 
 /* All zeros judges nothing. */
 typedef struct sim_judge {

@@ -27,16 +27,8 @@ static int64_t wall_ns(void)
     return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
 }
 
-void sim_progress_start(sim_progress *p, bool wanted, const char *awaited)
-{
-    *p = (sim_progress){.on = wanted && isatty(STDERR_FILENO), .awaited = awaited};
-    if (!p->on)
-        return;
-    p->start_ns = wall_ns();
-    p->next_ns = p->start_ns + FIRST_NS;
-}
-
-bool sim_progress_is_due(sim_progress *p, uint64_t now)
+/* Returns true when a new line is due. It is cheap, for frequent calls. */
+static bool is_due(sim_progress *p, uint64_t now)
 {
     if (!p->on || now - p->looked < LOOK_TICKS)
         return false;
@@ -171,7 +163,8 @@ static void watch_interrupt(sim_progress *p)
         (void)sigaction(SIGINT, &ending, NULL);
 }
 
-void sim_progress_write(sim_progress *p, const cw_bus *bus, uint64_t end)
+/* Writes the line; `end` is the expected end of the run, CW_NEVER: unknown. */
+static void write_progress(sim_progress *p, const cw_bus *bus, uint64_t end)
 {
     char line[LINE_MAX_BYTES];
     cw_bus_stats stats;
@@ -196,12 +189,30 @@ void sim_progress_write(sim_progress *p, const cw_bus *bus, uint64_t end)
     (void)fflush(stderr);
 }
 
-void sim_progress_wipe(sim_progress *p)
+static void wipe(void *user)
 {
+    sim_progress *p = user;
     if (p->width == 0)
         return;
     fprintf(stderr, "\r%*s\r", (int)p->width, "");
     (void)fflush(stderr);
     p->width = 0;
     (void)sigaction(SIGINT, &p->before, NULL);
+}
+
+static void look(void *user, const sim_run *run)
+{
+    sim_progress *p = user;
+    if (is_due(p, cw_bus_now(run->bus)))
+        write_progress(p, run->bus, sim_guess_end(run));
+}
+
+void sim_progress_start(sim_progress *p, sim_run *run, bool wanted, const char *awaited)
+{
+    *p = (sim_progress){.on = wanted && isatty(STDERR_FILENO), .awaited = awaited};
+    if (!p->on)
+        return;
+    p->start_ns = wall_ns();
+    p->next_ns = p->start_ns + FIRST_NS;
+    run->show = (sim_show){.user = p, .look = look, .wipe = wipe};
 }

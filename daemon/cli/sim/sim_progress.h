@@ -9,7 +9,7 @@
 #ifndef CANWIRE_CLI_SIM_SIM_PROGRESS_H
 #define CANWIRE_CLI_SIM_SIM_PROGRESS_H
 
-#include "canwire.h"
+#include "sim/sim_run.h"
 
 #include <signal.h>
 
@@ -23,17 +23,8 @@ typedef struct sim_progress {
     const char *awaited; /* NULL: nothing; not owned */
 } sim_progress;
 
-/* Begins to count. It is on when standard error is a terminal and nothing else writes to one. The
- * line shows the awaited event, if that is not NULL. */
-void sim_progress_start(sim_progress *p, bool wanted, const char *awaited);
-
-/* Returns true when a new line is due. It is cheap, for frequent calls. */
-bool sim_progress_is_due(sim_progress *p, uint64_t now);
-
-/* Writes the line; `end` is the expected end of the run, CW_NEVER: unknown. */
-void sim_progress_write(sim_progress *p, const cw_bus *bus, uint64_t end);
-
-/* Wipes the line, if there is one. */
-void sim_progress_wipe(sim_progress *p);
+/* Begins to count, and lets the run show it. It is on when standard error is a terminal and nothing
+ * else writes to one. The line shows the awaited event, if that is not NULL. */
+void sim_progress_start(sim_progress *p, sim_run *run, bool wanted, const char *awaited);
 
 #endif

@@ -14,20 +14,18 @@
 #include "base/plain.h"
 #include "cli/cli.h"
 #include "cli/gateways_text.h"
-#include "cli/sim/sim_until.h"
 #include "cli/sim/summary.h"
 #include "config/files.h"
 #include "record/output.h"
 #include "record/pcapng.h"
 #include "run/journal_play.h"
-#include "run/meeting.h"
+#include "sim/sim_group.h"
+#include "sim/sim_until.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 #define KEPT_MAX 1024u /* events of a journal, before a look at what can be written */
-#define SLICE_TICKS (CW_CLOCK_HZ / 100u)
-#define QUIET_LIMIT_S 10u /* of bus time without a tx or a release, as for one bus */
 
 /* An event that waits for those of other buses. */
 typedef struct kept {
@@ -56,7 +54,7 @@ struct sim_rig {
     const sim_rig_options *options;
     rig *config;            /* NULL with a journal */
     journal_player *player; /* NULL without */
-    meeting meeting;
+    sim_group group;
     rig_bus buses[RIG_BUSES_MAX];
     size_t bus_count; /* opened */
     outfile events;
@@ -153,8 +151,9 @@ static void write_events(sim_rig *s, uint64_t tick)
 }
 
 /* Writes what all buses have reached. */
-static void write_reached(sim_rig *s)
+static void write_reached(void *user)
 {
+    sim_rig *s = user;
     uint64_t reached = CW_NEVER;
     for (size_t i = 0; i < s->bus_count; i++)
         reached = least(reached, cw_bus_now(s->buses[i].run.bus));
@@ -184,8 +183,7 @@ static void keep_event(void *user, const cw_event *event)
 {
     rig_bus *b = user;
     sim_rig *s = b->all;
-    if (s->meeting.gateways && !gateways_note(s->meeting.gateways, b->index, event))
-        s->no_memory = true;
+    sim_group_note(&s->group, b->index, event);
     if (!s->keeps || !(b->kinds >> event->kind & 1u))
         return;
     if (!keep(b, event)) {
@@ -195,190 +193,6 @@ static void keep_event(void *user, const cw_event *event)
     s->count++;
     if (s->player && s->count >= s->write_at)
         write_reached(s);
-}
-
-/* ---- The run --------------------------------------------------------------------------------- */
-
-static uint64_t until_of(const sim_rig *s)
-{
-    return s->bus_count > 0 ? s->buses[0].run.until : 0;
-}
-
-static bool go(void *user, size_t bus, uint64_t tick)
-{
-    sim_rig *s = user;
-    sim_release_to(&s->buses[bus].run, tick);
-    return true;
-}
-
-static meeting_outlook look(void *user, size_t bus)
-{
-    sim_rig *s = user;
-    sim_run *run = &s->buses[bus].run;
-    return meeting_find(&(gateways_bus){.gateways = s->meeting.gateways, .bus = bus}, run->bus,
-                        run->plan, run->config);
-}
-
-static cw_status send_frame(void *user, size_t bus, unsigned node, const cw_frame *frame,
-                            uint64_t received, uint64_t at_tick)
-{
-    sim_rig *s = user;
-    sim_run *run = &s->buses[bus].run;
-    cw_status status = cw_node_send(run->bus, node, frame, at_tick);
-    if (status != CW_FULL)
-        return status;
-    sim_release_to(run, received);
-    return cw_node_send(run->bus, node, frame, at_tick);
-}
-
-static uint32_t all_buses(const sim_rig *s)
-{
-    return (UINT32_C(1) << s->bus_count) - 1;
-}
-
-static uint64_t quiet_end(const sim_rig *s)
-{
-    uint64_t last = 0;
-    for (size_t i = 0; i < s->bus_count; i++)
-        if (s->buses[i].run.last_activity > last)
-            last = s->buses[i].run.last_activity;
-    return last + (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ;
-}
-
-/* Returns a tick up to which all buses may go at once: some traffic is still to come then, and the
- * run has not ended. */
-static uint64_t sure_tick(const sim_rig *s)
-{
-    uint64_t now = 0;
-    uint64_t release = 0;
-    const bool ends = until_of(s) != CW_NEVER;
-    for (size_t i = 0; i < s->bus_count; i++) {
-        const sim_run *run = &s->buses[i].run;
-        const uint64_t sure = ends ? 0 : release_sure_tick(run->plan);
-        now = cw_bus_now(run->bus) > now ? cw_bus_now(run->bus) : now;
-        release = sure > release ? sure : release;
-    }
-    const uint64_t slice = now + SLICE_TICKS;
-    return least(slice, ends ? until_of(s) : least(release, quiet_end(s)));
-}
-
-/* Returns the end of a bit of each bus. */
-static uint64_t end_of_bits(const sim_rig *s)
-{
-    uint64_t bits = 0;
-    for (size_t i = 0; i < s->bus_count; i++) {
-        const uint64_t bit = cw_bus_tick_after(s->buses[i].run.bus, 1);
-        bits = bit > bits ? bit : bits;
-    }
-    return bits;
-}
-
-/* Goes up to a tick in strides. */
-static void go_to(sim_rig *s, uint64_t tick)
-{
-    for (size_t i = 0; i < s->bus_count; i++)
-        meeting_look(&s->meeting, i);
-    (void)meeting_run(&s->meeting, tick, all_buses(s));
-    write_reached(s);
-}
-
-/* ---- Small steps ----------------------------------------------------------------------------- */
-
-/* With --step, and behind the last release, the buses meet at each reception. */
-static uint64_t next_reception(const sim_rig *s, size_t bus)
-{
-    const sim_run *run = &s->buses[bus].run;
-    return meeting_next(run->bus, run->plan, run->config);
-}
-
-static uint64_t next_for_gateways(const sim_rig *s)
-{
-    uint64_t next = CW_NEVER;
-    for (size_t i = 0; i < s->bus_count; i++)
-        if (gateways_nodes(s->meeting.gateways, i))
-            next = least(next, next_reception(s, i));
-    return next;
-}
-
-/* Returns the tick of the next meeting. Each bus goes on by one bit while all of them rest. */
-static uint64_t next_meeting(const sim_rig *s)
-{
-    uint64_t next = next_for_gateways(s);
-    const uint64_t sure = sure_tick(s);
-    const uint64_t bits = end_of_bits(s);
-    if (next < until_of(s))
-        return next;
-    if (sure > bits)
-        return sure;
-    for (size_t i = 0; i < s->bus_count; i++)
-        next = least(next, next_reception(s, i));
-    return least(next == CW_NEVER && until_of(s) == CW_NEVER ? bits : next, until_of(s));
-}
-
-static void meet(sim_rig *s, uint64_t tick)
-{
-    for (size_t i = 0; i < s->bus_count; i++)
-        sim_release_to(&s->buses[i].run, tick);
-    gateways_meet(s->meeting.gateways, CW_NEVER, NULL);
-    write_reached(s);
-}
-
-/* ---- The run --------------------------------------------------------------------------------- */
-
-static bool traffic_is_over(const sim_rig *s)
-{
-    bool over = true;
-    for (size_t i = 0; i < s->bus_count; i++)
-        over = over && sim_traffic_is_over(&s->buses[i].run);
-    return over;
-}
-
-static bool has_failed(const sim_rig *s)
-{
-    bool failed = s->no_memory;
-    if (s->player)
-        return failed;
-    for (size_t i = 0; i < s->bus_count; i++)
-        failed = failed || release_failed(s->buses[i].run.plan);
-    return failed;
-}
-
-static void tell_quiet(const sim_rig *s)
-{
-    if (!s->looks_ahead)
-        plain_print(stderr, "canwire sim: ended after %u s of bus time without a frame (--until "
-                    "TIME waits longer)\n", QUIET_LIMIT_S);
-}
-
-/* Goes on to a tick and returns it. CW_NEVER: nothing is to be expected. */
-static uint64_t go_on(sim_rig *s)
-{
-    const uint64_t sure = sure_tick(s);
-    const bool strides = !s->options->step && sure > end_of_bits(s);
-    const uint64_t tick = strides ? sure : next_meeting(s);
-    if (until_of(s) == CW_NEVER && tick > quiet_end(s))
-        return CW_NEVER;
-    if (strides)
-        go_to(s, tick);
-    else
-        meet(s, tick);
-    return tick;
-}
-
-static void simulate(sim_rig *s)
-{
-    uint64_t tick = 0;
-    for (size_t i = 0; i < s->bus_count; i++)
-        sim_begin(&s->buses[i].run);
-    /* an awaited event lowers `until` */
-    while (!has_failed(s) && tick < until_of(s) &&
-           !(until_of(s) == CW_NEVER && traffic_is_over(s)))
-        tick = go_on(s);
-    const uint64_t until = until_of(s);
-    if (until == CW_NEVER && tick == CW_NEVER)
-        tell_quiet(s);
-    for (size_t i = 0; i < s->bus_count && until != CW_NEVER && !has_failed(s); i++)
-        (void)sim_advance(&s->buses[i].run, CW_NEVER); /* ends bits that have begun */
 }
 
 /* ---- Journal --------------------------------------------------------------------------------- */
@@ -473,12 +287,11 @@ static bool open_journal(sim_rig *s)
 static bool run(sim_rig *s)
 {
     bool good = true;
+    sim_group_begin(&s->group);
     if (s->player) {
-        for (size_t i = 0; i < s->bus_count; i++)
-            sim_begin(&s->buses[i].run);
         good = journal_play(s->player) != JOURNAL_FAILED;
     } else {
-        simulate(s);
+        sim_group_simulate(&s->group);
     }
     write_events(s, CW_NEVER);
     return good;
@@ -503,31 +316,26 @@ static bool check_end(sim_rig *s, const cfg *config)
                     "TIME or --until-event EVENT\n", config->file, master->line, master->column);
     if (master)
         return false;
-    for (size_t i = 0; i < config->node_count; i++)
-        for (size_t t = 0; t < config->nodes[i].traffic_count; t++) {
-            const cfg_traffic *traffic = &config->nodes[i].traffic[t];
-            if (!cfg_traffic_is_endless(traffic))
-                continue;
-            if (!s->looks_ahead)
-                plain_print(stderr, "%s:%d:%d: traffic without `count` never ends: give `count`, "
-                            "--until TIME or --until-event EVENT\n", config->file,
-                            traffic->place.line, traffic->place.column);
-            return false;
-        }
-    return true;
+    const cfg_traffic *traffic = cfg_find_endless(config);
+    if (traffic && !s->looks_ahead)
+        plain_print(stderr, "%s:%d:%d: traffic without `count` never ends: give `count`, "
+                    "--until TIME or --until-event EVENT\n", config->file, traffic->place.line,
+                    traffic->place.column);
+    return !traffic;
 }
 
 static bool open_run(sim_rig *s, rig_bus *b)
 {
     if (s->player)
         return sim_open_bus(&b->run, journal_player_config_of(s->player, b->index),
-                            journal_player_bus_of(s->player, b->index));
+                            journal_player_bus_of(s->player, b->index),
+                            s->looks_ahead ? NULL : stderr);
     cfg *config = s->config->buses[b->index];
     if (!s->looks_ahead)
         fputs(config->warnings, stderr);
     if (s->options->has_seed)
         config->seed = s->options->seed;
-    return sim_open(&b->run, config, s->looks_ahead);
+    return sim_open(&b->run, config, s->looks_ahead ? NULL : stderr);
 }
 
 static bool has_output(const sim_rig_options *o)
@@ -563,12 +371,12 @@ static const char *event_at(const sim_rig *s, const rig_bus *b)
 static void await(sim_rig *s, rig_bus *b, bool quiet)
 {
     const char *text = event_at(s, b);
-    b->run.quiet = quiet;
+    b->run.messages = quiet ? NULL : stderr;
     if (text && sim_until_start(&b->awaited, text, &b->run))
         s->awaits++;
     else
         b->awaited.text = NULL;
-    b->run.quiet = true;
+    b->run.messages = NULL;
     sim_be_careful(&b->run, CW_NEVER);
     b->awaited.found = end_at;
     b->awaited.user = s;
@@ -608,6 +416,7 @@ static bool open_bus(sim_rig *s, size_t i)
     s->bus_count++;
     b->all = s;
     b->index = i;
+    s->group.runs[s->group.count++] = &b->run;
     const rig_bus *before = i > 0 ? b - 1 : NULL;
     if (before)
         b->first_node = before->first_node + (unsigned)before->run.config->node_count;
@@ -622,7 +431,7 @@ static bool open_bus(sim_rig *s, size_t i)
     b->judge.to_stderr = has_output(s->options);
     choose_events(b, s->options);
     keeper.kinds = b->kinds;
-    if (s->meeting.gateways && gateways_nodes(s->meeting.gateways, i))
+    if (sim_group_wants(&s->group, i))
         keeper.kinds |= 1u << CW_EVENT_RX | 1u << CW_EVENT_DROP;
     sim_add_sink(&b->run, &keeper);
     const bool ends = s->player || check_end(s, b->run.config);
@@ -660,19 +469,18 @@ static bool check_files(const sim_rig *s)
 
 static bool load_rig(sim_rig *s)
 {
-    static const meeting_calls calls = {.go = go, .look = look};
     s->config = rig_load(s->options->file, stderr);
     if (!s->config)
         return false;
-    s->meeting = (meeting){.gateways = gateways_new(s->config, send_frame, s),
-                           .calls = &calls,
-                           .user = s,
-                           .bus_count = s->config->bus_count};
-    return s->meeting.gateways || fail("out of memory");
+    return sim_group_open(&s->group, s->config) || fail("out of memory");
 }
 
 static bool set_up(sim_rig *s)
 {
+    s->group = (sim_group){.step = s->options->step,
+                           .messages = s->looks_ahead ? NULL : stderr,
+                           .user = s,
+                           .reached = write_reached};
     if (!(s->options->journal ? open_journal(s) : load_rig(s)))
         return false;
     const size_t count = s->player ? journal_player_count(s->player) : s->config->bus_count;
@@ -693,8 +501,8 @@ static void write_stats(sim_rig *s)
     for (size_t i = 0; i < s->bus_count; i++)
         put_last(buses, output_all_stats(s->buses[i].run.config, s->buses[i].run.bus));
     put(root, "buses", buses);
-    if (s->meeting.gateways)
-        put(root, "gateways", gateways_stats(s->meeting.gateways, GATEWAYS_ALL));
+    if (s->group.meeting.gateways)
+        put(root, "gateways", gateways_stats(s->group.meeting.gateways, GATEWAYS_ALL));
     put_out(s->stats.stream, root);
     json_decref(root);
 }
@@ -713,7 +521,7 @@ static void write_junit(sim_rig *s)
 /* Prints the summary of the gateways. */
 static void print_gateways(const sim_rig *s)
 {
-    json_t *all = gateways_stats(s->meeting.gateways, GATEWAYS_ALL);
+    json_t *all = gateways_stats(s->group.meeting.gateways, GATEWAYS_ALL);
     gateways_print(stdout, all);
     json_decref(all);
 }
@@ -721,8 +529,8 @@ static void print_gateways(const sim_rig *s)
 /* Reports; *met tells about the expectations. */
 static bool finish(sim_rig *s, bool *met)
 {
-    bool good = !has_failed(s);
-    if (s->no_memory)
+    bool good = s->player || !sim_group_failed(&s->group);
+    if (s->no_memory || s->group.no_memory)
         good = fail("out of memory");
     if (outfile_begin(&s->stats))
         write_stats(s);
@@ -735,7 +543,7 @@ static bool finish(sim_rig *s, bool *met)
     }
     if (s->junit.stream)
         write_junit(s);
-    if (!has_output(s->options) && s->meeting.gateways)
+    if (!has_output(s->options) && s->group.meeting.gateways)
         print_gateways(s);
     good = outfile_close(&s->events, "canwire sim") && good;
     good = outfile_close(&s->log, "canwire sim") && good;
@@ -756,7 +564,7 @@ static void tear_down(sim_rig *s)
     (void)outfile_close(&s->pcapng, "canwire sim");
     (void)outfile_close(&s->junit, "canwire sim");
     (void)outfile_close(&s->stats, "canwire sim");
-    gateways_free(s->meeting.gateways);
+    sim_group_close(&s->group);
     journal_player_close(s->player);
     rig_free(s->config);
     if (s->nowhere)
@@ -776,7 +584,7 @@ static void warn_once(sim_rig *s)
     size_t i = 0;
     while (!s->buses[i].awaited.text)
         i++;
-    sim_until_warn(&s->buses[i].awaited);
+    sim_until_warn(&s->buses[i].awaited, stderr);
 }
 
 /* Finds where the awaited event comes; CW_NEVER: it does not. Returns false after a message. */

@@ -6,8 +6,8 @@
 #define CANWIRE_CLI_SIM_SIM_RIG_H
 
 #include "cli/sim/sim_judge.h"
-#include "cli/sim/sim_run.h"
 #include "config/rig.h"
+#include "sim/sim_run.h"
 
 /* The options of the command line for a rig. */
 typedef struct sim_rig_options {

@@ -5,6 +5,7 @@
 #include "cli/sim/sim_scout.h"
 
 #include "cli/sim/sim_journal.h"
+#include "cli/sim/sim_progress.h"
 
 #include <stdio.h>
 #include <sys/stat.h>
@@ -21,22 +22,25 @@ static bool can_be_read_again(const char *file)
 }
 
 /* Prepares a run that is ahead of its events: the bus may be anywhere after the awaited one. */
-static bool prepare(sim_run *ahead, sim_until *found, const sim_scout *s, const sim_until *awaited)
+static bool prepare(sim_run *ahead, sim_progress *progress, sim_until *found, const sim_scout *s,
+                    const sim_until *awaited)
 {
     if (!sim_until_start(found, awaited->text, ahead))
         return false;
     found->warns = awaited->warns;
     sim_be_careful(ahead, CW_NEVER);
     ahead->until = s->run->until;
-    ahead->quiet = true;
-    sim_progress_start(&ahead->progress, s->progress, awaited->text);
+    ahead->messages = NULL;
+    sim_progress_start(progress, ahead, s->progress, awaited->text);
     return true;
 }
 
 static bool run_file(sim_until *found, const sim_scout *s, const sim_until *awaited)
 {
     sim_run ahead;
-    bool good = sim_open(&ahead, s->run->config, true) && prepare(&ahead, found, s, awaited);
+    sim_progress progress;
+    bool good = sim_open(&ahead, s->run->config, NULL) &&
+                prepare(&ahead, &progress, found, s, awaited);
     if (good)
         (void)sim_go(&ahead); /* an error occurs again in the real run */
     sim_close(&ahead);
@@ -46,10 +50,11 @@ static bool run_file(sim_until *found, const sim_scout *s, const sim_until *awai
 static bool run_journal(sim_until *found, const sim_scout *s, const sim_until *awaited)
 {
     sim_run ahead = {.bus = NULL};
+    sim_progress progress;
     FILE *nowhere = fopen("/dev/null", "w");
     sim_journal player = {.errors = nowhere, .run = &ahead, .awaited = found};
     bool good = nowhere && sim_journal_open(&player, s->journal) &&
-                prepare(&ahead, found, s, awaited);
+                prepare(&ahead, &progress, found, s, awaited);
     if (good)
         (void)sim_journal_go(&player);
     sim_close(&ahead);
@@ -67,7 +72,7 @@ void sim_scout_go(const sim_scout *s, sim_until *awaited)
         return;
     if (!(s->journal ? run_journal(&found, s, awaited) : run_file(&found, s, awaited)))
         return;
-    awaited->warns = false; /* it has warned already */
+    awaited->warns = NULL; /* it has warned already */
     if (!found.happened)
         sim_be_careful(s->run, CW_NEVER);
     else

@@ -8,8 +8,8 @@
 #ifndef CANWIRE_CLI_SIM_SIM_SCOUT_H
 #define CANWIRE_CLI_SIM_SIM_SCOUT_H
 
-#include "cli/sim/sim_run.h"
-#include "cli/sim/sim_until.h"
+#include "sim/sim_run.h"
+#include "sim/sim_until.h"
 
 typedef struct sim_scout {
     const char *journal; /* that drives the run; NULL: its configuration does */

@@ -6,9 +6,9 @@
 #define CANWIRE_CLI_SIM_SIM_TRACE_H
 
 #include "cli/outfile.h"
-#include "cli/sim/sim_run.h"
 #include "cli/svg/svg.h"
 #include "record/vcd.h"
+#include "sim/sim_run.h"
 
 /* A time on the command line. */
 typedef struct time_option {

@@ -2,8 +2,8 @@
  *
  * expect_report.h - results of expectations, as text and as JUnit XML.
  */
-#ifndef CANWIRE_CLI_SIM_EXPECT_REPORT_H
-#define CANWIRE_CLI_SIM_EXPECT_REPORT_H
+#ifndef CANWIRE_SIM_EXPECT_REPORT_H
+#define CANWIRE_SIM_EXPECT_REPORT_H
 
 #include <stdbool.h>
 #include <stddef.h>

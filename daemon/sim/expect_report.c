@@ -2,7 +2,7 @@
  *
  * expect_report.c - results of expectations, as text and as JUnit XML.
  */
-#include "cli/sim/expect_report.h"
+#include "sim/expect_report.h"
 
 #include "base/plain.h"
 #include "canwire.h"

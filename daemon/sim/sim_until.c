@@ -2,7 +2,7 @@
  *
  * sim_until.c - ends a run with an event: [NODE:]KIND[:WHICH].
  */
-#include "cli/sim/sim_until.h"
+#include "sim/sim_until.h"
 
 #include "base/plain.h"
 #include "trace/frametext.h"
@@ -27,8 +27,8 @@ static const char expected[] =
 
 static bool fail(const sim_until *u, const char *problem)
 {
-    if (!u->run->quiet)
-        plain_print(stderr, "canwire sim: --until-event %s: %s\n", u->text, problem);
+    if (u->run->messages)
+        plain_print(u->run->messages, "%s%s: %s\n", u->before, u->text, problem);
     return false;
 }
 
@@ -73,18 +73,18 @@ static bool fail_unknown(sim_until *u, const char *what, const char *word, size_
     const bool nodes = strcmp(what, "node") == 0;
     const size_t count = nodes ? config->node_count : config->rule_count;
     const char *before = ": there is ";
-    if (u->run->quiet)
+    FILE *const out = u->run->messages;
+    if (!out)
         return false;
-    plain_print(stderr, "canwire sim: --until-event %s: there is no %s '%.*s'", u->text, what,
-                (int)length, word);
+    plain_print(out, "%s%s: there is no %s '%.*s'", u->before, u->text, what, (int)length, word);
     for (size_t i = 0; i < count; i++) {
         const char *name = nodes ? config->nodes[i].name : config->rules[i].name;
         if (name)
-            plain_print(stderr, "%s%s", before, name);
+            plain_print(out, "%s%s", before, name);
         if (name)
             before = ", ";
     }
-    fputc('\n', stderr);
+    fputc('\n', out);
     return false;
 }
 
@@ -92,9 +92,9 @@ static bool fail_word(const sim_until *u, const char *word, size_t length)
 {
     if (same(word, length, "record"))
         return fail(u, "recordings are canwired's, canwire sim has no such events");
-    if (!u->run->quiet)
-        plain_print(stderr, "canwire sim: --until-event %s: there is no event '%.*s': %s\n",
-                    u->text, (int)length, word, expected);
+    if (u->run->messages)
+        plain_print(u->run->messages, "%s%s: there is no event '%.*s': %s\n", u->before, u->text,
+                    (int)length, word, expected);
     return false;
 }
 
@@ -109,9 +109,9 @@ static bool find_rule(sim_until *u, const char *name)
 
 static bool fail_behind(const sim_until *u, const char *which)
 {
-    if (!u->run->quiet)
-        plain_print(stderr, "canwire sim: --until-event %s: ':%s' cannot follow: %s\n", u->text,
-                    which, expected);
+    if (u->run->messages)
+        plain_print(u->run->messages, "%s%s: ':%s' cannot follow: %s\n", u->before, u->text, which,
+                    expected);
     return false;
 }
 
@@ -160,7 +160,7 @@ static bool read_event(sim_until *u, const char *text)
     return read_kind(u, rest);
 }
 
-static bool is_awaited(const sim_until *u, const cw_event *event)
+bool sim_until_is(const sim_until *u, const cw_event *event)
 {
     if (!(u->kinds >> event->kind & 1u))
         return false;
@@ -178,12 +178,14 @@ static bool is_awaited(const sim_until *u, const cw_event *event)
 
 static void warn(sim_until *u)
 {
-    u->warns = false;
-    sim_progress_wipe(&u->run->progress);
-    plain_print(stderr,
-                "canwire sim: --until-event %s: not yet after %u s of bus time; there is traffic "
+    FILE *const out = u->warns;
+    u->warns = NULL;
+    if (u->run->show.wipe)
+        u->run->show.wipe(u->run->show.user);
+    plain_print(out,
+                "%s%s: not yet after %u s of bus time; there is traffic "
                 "without `count`, so that without the event only --until TIME ends the run\n",
-                u->text, WARN_S);
+                u->before, u->text, WARN_S);
 }
 
 static void look_at_event(void *user, const cw_event *event)
@@ -191,7 +193,7 @@ static void look_at_event(void *user, const cw_event *event)
     sim_until *u = user;
     if (u->warns && event->tick > WARN_S * (uint64_t)CW_CLOCK_HZ)
         warn(u);
-    if (u->happened || !is_awaited(u, event))
+    if (u->happened || !sim_until_is(u, event))
         return;
     u->happened = true;
     u->tick = event->tick;
@@ -201,13 +203,19 @@ static void look_at_event(void *user, const cw_event *event)
         sim_stop(u->run, event->tick);
 }
 
+bool sim_until_read(sim_until *u, const char *text, sim_run *run, const char *before)
+{
+    *u = (sim_until){.text = text, .run = run, .before = before, .nodes = UINT64_MAX};
+    return read_event(u, text);
+}
+
 bool sim_until_start(sim_until *u, const char *text, sim_run *run)
 {
     sim_sink sink = {.user = u, .event = look_at_event};
-    *u = (sim_until){.text = text, .run = run, .nodes = UINT64_MAX};
+    *u = (sim_until){.text = text, .run = run};
     if (!text)
         return true;
-    if (!read_event(u, text))
+    if (!sim_until_read(u, text, run, "canwire sim: --until-event "))
         return false;
     sink.kinds = CW_EVENTS_USUAL | u->kinds;
     sim_be_careful(run, 0);
@@ -217,7 +225,7 @@ bool sim_until_start(sim_until *u, const char *text, sim_run *run)
 
 void sim_until_change(sim_until *u)
 {
-    sim_until again = {.text = u->text, .run = u->run, .nodes = UINT64_MAX, .warns = u->warns,
+    sim_until again = {.text = u->text, .run = u->run, .before = u->before, .nodes = UINT64_MAX, .warns = u->warns,
                        .found = u->found, .user = u->user};
     if (!u->text || u->happened)
         return;
@@ -226,13 +234,13 @@ void sim_until_change(sim_until *u)
     *u = again;
 }
 
-void sim_until_warn(sim_until *u)
+void sim_until_warn(sim_until *u, FILE *out)
 {
-    u->warns = true;
+    u->warns = out;
 }
 
-void sim_until_finish(const sim_until *u)
+void sim_until_finish(const sim_until *u, FILE *out)
 {
     if (u->text && !u->happened)
-        plain_print(stderr, "canwire sim: --until-event %s: it did not happen\n", u->text);
+        plain_print(out, "%s%s: it did not happen\n", u->before, u->text);
 }

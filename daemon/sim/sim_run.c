@@ -2,7 +2,7 @@
  *
  * sim_run.c - a bus in virtual time: hands in releases, advances time, passes events and bits on.
  */
-#include "cli/sim/sim_run.h"
+#include "sim/sim_run.h"
 
 #include "base/plain.h"
 #include "run/bus_make.h"
@@ -19,35 +19,87 @@
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
+static void wipe(const sim_run *s)
+{
+    if (s->show.wipe)
+        s->show.wipe(s->show.user);
+}
+
 /* Reports about replayed files. */
 static void report(void *user, bool failed, const char *text)
 {
     sim_run *s = user;
-    if (s->quiet)
+    if (!s->messages)
         return;
-    sim_progress_wipe(&s->progress);
-    plain_print(stderr, "%s%s\n", failed ? "" : "canwire sim: ", text);
+    wipe(s);
+    plain_print(s->messages, "%s%s\n", failed ? "" : "canwire sim: ", text);
 }
 
-bool sim_open(sim_run *s, const cfg *config, bool quiet)
+static void describe(cw_bus_config *out, cw_node_config nodes[CW_NODES_MAX], const sim_run *s)
+{
+    cfg_bus_config(out, nodes, s->config);
+    out->inbox = INBOX_FRAMES;
+    out->events = EVENT_RING;
+    if (!s->roomy)
+        return;
+    for (unsigned i = 0; i < out->node_count; i++)
+        nodes[i].queue_room = CW_QUEUE_MAX; /* for settings; unused slots cost no memory */
+    out->rule_room = (uint16_t)(CW_RULES_MAX - out->rule_count);
+}
+
+/* Makes the bus at time 0 in its memory, and its plan. */
+static bool make(sim_run *s, const cw_bus_config *bus_config)
+{
+    s->plan = release_plan_new(s->config, report, s);
+    s->bus = s->memory && s->plan ? cw_bus_init(s->memory, bus_config) : NULL;
+    if (!s->bus)
+        return false;
+    release_add_replies(s->bus, s->config);
+    bus_take_guests_off(s->bus, s->config);
+    return true;
+}
+
+static bool open_run(sim_run *s)
 {
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
-    *s = (sim_run){
-        .config = config, .until = CW_NEVER, .careful_from = CW_NEVER, .quiet = quiet};
-    cfg_bus_config(&bus_config, nodes, config);
-    bus_config.inbox = INBOX_FRAMES;
-    bus_config.events = EVENT_RING;
+    describe(&bus_config, nodes, s);
     s->memory = malloc(cw_bus_size(&bus_config));
-    s->plan = release_plan_new(config, report, s);
-    if (!s->memory || !s->plan)
+    return make(s, &bus_config);
+}
+
+bool sim_open(sim_run *s, const cfg *config, FILE *messages)
+{
+    *s = (sim_run){
+        .config = config, .until = CW_NEVER, .careful_from = CW_NEVER, .messages = messages};
+    return open_run(s);
+}
+
+bool sim_open_roomy(sim_run *s, const cfg *config, FILE *messages)
+{
+    *s = (sim_run){.config = config,
+                   .until = CW_NEVER,
+                   .careful_from = CW_NEVER,
+                   .messages = messages,
+                   .roomy = true};
+    return open_run(s);
+}
+
+bool sim_restart(sim_run *s)
+{
+    cw_node_config nodes[CW_NODES_MAX];
+    cw_bus_config bus_config;
+    describe(&bus_config, nodes, s);
+    release_plan_free(s->plan);
+    s->last_activity = 0;
+    s->stopped = false;
+    s->watching = false;
+    s->calm_bits = 0;
+    if (!make(s, &bus_config))
         return false;
-    s->bus = cw_bus_init(s->memory, &bus_config);
-    if (s->bus) {
-        release_add_replies(s->bus, config);
-        bus_take_guests_off(s->bus, config);
-    }
-    return s->bus != NULL;
+    if (s->syncs)
+        cw_bus_set_sync_records(s->bus, s->syncs);
+    return true;
 }
 
 bool sim_count_syncs(sim_run *s)
@@ -58,10 +110,14 @@ bool sim_count_syncs(sim_run *s)
     return s->syncs != NULL;
 }
 
-bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus)
+bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus, FILE *messages)
 {
     static const cfg no_traffic = {.node_count = 0};
-    *s = (sim_run){.config = config, .bus = bus, .until = CW_NEVER, .careful_from = CW_NEVER};
+    *s = (sim_run){.config = config,
+                   .bus = bus,
+                   .until = CW_NEVER,
+                   .careful_from = CW_NEVER,
+                   .messages = messages};
     s->plan = release_plan_new(&no_traffic, report, s);
     return s->plan != NULL;
 }
@@ -132,18 +188,12 @@ static uint64_t least(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
-/* Estimates the end: a run that is careful from a tick on is expected to end there. */
-static uint64_t guess_end(const sim_run *s, uint64_t now)
+/* A run that is careful from a tick on is expected to end there. */
+uint64_t sim_guess_end(const sim_run *s)
 {
+    const uint64_t now = cw_bus_now(s->bus);
     uint64_t known = s->careful_from > now ? least(s->until, s->careful_from) : s->until;
     return known != CW_NEVER ? known : release_guess_end(s->plan, now);
-}
-
-static void show_progress(sim_run *s)
-{
-    uint64_t now = cw_bus_now(s->bus);
-    if (sim_progress_is_due(&s->progress, now))
-        sim_progress_write(&s->progress, s->bus, guess_end(s, now));
 }
 
 static void advance_bus(sim_run *s, uint64_t tick)
@@ -152,7 +202,8 @@ static void advance_bus(sim_run *s, uint64_t tick)
     do {
         status = cw_bus_advance_some(s->bus, tick, SLICE_WORK);
         pass_on_events(s);
-        show_progress(s);
+        if (s->show.look)
+            s->show.look(s->show.user, s);
     } while (status != CW_OK && !s->stopped);
 }
 
@@ -382,9 +433,16 @@ void sim_begin(sim_run *s)
     cw_bus_set_events(s->bus, wanted_events(s));
 }
 
+void sim_set_kinds(sim_run *s, unsigned sink, uint32_t kinds)
+{
+    assert(sink < s->sink_count);
+    s->sinks[sink].kinds = kinds;
+    cw_bus_set_events(s->bus, wanted_events(s));
+}
+
 void sim_end(sim_run *s)
 {
-    sim_progress_wipe(&s->progress);
+    wipe(s);
 }
 
 bool sim_advance(sim_run *s, uint64_t tick)
@@ -403,6 +461,14 @@ void sim_change(sim_run *s, const cfg *config, cw_bus *bus)
     cw_bus_set_events(bus, wanted_events(s));
 }
 
+bool sim_finish(sim_run *s)
+{
+    const bool goes_on = run_releases(s);
+    if (goes_on)
+        run_out(s);
+    return goes_on;
+}
+
 bool sim_go(sim_run *s)
 {
     sim_begin(s);
@@ -412,8 +478,8 @@ bool sim_go(sim_run *s)
     else if (goes_on)
         run_out(s);
     sim_end(s);
-    if (!goes_on && !s->quiet)
-        plain_print(stderr,
+    if (!goes_on && s->messages)
+        plain_print(s->messages,
                     "canwire sim: ended before the last release, after %u s of bus time without a "
                     "frame (--until TIME waits longer)\n",
                     QUIET_LIMIT_S);
@@ -435,6 +501,12 @@ void sim_release_to(sim_run *s, uint64_t end)
         else
             break;
     }
+}
+
+bool sim_owes_events(const sim_run *s, uint64_t tick)
+{
+    return !is_over(s) && cw_bus_now(s->bus) < tick &&
+           (cw_bus_inbox_first(s->bus) <= tick || has_own_bits(s));
 }
 
 bool sim_traffic_is_over(const sim_run *s)

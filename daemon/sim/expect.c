@@ -2,7 +2,7 @@
  *
  * expect.c - judges a run by the expectations of its configuration.
  */
-#include "cli/sim/expect.h"
+#include "sim/expect.h"
 
 #include "base/number.h"
 #include "trace/frametext.h"

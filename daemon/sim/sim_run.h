@@ -2,12 +2,13 @@
  *
  * sim_run.h - a bus in virtual time: hands in releases, advances time, passes events and bits on.
  */
-#ifndef CANWIRE_CLI_SIM_SIM_RUN_H
-#define CANWIRE_CLI_SIM_SIM_RUN_H
+#ifndef CANWIRE_SIM_SIM_RUN_H
+#define CANWIRE_SIM_SIM_RUN_H
 
-#include "cli/sim/sim_progress.h"
 #include "config/config.h"
 #include "run/release.h"
+
+#include <stdio.h>
 
 #define SIM_SINKS_MAX 16
 
@@ -24,6 +25,15 @@ typedef struct sim_sink {
     bool changes; /* bits that equal the one before need not be shown */
 } sim_sink;
 
+struct sim_run;
+
+/* Lets a program show the progress of a run. All zeros shows nothing. */
+typedef struct sim_show {
+    void *user;
+    void (*look)(void *user, const struct sim_run *run); /* called every few milliseconds */
+    void (*wipe)(void *user); /* called before a message, and at the end */
+} sim_show;
+
 typedef struct sim_run {
     const cfg *config; /* not owned */
     void *memory; /* of the bus; NULL: not owned */
@@ -35,20 +45,28 @@ typedef struct sim_run {
     bool step;              /* every bit is simulated, even without observers */
     bool began_off_grid;    /* clocks of nodes differ, or they have delays */
     bool stopped;           /* see sim_stop() */
-    bool quiet;             /* another run writes the messages to standard error */
+    FILE *messages;         /* or NULL */
+    bool roomy;             /* there is room for more rules, and for longer queues */
     uint64_t careful_from;  /* see sim_be_careful() */
     bool watching;          /* last setting of the bus */
     unsigned calm_bits;     /* bits shown since the last event */
-    sim_progress progress;  /* started by the caller, if wanted */
+    sim_show show;          /* set by the caller, if wanted */
     unsigned sink_count;
     uint32_t bit_sinks; /* sinks with a `bit`, as a set */
     sim_sink sinks[SIM_SINKS_MAX];
 } sim_run;
 
-/* Makes the bus of a configuration, at time 0; the configuration must live longer. A quiet run, and
- * its files, write nothing to standard error. Returns false without memory or a bus. The run must
- * be closed in either case. */
-bool sim_open(sim_run *s, const cfg *config, bool quiet);
+/* Makes the bus of a configuration, at time 0; the configuration must live longer. Messages, also
+ * about its files, go to `messages`; NULL: nowhere. Returns false without memory or a bus. The run
+ * must be closed in either case. */
+bool sim_open(sim_run *s, const cfg *config, FILE *messages);
+
+/* Does the same for a bus that gets more rules and other settings later. */
+bool sim_open_roomy(sim_run *s, const cfg *config, FILE *messages);
+
+/* Puts a bus of sim_open() back to time 0, in the same memory. The configuration is the same but
+ * for its seed; the sinks stay. Returns false without memory or a bus. */
+bool sim_restart(sim_run *s);
 
 /* Counts synchronisations of the bus, which must be one of sim_open(). Returns false without
  * memory. */
@@ -68,11 +86,14 @@ bool sim_go(sim_run *s);
 
 /* Opens a run on an existing bus, which lives longer, without releases. The run must be closed in
  * either case. */
-bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus);
+bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus, FILE *messages);
 
 /* Begin and end the run. */
 void sim_begin(sim_run *s);
 void sim_end(sim_run *s);
+
+/* Changes the kinds of events that a sink needs, by the order in which sinks were added. */
+void sim_set_kinds(sim_run *s, unsigned sink, uint32_t kinds);
 
 /* Advances to a tick, which is the end of a bit. Returns false when the run has ended. */
 bool sim_advance(sim_run *s, uint64_t tick);
@@ -88,8 +109,18 @@ void sim_change(sim_run *s, const cfg *config, cw_bus *bus);
 /* Advances to a tick with all releases up to there. */
 void sim_release_to(sim_run *s, uint64_t tick);
 
+/* Returns true when the bit that has begun at a tick may have events up to there. */
+bool sim_owes_events(const sim_run *s, uint64_t tick);
+
+/* Goes on until all traffic is done, as sim_go() does. Returns false when the run ends before the
+ * last release. */
+bool sim_finish(sim_run *s);
+
 /* Returns true when no release is to come, no frame waits, and the end of the last one is over. */
 bool sim_traffic_is_over(const sim_run *s);
+
+/* Estimates the tick at which the run ends; CW_NEVER: unknown. */
+uint64_t sim_guess_end(const sim_run *s);
 
 /* ---- Stopping -------------------------------------------------------------------------------- */
 

@@ -4,11 +4,11 @@
  *
  * It takes the events of the bus. Its memory depends only on the number of expectations.
  */
-#ifndef CANWIRE_CLI_SIM_EXPECT_H
-#define CANWIRE_CLI_SIM_EXPECT_H
+#ifndef CANWIRE_SIM_EXPECT_H
+#define CANWIRE_SIM_EXPECT_H
 
-#include "cli/sim/expect_report.h"
 #include "config/config.h"
+#include "sim/expect_report.h"
 
 typedef struct expect expect;
 

@@ -1,0 +1,123 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * embed.h - the inside of an instance of libcanwire-sim.
+ */
+#ifndef CANWIRE_EMBED_EMBED_H
+#define CANWIRE_EMBED_EMBED_H
+
+#include "embed/canwire-sim.h"
+#include "run/inputs.h"
+#include "sim/expect.h"
+#include "sim/sim_group.h"
+#include "sim/sim_until.h"
+#include "trace/errframe.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+/* An event that has been written as text. */
+typedef struct embed_line {
+    uint64_t tick;
+    size_t end; /* of its text */
+} embed_line;
+
+/* Events as text, in their order. */
+typedef struct embed_lines {
+    FILE *out; /* into `text` */
+    char *text;
+    size_t size;
+    embed_line *list;
+    size_t count;
+    size_t room;
+} embed_lines;
+
+/* A frame for a node's host. */
+typedef struct embed_frame {
+    uint64_t tick;
+    canwire_sim_frame frame;
+} embed_frame;
+
+typedef struct embed_node {
+    unsigned listens; /* CANWIRE_SIM_LISTEN_* */
+    embed_frame *frames; /* a ring */
+    size_t first;
+    size_t count;
+    size_t room;
+    errframe_limit limit;
+} embed_node;
+
+/* Judges some expectations of a bus. */
+typedef struct embed_judge {
+    struct embed_judge *next;
+    cfg view; /* the bus as it is, with these expectations */
+    cfg_expects *own; /* NULL: they are those of the file */
+    expect *judge;
+} embed_judge;
+
+typedef struct embed_bus {
+    canwire_sim *sim;
+    size_t index;
+    int first_node;
+    live *live;
+    const cfg *config;    /* of `live` */
+    cfg_node_time *times; /* of the nodes, as the file has them */
+    uint64_t seed;        /* in the same way */
+    sim_run run;
+    inputs in;
+    sim_until awaited;
+    embed_lines lines;
+    embed_node *nodes;
+    embed_judge *judges; /* a list */
+} embed_bus;
+
+struct canwire_sim {
+    rig *rig; /* NULL: there is one bus */
+    sim_group group;
+    size_t count; /* of buses */
+    embed_bus *buses;
+    uint64_t reached; /* tick up to which all is known */
+    uint32_t kinds;   /* of events that are kept */
+    bool awaits_any;  /* ... one of them ends the run */
+    bool happened;    /* the awaited event */
+    bool no_memory;
+    FILE *told; /* messages of runs */
+    char *told_text;
+    size_t told_size;
+    char *message;
+};
+
+/* Notes an error for canwire_sim_message(), and returns its status. */
+int embed_fail(canwire_sim *sim, int status, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+/* Returns the bus of that number, or NULL after noting an error. */
+embed_bus *embed_find_bus(canwire_sim *sim, int bus);
+
+/* Returns the bus of a node and the number of the node there, or NULL after noting an error. */
+embed_bus *embed_find_node(canwire_sim *sim, unsigned *number, int node);
+
+/* The sink of all events of a bus. */
+void embed_event(void *user, const cw_event *event);
+
+/* Sets the kinds of events that a bus has to tell about. */
+void embed_choose_events(embed_bus *bus);
+
+/* Begins to judge by the expectations of the file. Returns false without memory. */
+bool embed_judge_start(embed_bus *bus);
+
+/* Judges by other expectations, too, from now on, and takes them over. Returns false without
+ * memory; they then stay the caller's. */
+bool embed_judge_add(embed_bus *bus, cfg_expects *own);
+
+/* Ends all of this. */
+void embed_judge_end(embed_bus *bus);
+
+/* ---- Times ----------------------------------------------------------------------------------- */
+
+/* Returns the first tick that is not before a time. */
+uint64_t embed_tick_at(int64_t ns);
+
+/* Returns the last tick whose time in events is not after a time. */
+uint64_t embed_tick_until(int64_t ns);
+
+#endif

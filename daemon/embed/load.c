@@ -1,0 +1,322 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * load.c - makes and frees instances, and puts them back to time 0.
+ */
+#include "embed/embed.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+int canwire_sim_abi(void)
+{
+    return CANWIRE_SIM_ABI;
+}
+
+const char *canwire_sim_version(void)
+{
+    return CANWIRE_VERSION;
+}
+
+void canwire_sim_free_text(char *text)
+{
+    free(text);
+}
+
+/* ---- Errors ---------------------------------------------------------------------------------- */
+
+int embed_fail(canwire_sim *sim, int status, const char *format, ...)
+{
+    va_list args;
+    free(sim->message);
+    va_start(args, format);
+    if (vasprintf(&sim->message, format, args) < 0)
+        sim->message = NULL;
+    va_end(args);
+    return status;
+}
+
+const char *canwire_sim_message(const canwire_sim *sim)
+{
+    return sim->message ? sim->message : "";
+}
+
+/* Collects the messages of a call, for its caller. */
+typedef struct told {
+    FILE *out;
+    char *text;
+    size_t size;
+} told;
+
+static bool tell_begin(told *t)
+{
+    *t = (told){.out = open_memstream(&t->text, &t->size)};
+    return t->out;
+}
+
+/* Hands the messages over. */
+static void tell_end(told *t, char **messages)
+{
+    if (t->out)
+        (void)fclose(t->out);
+    if (messages)
+        *messages = t->size > 0 ? t->text : NULL;
+    if (!messages || t->size == 0)
+        free(t->text);
+}
+
+/* ---- Buses ----------------------------------------------------------------------------------- */
+
+static void drain(void *user)
+{
+    embed_bus *b = user;
+    sim_pass_on(&b->run, NULL);
+}
+
+static bool keep_times(embed_bus *b)
+{
+    b->times = calloc(b->config->node_count, sizeof *b->times);
+    b->nodes = calloc(b->config->node_count, sizeof *b->nodes);
+    if (!b->times || !b->nodes)
+        return false;
+    for (size_t i = 0; i < b->config->node_count; i++)
+        b->times[i] = b->config->nodes[i].time;
+    return true;
+}
+
+/* Opens a bus and takes its configuration over, also when it fails. */
+static bool open_bus(canwire_sim *sim, cfg *config)
+{
+    embed_bus *b = &sim->buses[sim->count];
+    const sim_sink sink = {.user = b, .event = embed_event, .kinds = CW_EVENTS_USUAL};
+    b->sim = sim;
+    b->index = sim->count;
+    b->first_node = b->index > 0 ? b[-1].first_node + (int)b[-1].config->node_count : 0;
+    b->live = live_new(config);
+    if (!b->live) {
+        cfg_free(config);
+        return false;
+    }
+    sim->count++;
+    b->config = live_config(b->live);
+    b->seed = b->config->seed;
+    b->lines.out = open_memstream(&b->lines.text, &b->lines.size);
+    if (!b->lines.out || !keep_times(b) || !sim_open_roomy(&b->run, b->config, sim->told))
+        return false;
+    sim_add_sink(&b->run, &sink);
+    inputs_init(&b->in, b->live, b->run.bus, drain, b);
+    sim->group.runs[sim->group.count++] = &b->run;
+    return embed_judge_start(b);
+}
+
+static void close_bus(embed_bus *b)
+{
+    embed_judge_end(b);
+    sim_close(&b->run);
+    for (size_t i = 0; b->nodes && i < b->config->node_count; i++)
+        free(b->nodes[i].frames);
+    if (b->lines.out)
+        (void)fclose(b->lines.out);
+    free(b->lines.text);
+    free(b->lines.list);
+    free(b->nodes);
+    free(b->times);
+    live_free(b->live);
+}
+
+/* ---- Instances ------------------------------------------------------------------------------- */
+
+static bool open_all(canwire_sim *sim, cfg *alone, FILE *out)
+{
+    const size_t count = sim->rig ? sim->rig->bus_count : 1;
+    bool good = true;
+    sim->kinds = CW_EVENTS_USUAL;
+    sim->told = open_memstream(&sim->told_text, &sim->told_size);
+    sim->buses = calloc(count, sizeof *sim->buses);
+    good = sim->told && sim->buses && sim_group_open(&sim->group, sim->rig);
+    for (size_t i = 0; i < count && good; i++) {
+        cfg *config = sim->rig ? sim->rig->buses[i] : alone;
+        if (sim->rig)
+            sim->rig->buses[i] = NULL; /* the bus takes it */
+        fputs(config->warnings, out);
+        good = open_bus(sim, config);
+        alone = NULL;
+    }
+    cfg_free(alone);
+    if (good)
+        sim_group_begin(&sim->group);
+    return good;
+}
+
+static cfg *load_alone(const cfg_file *file, FILE *out)
+{
+    return file->text ? cfg_load_text(file, out) : cfg_load(file->name, out);
+}
+
+static rig *load_rig(const cfg_file *file, FILE *out)
+{
+    return file->text ? rig_load_text(file, out) : rig_load(file->name, out);
+}
+
+static canwire_sim *load(const cfg_file *file, FILE *out)
+{
+    const bool several = file->text ? rig_is_rig_text(file) : rig_is_rig(file->name);
+    rig *buses = several ? load_rig(file, out) : NULL;
+    cfg *alone = several ? NULL : load_alone(file, out);
+    if (!buses && !alone)
+        return NULL;
+    canwire_sim *sim = calloc(1, sizeof *sim);
+    if (sim) {
+        sim->rig = buses;
+        if (open_all(sim, alone, out))
+            return sim;
+    } else {
+        cfg_free(alone);
+        rig_free(buses);
+    }
+    canwire_sim_free(sim);
+    fprintf(out, "%s: out of memory\n", file->name);
+    return NULL;
+}
+
+static canwire_sim *load_telling(const cfg_file *file, char **messages)
+{
+    told t;
+    canwire_sim *sim = tell_begin(&t) ? load(file, t.out) : NULL;
+    tell_end(&t, messages);
+    return sim;
+}
+
+canwire_sim *canwire_sim_load(const char *file, char **messages)
+{
+    return load_telling(&(cfg_file){.name = file}, messages);
+}
+
+canwire_sim *canwire_sim_load_text(const char *text, size_t size, const char *name,
+                                   char **messages)
+{
+    return load_telling(&(cfg_file){.name = name, .text = text, .size = size}, messages);
+}
+
+void canwire_sim_free(canwire_sim *sim)
+{
+    if (!sim)
+        return;
+    for (size_t i = 0; i < sim->count; i++)
+        close_bus(&sim->buses[i]);
+    sim_group_close(&sim->group);
+    rig_free(sim->rig);
+    if (sim->told)
+        (void)fclose(sim->told);
+    free(sim->told_text);
+    free(sim->buses);
+    free(sim->message);
+    free(sim);
+}
+
+/* ---- Restart --------------------------------------------------------------------------------- */
+
+static void forget(embed_bus *b, const uint64_t *seed)
+{
+    embed_judge_end(b);
+    live_restart(b->live, seed ? *seed : b->seed);
+    for (unsigned i = 0; i < b->config->node_count; i++) {
+        live_set_time(b->live, i, &b->times[i]);
+        b->nodes[i].first = 0;
+        b->nodes[i].count = 0;
+        b->nodes[i].limit = (errframe_limit){.used = 0};
+    }
+    b->lines.count = 0;
+    (void)fseeko(b->lines.out, 0, SEEK_SET);
+}
+
+int canwire_sim_reset(canwire_sim *sim, const uint64_t *seed)
+{
+    bool good = true;
+    for (size_t i = 0; i < sim->count; i++)
+        forget(&sim->buses[i], seed);
+    sim->reached = 0;
+    sim->no_memory = false;
+    good = sim_group_restart(&sim->group, sim->rig);
+    for (size_t i = 0; i < sim->count && good; i++) {
+        embed_bus *b = &sim->buses[i];
+        inputs_init(&b->in, b->live, b->run.bus, drain, b);
+        good = embed_judge_start(b);
+    }
+    sim->no_memory = !good;
+    return good ? CANWIRE_SIM_OK : embed_fail(sim, CANWIRE_SIM_NO_MEMORY, "out of memory");
+}
+
+/* ---- Numbers and names ----------------------------------------------------------------------- */
+
+embed_bus *embed_find_bus(canwire_sim *sim, int bus)
+{
+    if (bus >= 0 && (size_t)bus < sim->count)
+        return &sim->buses[bus];
+    (void)embed_fail(sim, CANWIRE_SIM_INVALID, "there is no bus number %d", bus);
+    return NULL;
+}
+
+/* Returns the bus of a node, or NULL. */
+static embed_bus *bus_with(const canwire_sim *sim, int node)
+{
+    for (size_t i = 0; i < sim->count; i++) {
+        embed_bus *b = &sim->buses[i];
+        if (node >= b->first_node && node < b->first_node + (int)b->config->node_count)
+            return b;
+    }
+    return NULL;
+}
+
+embed_bus *embed_find_node(canwire_sim *sim, unsigned *number, int node)
+{
+    embed_bus *b = bus_with(sim, node);
+    if (b)
+        *number = (unsigned)(node - b->first_node);
+    else
+        (void)embed_fail(sim, CANWIRE_SIM_INVALID, "there is no node number %d", node);
+    return b;
+}
+
+int canwire_sim_bus_count(const canwire_sim *sim)
+{
+    return (int)sim->count;
+}
+
+int canwire_sim_node_count(const canwire_sim *sim)
+{
+    const embed_bus *last = &sim->buses[sim->count - 1];
+    return last->first_node + (int)last->config->node_count;
+}
+
+const char *canwire_sim_bus_name(const canwire_sim *sim, int bus)
+{
+    const bool there = bus >= 0 && (size_t)bus < sim->count;
+    return there ? sim->buses[bus].config->bus_name : NULL;
+}
+
+const char *canwire_sim_node_name(const canwire_sim *sim, int node)
+{
+    const embed_bus *b = bus_with(sim, node);
+    return b ? b->config->nodes[node - b->first_node].name : NULL;
+}
+
+int canwire_sim_bus_of_node(const canwire_sim *sim, int node)
+{
+    const embed_bus *b = bus_with(sim, node);
+    return b ? (int)b->index : -1;
+}
+
+int canwire_sim_get_bus(const canwire_sim *sim, int bus, canwire_sim_bus *out)
+{
+    if (bus < 0 || (size_t)bus >= sim->count)
+        return CANWIRE_SIM_INVALID;
+    const embed_bus *b = &sim->buses[bus];
+    *out = (canwire_sim_bus){.seed = b->config->seed,
+                             .bitrate = b->config->bitrate_bps,
+                             .dbitrate = b->config->dbitrate_bps,
+                             .nodes = (int32_t)b->config->node_count,
+                             .first_node = b->first_node,
+                             .fd = cfg_has_fd(b->config),
+                             .rules = (int32_t)b->config->rule_count};
+    return CANWIRE_SIM_OK;
+}

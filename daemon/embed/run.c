@@ -1,0 +1,259 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * run.c - lets time go on, up to a time, a frame or an event.
+ */
+#include "embed/embed.h"
+
+#include "base/number.h"
+
+#include <assert.h>
+#include <string.h>
+
+#define SLICE_TICKS (CW_CLOCK_HZ / 100u) /* of a rig, whose gateways keep frames meanwhile */
+
+static uint64_t least(uint64_t a, uint64_t b)
+{
+    return a < b ? a : b;
+}
+
+/* ---- Times ----------------------------------------------------------------------------------- */
+
+uint64_t embed_tick_at(int64_t ns)
+{
+    const cfg_time time = {.ns = ns > 0 ? (uint64_t)ns : 0};
+    return text_time_ticks(time, cw_rate_of(1));
+}
+
+uint64_t embed_tick_until(int64_t ns)
+{
+    const cfg_time beyond = {.ns = 1};
+    const cfg_time time = {.ns = ns > 0 ? (uint64_t)ns : 0};
+    return text_time_ticks_sum(time, 1, beyond, cw_rate_of(1)) - 1;
+}
+
+int64_t canwire_sim_now(const canwire_sim *sim)
+{
+    return (int64_t)text_ticks_ns(sim->reached);
+}
+
+int64_t canwire_sim_time(canwire_sim *sim, int bus, const char *text)
+{
+    cfg_time time;
+    const embed_bus *b = embed_find_bus(sim, bus);
+    if (!b)
+        return CANWIRE_SIM_INVALID;
+    const char *wrong = text_parse_time(&time, text);
+    if (wrong)
+        return embed_fail(sim, CANWIRE_SIM_INVALID, "%s: %s", text, wrong);
+    /* bits may end between nanoseconds; events there have the truncated time */
+    const uint64_t ticks = cw_rate_ticks_or_never(b->config->rate, time.bits);
+    const uint64_t most = (uint64_t)CANWIRE_SIM_NEVER - 1;
+    if (ticks == CW_NEVER || ticks / 80 > most / 1000 || time.ns > most - text_ticks_ns(ticks))
+        return embed_fail(sim, CANWIRE_SIM_INVALID, "%s: at most 292 years are expected", text);
+    return (int64_t)(time.ns + text_ticks_ns(ticks));
+}
+
+/* ---- Awaited events -------------------------------------------------------------------------- */
+
+/* Returns what the awaited event is at a bus: all but the name of the bus. NULL: it is one of
+ * another bus. */
+static const char *event_at(const canwire_sim *sim, const embed_bus *b, const char *text)
+{
+    for (size_t i = 0; sim->rig && i < sim->count; i++) {
+        const char *name = sim->buses[i].config->bus_name;
+        const size_t length = strlen(name);
+        if (strncmp(text, name, length) == 0 && text[length] == ':')
+            return i == b->index ? text + length + 1 : NULL;
+    }
+    return text;
+}
+
+static void forget_told(canwire_sim *sim)
+{
+    (void)fflush(sim->told);
+    (void)fseeko(sim->told, 0, SEEK_SET);
+}
+
+/* Notes what runs have told as the error. */
+static int fail_told(canwire_sim *sim, int status)
+{
+    (void)fflush(sim->told);
+    size_t size = sim->told_size;
+    while (size > 0 && sim->told_text[size - 1] == '\n')
+        size--;
+    return embed_fail(sim, status, "%.*s", (int)size, sim->told_text);
+}
+
+/* Awaits an event at all buses that know its words. Returns false after noting an error. */
+static bool await(canwire_sim *sim, const char *text)
+{
+    bool any = false;
+    sim->happened = false;
+    sim->awaits_any = text && strcmp(text, "any") == 0;
+    forget_told(sim);
+    for (size_t i = 0; i < sim->count; i++) {
+        embed_bus *b = &sim->buses[i];
+        const char *here = text && !sim->awaits_any ? event_at(sim, b, text) : NULL;
+        if (here && sim_until_read(&b->awaited, here, &b->run, ""))
+            any = true;
+        else
+            b->awaited = (sim_until){.text = NULL};
+        embed_choose_events(b);
+    }
+    if (any || !text || sim->awaits_any)
+        return true;
+    (void)fail_told(sim, CANWIRE_SIM_INVALID);
+    return false;
+}
+
+/* Other calls may pass on events. */
+static void await_nothing(canwire_sim *sim)
+{
+    sim->awaits_any = false;
+    for (size_t i = 0; i < sim->count; i++) {
+        sim->buses[i].awaited = (sim_until){.text = NULL};
+        embed_choose_events(&sim->buses[i]);
+    }
+}
+
+/* ---- Conditions ------------------------------------------------------------------------------ */
+
+static bool frame_waits(const canwire_sim *sim, int at)
+{
+    for (size_t i = 0; i < sim->count && at != CANWIRE_SIM_NO_NODE; i++) {
+        const embed_bus *b = &sim->buses[i];
+        for (size_t n = 0; n < b->config->node_count; n++) {
+            const embed_node *node = &b->nodes[n];
+            const bool meant = at == CANWIRE_SIM_ANY_NODE || at == b->first_node + (int)n;
+            if (meant && node->listens && node->count > 0 &&
+                node->frames[node->first].tick <= sim->reached)
+                return true;
+        }
+    }
+    return false;
+}
+
+/* Returns a tick before which nothing can happen on a bus that rests; now otherwise. */
+static uint64_t rests_until(const embed_bus *b)
+{
+    const cw_bus *bus = b->run.bus;
+    const uint64_t now = cw_bus_now(bus);
+    if (b->config->rule_count > 0 || b->config->reply_count > 0 || !cw_bus_idle(bus) ||
+        cw_bus_pending(bus) > 0 || !cw_bus_is_on_grid(bus) || cw_bus_recessive_bits(bus) < 11 ||
+        release_is_fast(b->run.plan))
+        return now;
+    return least(cw_bus_next(bus), release_next_tick(b->run.plan));
+}
+
+/* Returns the tick to which time goes next. Before an event it goes bit by bit. */
+static uint64_t next_step(const canwire_sim *sim, bool awaits)
+{
+    const uint64_t bit = sim_group_bit(&sim->group);
+    uint64_t next = sim_group_next(&sim->group);
+    if (next == CW_NEVER)
+        return bit;
+    for (size_t i = 0; awaits && i < sim->count; i++)
+        next = least(next, rests_until(&sim->buses[i]));
+    return next > bit ? next : bit;
+}
+
+/* ---- Runs ------------------------------------------------------------------------------------ */
+
+static int outcome(canwire_sim *sim, int stop)
+{
+    if (sim->no_memory || sim->group.no_memory) {
+        sim->no_memory = true;
+        return embed_fail(sim, CANWIRE_SIM_NO_MEMORY, "out of memory");
+    }
+    return sim_group_failed(&sim->group) ? fail_told(sim, CANWIRE_SIM_FAILED) : stop;
+}
+
+static void reach(canwire_sim *sim, uint64_t tick)
+{
+    sim->reached = tick > sim->reached ? tick : sim->reached;
+}
+
+/* Goes on to a tick, in slices in which others have time to look. */
+static int go_to(canwire_sim *sim, uint64_t tick)
+{
+    while (sim->rig && sim_group_now(&sim->group) + SLICE_TICKS < tick && !sim->no_memory &&
+           !sim_group_failed(&sim->group))
+        sim_group_go_to(&sim->group, sim_group_now(&sim->group) + SLICE_TICKS);
+    sim_group_go_to(&sim->group, tick);
+    sim_group_settle(&sim->group, tick);
+    reach(sim, tick);
+    return outcome(sim, CANWIRE_SIM_AT_TIME);
+}
+
+/* Goes on to the end of the traffic. */
+static int finish(canwire_sim *sim)
+{
+    if (sim->rig)
+        sim_group_simulate(&sim->group);
+    else
+        (void)sim_finish(&sim->buses[0].run);
+    reach(sim, sim_group_now(&sim->group));
+    return outcome(sim, CANWIRE_SIM_AT_END);
+}
+
+/* Goes on in steps, with a look after each of them. */
+static int watch(canwire_sim *sim, uint64_t until, bool awaits, int frame_at)
+{
+    for (;;) {
+        if (sim->happened) {
+            reach(sim, sim_group_now(&sim->group)); /* the bit of the event may end later */
+            return CANWIRE_SIM_AT_EVENT;
+        }
+        if (frame_waits(sim, frame_at))
+            return CANWIRE_SIM_AT_FRAME;
+        if (sim->reached >= until)
+            return CANWIRE_SIM_AT_TIME;
+        if (until == CW_NEVER && sim_group_is_over(&sim->group))
+            return CANWIRE_SIM_AT_END;
+        const uint64_t next = next_step(sim, awaits);
+        if (next >= until) {
+            (void)go_to(sim, until);
+        } else {
+            sim_group_go_to(&sim->group, next);
+            reach(sim, sim_group_now(&sim->group));
+        }
+        const int status = outcome(sim, CANWIRE_SIM_OK);
+        if (status < 0)
+            return status;
+    }
+}
+
+/* Returns false after noting that the traffic never ends. */
+static bool ends(canwire_sim *sim)
+{
+    for (size_t i = 0; i < sim->count; i++) {
+        const cfg *config = sim->buses[i].config;
+        const cfg_traffic *endless = cfg_find_endless(config);
+        const cfg_place *place = endless ? &endless->place : cfg_find_master(config);
+        if (!place)
+            continue;
+        (void)embed_fail(sim, CANWIRE_SIM_INVALID,
+                         "%s:%d:%d: this never ends: give a time up to which to run",
+                         config->file, place->line, place->column);
+        return false;
+    }
+    return true;
+}
+
+int canwire_sim_run(canwire_sim *sim, int64_t until, const char *event, int frame_at)
+{
+    const uint64_t tick = until == CANWIRE_SIM_NEVER ? CW_NEVER : embed_tick_until(until);
+    int status;
+    if (sim->no_memory)
+        return embed_fail(sim, CANWIRE_SIM_NO_MEMORY, "out of memory");
+    if ((tick == CW_NEVER && !ends(sim)) || !await(sim, event))
+        return CANWIRE_SIM_INVALID;
+    if (event || frame_at != CANWIRE_SIM_NO_NODE)
+        status = watch(sim, tick, event, frame_at);
+    else if (tick == CW_NEVER)
+        status = finish(sim);
+    else
+        status = tick > sim->reached ? go_to(sim, tick) : outcome(sim, CANWIRE_SIM_AT_TIME);
+    await_nothing(sim);
+    return status;
+}

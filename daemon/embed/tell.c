@@ -1,0 +1,288 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * tell.c - the results of buses in virtual time: events, statistics, expectations.
+ */
+#include "embed/embed.h"
+
+#include "base/jsonput.h"
+#include "record/output.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* Set by a lack of memory while a text is made; each thread makes its own texts. */
+static _Thread_local bool out_of_memory;
+
+void json_no_memory(void)
+{
+    out_of_memory = true;
+}
+
+/* Returns the text of a value, which is released; NULL without memory. */
+static char *text_of(json_t *value, size_t flags)
+{
+    char *text = out_of_memory ? NULL : json_dumps(value, flags | JSON_PRESERVE_ORDER);
+    json_decref(value);
+    return text;
+}
+
+/* ---- Events ---------------------------------------------------------------------------------- */
+
+static int find_kind(const char *word, size_t length)
+{
+    for (unsigned kind = 0; kind < CW_EVENT_COUNT; kind++) {
+        const char *name = cw_event_name((cw_event_kind)kind);
+        if (kind != CW_EVENT_TOLERATED && strlen(name) == length &&
+            strncmp(name, word, length) == 0)
+            return (int)kind;
+    }
+    return -1;
+}
+
+/* Reads a list of kinds. Returns false after noting an error. */
+static bool read_kinds(canwire_sim *sim, uint32_t *kinds, const char *text)
+{
+    *kinds = 0;
+    while (*text) {
+        const size_t length = strcspn(text, ",");
+        const int kind = find_kind(text, length);
+        if (kind < 0) {
+            (void)embed_fail(sim, CANWIRE_SIM_INVALID, "there is no event '%.*s'; expected all, "
+                             "none, or names with commas, such as error,state,fault",
+                             (int)length, text);
+            return false;
+        }
+        *kinds |= 1u << kind;
+        text += length;
+        text += *text == ',';
+    }
+    return true;
+}
+
+int canwire_sim_keep_events(canwire_sim *sim, const char *text)
+{
+    uint32_t kinds = 0;
+    if (strcmp(text, "all") == 0)
+        kinds = CW_EVENTS_USUAL;
+    else if (strcmp(text, "none") != 0 && !read_kinds(sim, &kinds, text))
+        return CANWIRE_SIM_INVALID;
+    sim->kinds = kinds;
+    for (size_t i = 0; i < sim->count; i++)
+        embed_choose_events(&sim->buses[i]);
+    return CANWIRE_SIM_OK;
+}
+
+/* The events of all buses that are taken. */
+typedef struct taking {
+    canwire_sim *sim;
+    size_t taken[RIG_BUSES_MAX]; /* events of each bus */
+    char *text;
+    size_t size;
+} taking;
+
+/* Returns the bus with the next event, or NULL when there is none up to now. */
+static const embed_bus *next_bus(const taking *t)
+{
+    const embed_bus *next = NULL;
+    uint64_t first = t->sim->reached;
+    for (size_t i = 0; i < t->sim->count; i++) {
+        const embed_bus *b = &t->sim->buses[i];
+        const embed_line *line = &b->lines.list[t->taken[i]];
+        if (t->taken[i] == b->lines.count || line->tick > first || (next && line->tick == first))
+            continue;
+        next = b;
+        first = line->tick;
+    }
+    return next;
+}
+
+static void take_next(taking *t, const embed_bus *b)
+{
+    const size_t i = t->taken[b->index]++;
+    const size_t begin = i > 0 ? b->lines.list[i - 1].end : 0;
+    const size_t length = b->lines.list[i].end - begin;
+    memcpy(t->text + t->size, b->lines.text + begin, length);
+    t->size += length;
+}
+
+/* Moves the lines to the front that are not taken yet: those of a bit that goes beyond now. */
+static void keep_rest(embed_bus *b, size_t taken)
+{
+    embed_lines *l = &b->lines;
+    const size_t begin = taken > 0 ? l->list[taken - 1].end : 0;
+    const size_t size = l->count > 0 ? l->list[l->count - 1].end - begin : 0;
+    if (taken == 0)
+        return;
+    char *rest = size > 0 ? malloc(size) : NULL;
+    if (rest)
+        memcpy(rest, l->text + begin, size);
+    else if (size > 0)
+        b->sim->no_memory = true;
+    (void)fseeko(l->out, 0, SEEK_SET);
+    if (rest)
+        (void)fwrite(rest, 1, size, l->out);
+    free(rest);
+    for (size_t i = taken; i < l->count; i++)
+        l->list[i - taken] = (embed_line){.tick = l->list[i].tick, .end = l->list[i].end - begin};
+    l->count -= taken;
+}
+
+char *canwire_sim_take_events(canwire_sim *sim, size_t *size)
+{
+    taking t = {.sim = sim};
+    size_t room = 1;
+    for (size_t i = 0; i < sim->count; i++) {
+        const embed_lines *l = &sim->buses[i].lines;
+        (void)fflush(l->out);
+        room += l->count > 0 ? l->list[l->count - 1].end : 0;
+    }
+    t.text = sim->no_memory ? NULL : malloc(room);
+    if (!t.text)
+        return NULL;
+    for (const embed_bus *b; (b = next_bus(&t));)
+        take_next(&t, b);
+    t.text[t.size] = '\0';
+    for (size_t i = 0; i < sim->count; i++)
+        keep_rest(&sim->buses[i], t.taken[i]);
+    if (size)
+        *size = t.size;
+    return t.text;
+}
+
+/* ---- Statistics ------------------------------------------------------------------------------ */
+
+int canwire_sim_get_node(const canwire_sim *sim, int node, canwire_sim_node *out)
+{
+    cw_node_stats s;
+    const int bus = canwire_sim_bus_of_node(sim, node);
+    if (bus < 0)
+        return CANWIRE_SIM_INVALID;
+    const embed_bus *b = &sim->buses[bus];
+    const unsigned number = (unsigned)(node - b->first_node);
+    (void)cw_node_get_stats(b->run.bus, number, &s);
+    *out = (canwire_sim_node){.tx_frames = s.tx_frames,
+                              .rx_frames = s.rx_frames,
+                              .arbitration_lost = s.arbitration_lost,
+                              .retransmissions = s.retransmissions,
+                              .bit_errors = s.errors[CW_ERROR_BIT],
+                              .stuff_errors = s.errors[CW_ERROR_STUFF],
+                              .form_errors = s.errors[CW_ERROR_FORM],
+                              .crc_errors = s.errors[CW_ERROR_CRC],
+                              .ack_errors = s.errors[CW_ERROR_ACK],
+                              .overloads = s.overloads,
+                              .bus_off = s.bus_off,
+                              .restarts = s.restarts,
+                              .queue = s.queue,
+                              .inbox = s.inbox,
+                              .tec = s.tec,
+                              .rec = s.rec,
+                              .state = (uint8_t)s.state,
+                              .attached = cw_node_attached(b->run.bus, number)};
+    for (unsigned i = 0; i < CW_DROP_COUNT; i++) {
+        out->dropped += s.dropped[i];
+        out->rx_dropped += s.rx_dropped[i];
+    }
+    return CANWIRE_SIM_OK;
+}
+
+static json_t *stats_of_all(const canwire_sim *sim)
+{
+    json_t *root = json_object();
+    json_t *buses = json_array();
+    for (size_t i = 0; i < sim->count; i++)
+        put_last(buses, output_all_stats(sim->buses[i].config, sim->buses[i].run.bus));
+    put(root, "buses", buses);
+    if (sim->group.meeting.gateways)
+        put(root, "gateways", gateways_stats(sim->group.meeting.gateways, GATEWAYS_ALL));
+    return root;
+}
+
+char *canwire_sim_stats(canwire_sim *sim, int bus)
+{
+    out_of_memory = false;
+    if (bus == -1)
+        return text_of(stats_of_all(sim), JSON_INDENT(2));
+    const embed_bus *b = embed_find_bus(sim, bus);
+    return b ? text_of(output_all_stats(b->config, b->run.bus), JSON_INDENT(2)) : NULL;
+}
+
+/* ---- Expectations ---------------------------------------------------------------------------- */
+
+/* Judges from now on by some expectations. Returns false without memory. */
+static bool add_judge(embed_bus *b, cfg_expects *own, cfg_expect *expects, size_t count)
+{
+    cw_bus_stats start;
+    embed_judge *j = calloc(1, sizeof *j);
+    if (!j)
+        return false;
+    j->view = *b->config;
+    j->view.expects = expects;
+    j->view.expect_count = count;
+    cw_bus_get_stats(b->run.bus, &start);
+    j->judge = expect_start(&j->view, &start);
+    if (!j->judge) {
+        free(j);
+        return false;
+    }
+    j->own = own;
+    embed_judge **end = &b->judges;
+    while (*end)
+        end = &(*end)->next;
+    *end = j;
+    return true;
+}
+
+bool embed_judge_add(embed_bus *b, cfg_expects *own)
+{
+    const bool good = add_judge(b, own, own->expects, own->count);
+    embed_choose_events(b);
+    return good;
+}
+
+bool embed_judge_start(embed_bus *b)
+{
+    const bool good = b->config->expect_count == 0 ||
+                      add_judge(b, NULL, b->config->expects, b->config->expect_count);
+    embed_choose_events(b);
+    return good;
+}
+
+void embed_judge_end(embed_bus *b)
+{
+    while (b->judges) {
+        embed_judge *j = b->judges;
+        b->judges = j->next;
+        expect_free(j->judge);
+        cfg_free_expects(j->own);
+        free(j);
+    }
+}
+
+/* Appends the outcomes of one judge. */
+static void put_outcomes(json_t *all, const embed_bus *b, const embed_judge *j)
+{
+    expect_report report = {.count = 0};
+    if (!expect_conclude(j->judge, &report, b->run.bus))
+        out_of_memory = true;
+    for (size_t i = 0; i < report.count; i++) {
+        const expect_outcome *o = &report.outcomes[i];
+        json_t *object = json_object();
+        put_text(object, "bus", b->config->bus_name);
+        put_text(object, "name", o->name);
+        put_text(object, "wanted", o->wanted);
+        put_text(object, "got", o->got);
+        put_bool(object, "met", o->met);
+        put_last(all, object);
+    }
+    expect_report_free(&report);
+}
+
+char *canwire_sim_expectations(canwire_sim *sim)
+{
+    json_t *all = json_array();
+    out_of_memory = false;
+    for (size_t i = 0; i < sim->count; i++)
+        for (const embed_judge *j = sim->buses[i].judges; j; j = j->next)
+            put_outcomes(all, &sim->buses[i], j);
+    return text_of(all, JSON_COMPACT);
+}

@@ -1,0 +1,284 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_group.c - runs one bus, or the buses of a rig, in one virtual time.
+ */
+#include "sim/sim_group.h"
+
+#include "base/plain.h"
+
+#define SLICE_TICKS (CW_CLOCK_HZ / 100u)
+#define QUIET_LIMIT_S 10u /* of bus time without a tx or a release, as for one bus */
+
+static uint64_t least(uint64_t a, uint64_t b)
+{
+    return a < b ? a : b;
+}
+
+static uint64_t until_of(const sim_group *g)
+{
+    return g->count > 0 ? g->runs[0]->until : 0;
+}
+
+static bool go(void *user, size_t bus, uint64_t tick)
+{
+    sim_group *g = user;
+    sim_release_to(g->runs[bus], tick);
+    return true;
+}
+
+static meeting_outlook look(void *user, size_t bus)
+{
+    sim_group *g = user;
+    sim_run *run = g->runs[bus];
+    return meeting_find(&(gateways_bus){.gateways = g->meeting.gateways, .bus = bus}, run->bus,
+                        run->plan, run->config);
+}
+
+static cw_status send_frame(void *user, size_t bus, unsigned node, const cw_frame *frame,
+                            uint64_t received, uint64_t at_tick)
+{
+    sim_group *g = user;
+    sim_run *run = g->runs[bus];
+    cw_status status = cw_node_send(run->bus, node, frame, at_tick);
+    if (status != CW_FULL)
+        return status;
+    sim_release_to(run, received);
+    return cw_node_send(run->bus, node, frame, at_tick);
+}
+
+bool sim_group_open(sim_group *g, const rig *config)
+{
+    static const meeting_calls calls = {.go = go, .look = look};
+    g->meeting = (meeting){.calls = &calls, .user = g, .bus_count = config ? config->bus_count : 1};
+    if (config)
+        g->meeting.gateways = gateways_new(config, send_frame, g);
+    return !config || g->meeting.gateways;
+}
+
+void sim_group_close(sim_group *g)
+{
+    gateways_free(g->meeting.gateways);
+    g->meeting.gateways = NULL;
+}
+
+void sim_group_note(sim_group *g, size_t bus, const cw_event *event)
+{
+    if (g->meeting.gateways && !gateways_note(g->meeting.gateways, bus, event))
+        g->no_memory = true;
+}
+
+bool sim_group_wants(const sim_group *g, size_t bus)
+{
+    return g->meeting.gateways && gateways_nodes(g->meeting.gateways, bus);
+}
+
+/* ---- Time ------------------------------------------------------------------------------------ */
+
+uint64_t sim_group_now(const sim_group *g)
+{
+    uint64_t now = CW_NEVER;
+    for (size_t i = 0; i < g->count; i++)
+        now = least(now, cw_bus_now(g->runs[i]->bus));
+    return now;
+}
+
+uint64_t sim_group_bit(const sim_group *g)
+{
+    uint64_t bits = 0;
+    for (size_t i = 0; i < g->count; i++) {
+        const uint64_t bit = cw_bus_tick_after(g->runs[i]->bus, 1);
+        bits = bit > bits ? bit : bits;
+    }
+    return bits;
+}
+
+static uint64_t next_reception(const sim_group *g, size_t bus)
+{
+    const sim_run *run = g->runs[bus];
+    return meeting_next(run->bus, run->plan, run->config);
+}
+
+uint64_t sim_group_next(const sim_group *g)
+{
+    uint64_t next = CW_NEVER;
+    for (size_t i = 0; i < g->count; i++)
+        next = least(next, next_reception(g, i));
+    return next;
+}
+
+static uint64_t quiet_end(const sim_group *g)
+{
+    uint64_t last = 0;
+    for (size_t i = 0; i < g->count; i++)
+        if (g->runs[i]->last_activity > last)
+            last = g->runs[i]->last_activity;
+    return last + (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ;
+}
+
+static bool traffic_is_over(const sim_group *g)
+{
+    bool over = true;
+    for (size_t i = 0; i < g->count; i++)
+        over = over && sim_traffic_is_over(g->runs[i]);
+    return over;
+}
+
+bool sim_group_is_over(const sim_group *g)
+{
+    return traffic_is_over(g) || sim_group_now(g) >= quiet_end(g);
+}
+
+bool sim_group_failed(const sim_group *g)
+{
+    bool failed = g->no_memory;
+    for (size_t i = 0; i < g->count; i++)
+        failed = failed || release_failed(g->runs[i]->plan);
+    return failed;
+}
+
+/* ---- Strides --------------------------------------------------------------------------------- */
+
+static uint32_t all_buses(const sim_group *g)
+{
+    return (UINT32_C(1) << g->count) - 1;
+}
+
+static void tell_reached(const sim_group *g)
+{
+    if (g->reached)
+        g->reached(g->user);
+}
+
+/* Goes up to a tick in strides. */
+static void stride(sim_group *g, uint64_t tick)
+{
+    for (size_t i = 0; i < g->count; i++)
+        meeting_look(&g->meeting, i);
+    (void)meeting_run(&g->meeting, tick, all_buses(g));
+    tell_reached(g);
+}
+
+/* Returns a tick up to which all buses may go at once: some traffic is still to come then, and the
+ * run has not ended. */
+static uint64_t sure_tick(const sim_group *g)
+{
+    uint64_t now = 0;
+    uint64_t release = 0;
+    const bool ends = until_of(g) != CW_NEVER;
+    for (size_t i = 0; i < g->count; i++) {
+        const sim_run *run = g->runs[i];
+        const uint64_t sure = ends ? 0 : release_sure_tick(run->plan);
+        now = cw_bus_now(run->bus) > now ? cw_bus_now(run->bus) : now;
+        release = sure > release ? sure : release;
+    }
+    const uint64_t slice = now + SLICE_TICKS;
+    return least(slice, ends ? until_of(g) : least(release, quiet_end(g)));
+}
+
+/* ---- Small steps ----------------------------------------------------------------------------- */
+
+/* With `step`, and behind the last release, the buses meet at each reception. */
+static uint64_t next_for_gateways(const sim_group *g)
+{
+    uint64_t next = CW_NEVER;
+    for (size_t i = 0; i < g->count; i++)
+        if (gateways_nodes(g->meeting.gateways, i))
+            next = least(next, next_reception(g, i));
+    return next;
+}
+
+/* Returns the tick of the next meeting. Each bus goes on by one bit while all of them rest. */
+static uint64_t next_meeting(const sim_group *g)
+{
+    uint64_t next = next_for_gateways(g);
+    const uint64_t sure = sure_tick(g);
+    const uint64_t bits = sim_group_bit(g);
+    if (next < until_of(g))
+        return next;
+    if (sure > bits)
+        return sure;
+    next = least(next, sim_group_next(g));
+    return least(next == CW_NEVER && until_of(g) == CW_NEVER ? bits : next, until_of(g));
+}
+
+static void meet(sim_group *g, uint64_t tick)
+{
+    for (size_t i = 0; i < g->count; i++)
+        sim_release_to(g->runs[i], tick);
+    gateways_meet(g->meeting.gateways, CW_NEVER, NULL);
+    tell_reached(g);
+}
+
+/* ---- The run --------------------------------------------------------------------------------- */
+
+void sim_group_go_to(sim_group *g, uint64_t tick)
+{
+    if (g->meeting.gateways)
+        stride(g, tick);
+    else
+        sim_release_to(g->runs[0], tick);
+}
+
+void sim_group_settle(sim_group *g, uint64_t tick)
+{
+    bool owes = false;
+    for (size_t i = 0; i < g->count; i++)
+        owes = owes || sim_owes_events(g->runs[i], tick);
+    if (owes)
+        sim_group_go_to(g, sim_group_bit(g));
+}
+
+void sim_group_begin(sim_group *g)
+{
+    for (size_t i = 0; i < g->count; i++)
+        sim_begin(g->runs[i]);
+}
+
+bool sim_group_restart(sim_group *g, const rig *config)
+{
+    bool good = true;
+    sim_group_close(g);
+    g->no_memory = false;
+    for (size_t i = 0; i < g->count; i++)
+        good = sim_restart(g->runs[i]) && good;
+    if (!good || !sim_group_open(g, config))
+        return false;
+    sim_group_begin(g);
+    return true;
+}
+
+static void tell_quiet(const sim_group *g)
+{
+    if (g->messages)
+        plain_print(g->messages, "canwire sim: ended after %u s of bus time without a frame "
+                    "(--until TIME waits longer)\n", QUIET_LIMIT_S);
+}
+
+/* Goes on to a tick and returns it. CW_NEVER: nothing is to be expected. */
+static uint64_t go_on(sim_group *g)
+{
+    const uint64_t sure = sure_tick(g);
+    const bool strides = !g->step && sure > sim_group_bit(g);
+    const uint64_t tick = strides ? sure : next_meeting(g);
+    if (until_of(g) == CW_NEVER && tick > quiet_end(g))
+        return CW_NEVER;
+    if (strides)
+        stride(g, tick);
+    else
+        meet(g, tick);
+    return tick;
+}
+
+void sim_group_simulate(sim_group *g)
+{
+    uint64_t tick = 0;
+    /* an awaited event lowers `until` */
+    while (!sim_group_failed(g) && tick < until_of(g) &&
+           !(until_of(g) == CW_NEVER && traffic_is_over(g)))
+        tick = go_on(g);
+    const uint64_t until = until_of(g);
+    if (until == CW_NEVER && tick == CW_NEVER)
+        tell_quiet(g);
+    for (size_t i = 0; i < g->count && until != CW_NEVER && !sim_group_failed(g); i++)
+        (void)sim_advance(g->runs[i], CW_NEVER); /* ends bits that have begun */
+}

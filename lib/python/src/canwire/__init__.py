@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: MIT
+"""canwire: CAN buses, simulated bit by bit, in Python programs.
+
+Bus is a bus in virtual time in this process. Importing this module loads no shared library; the
+first bus does.
+"""
+
+from .bus import (Bus, BusInfo, ConfigError, Error, ExpectationError, Node, NodeStatus, Stop,
+                  Time)
+from .frame import Frame
+
+__all__ = ["Bus", "BusInfo", "ConfigError", "Error", "ExpectationError", "Frame", "Node",
+           "NodeStatus", "Stop", "Time"]

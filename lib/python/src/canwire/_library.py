@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""The functions of libcanwire-sim, with the types of canwire-sim.h.
+
+The header is the reference for units, ownership and errors. A test compiles it and compares its
+layout with the structures here.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+import pathlib
+from ctypes import (POINTER, Structure, c_char_p, c_int, c_int32, c_int64, c_size_t, c_uint8,
+                    c_uint16, c_uint32, c_uint64, c_void_p)
+
+ABI = 1
+NEVER = 2**63 - 1
+NO_NODE, ANY_NODE = -1, -2
+
+OK, INVALID, REFUSED, NO_MEMORY, FAILED = 0, -1, -2, -3, -4
+AT_TIME, AT_FRAME, AT_EVENT, AT_END = 0, 1, 2, 3
+
+FRAME_FD, FRAME_BRS, FRAME_ESI, FRAME_OWN = 0x1, 0x2, 0x4, 0x8
+LISTEN_RX, LISTEN_OWN, LISTEN_ERRORS = 0x1, 0x2, 0x4
+
+
+class CBus(Structure):
+    """canwire_sim_bus"""
+
+    _fields_ = [("seed", c_uint64), ("bitrate", c_uint32), ("dbitrate", c_uint32),
+                ("nodes", c_int32), ("first_node", c_int32), ("fd", c_int32), ("rules", c_int32)]
+
+
+class CFrame(Structure):
+    """canwire_sim_frame"""
+
+    _fields_ = [("t", c_int64), ("can_id", c_uint32), ("flags", c_uint8), ("length", c_uint8),
+                ("raw_dlc", c_uint8), ("reserved", c_uint8), ("data", c_uint8 * 64)]
+
+
+class CNode(Structure):
+    """canwire_sim_node"""
+
+    _fields_ = [*[(name, c_uint64) for name in (
+        "tx_frames", "rx_frames", "dropped", "rx_dropped", "arbitration_lost", "retransmissions",
+        "bit_errors", "stuff_errors", "form_errors", "crc_errors", "ack_errors", "overloads")],
+                *[(name, c_uint32) for name in ("bus_off", "restarts", "queue", "inbox")],
+                ("tec", c_uint16), ("rec", c_uint16), ("state", c_uint8), ("attached", c_uint8),
+                ("reserved", c_uint8 * 2)]
+
+
+STRUCTURES = {"canwire_sim_bus": CBus, "canwire_sim_frame": CFrame, "canwire_sim_node": CNode}
+
+# Texts that the caller owns have a pointer as their type, since ctypes would lose it otherwise.
+_OWNED = c_void_p
+_MESSAGES = POINTER(c_void_p)
+FUNCTIONS = {
+    "abi": (c_int,),
+    "version": (c_char_p,),
+    "load": (c_void_p, c_char_p, _MESSAGES),
+    "load_text": (c_void_p, c_char_p, c_size_t, c_char_p, _MESSAGES),
+    "free": (None, c_void_p),
+    "free_text": (None, c_void_p),
+    "reset": (c_int, c_void_p, POINTER(c_uint64)),
+    "message": (c_char_p, c_void_p),
+    "bus_count": (c_int, c_void_p),
+    "node_count": (c_int, c_void_p),
+    "bus_name": (c_char_p, c_void_p, c_int),
+    "node_name": (c_char_p, c_void_p, c_int),
+    "bus_of_node": (c_int, c_void_p, c_int),
+    "get_bus": (c_int, c_void_p, c_int, POINTER(CBus)),
+    "time": (c_int64, c_void_p, c_int, c_char_p),
+    "now": (c_int64, c_void_p),
+    "run": (c_int, c_void_p, c_int64, c_char_p, c_int),
+    "send": (c_int, c_void_p, c_int, POINTER(CFrame), c_int64),
+    "listen": (c_int, c_void_p, c_int, c_int),
+    "receive": (c_int, c_void_p, c_int, POINTER(CFrame)),
+    "room": (c_int, c_void_p, c_int),
+    "inject": (c_int, c_void_p, c_int, c_char_p, c_size_t, c_char_p, _MESSAGES),
+    "clear": (c_int, c_void_p, c_int, c_char_p),
+    "fire": (c_int, c_void_p, c_int, c_char_p),
+    "rule_name": (c_char_p, c_void_p, c_int, c_int),
+    "restart": (c_int, c_void_p, c_int),
+    "set": (c_int, c_void_p, c_int, c_char_p),
+    "attach": (c_int, c_void_p, c_int, c_int),
+    "keep_events": (c_int, c_void_p, c_char_p),
+    "take_events": (_OWNED, c_void_p, POINTER(c_size_t)),
+    "get_node": (c_int, c_void_p, c_int, POINTER(CNode)),
+    "stats": (_OWNED, c_void_p, c_int),
+    "expect": (c_int, c_void_p, c_int, c_char_p, c_size_t, c_char_p, _MESSAGES),
+    "expectations": (_OWNED, c_void_p),
+}
+
+NAME = "libcanwire-sim.so"
+
+
+def places():
+    """Yields where the library may be: a path in CANWIRE_SIM_LIBRARY alone, else that of the wheel,
+    those of installations, and what the dynamic linker finds."""
+    wanted = os.environ.get("CANWIRE_SIM_LIBRARY")
+    if wanted:
+        yield wanted
+        return
+    here = pathlib.Path(__file__).resolve().parent
+    for folder in (here, *(parent / "lib/canwire" for parent in here.parents),
+                   pathlib.Path("/usr/local/lib/canwire"), pathlib.Path("/usr/lib/canwire")):
+        if (folder / NAME).exists():
+            yield str(folder / NAME)
+    yield NAME
+
+
+class Library:
+    """The functions as attributes, without their prefix."""
+
+    def __init__(self, path: str):
+        self._library = ctypes.CDLL(path)
+        self.path = path
+        for name, (result, *arguments) in FUNCTIONS.items():
+            function = getattr(self._library, f"canwire_sim_{name}")
+            function.restype = result
+            function.argtypes = arguments
+            setattr(self, name, function)
+        if self.abi() != ABI:
+            raise ImportError(f"{path} has version {self.abi()} of its interface; this package "
+                              f"needs {ABI}")
+
+    def text(self, pointer: int | None) -> str:
+        """Takes a text that the library has given away."""
+        if not pointer:
+            raise MemoryError("libcanwire-sim has no memory")
+        try:
+            return ctypes.string_at(pointer).decode("utf-8", "replace")
+        finally:
+            self.free_text(pointer)
+
+    def told(self, messages: c_void_p) -> str:
+        """Takes messages; without any they are empty."""
+        return self.text(messages.value).rstrip("\n") if messages.value else ""
+
+
+_loaded: Library | None = None
+
+
+def library() -> Library:
+    """Loads the library once."""
+    global _loaded  # pylint: disable=global-statement
+    if _loaded is None:
+        problems = []
+        for path in places():
+            try:
+                _loaded = Library(path)
+                return _loaded
+            except OSError as problem:
+                problems.append(str(problem))
+        raise ImportError("libcanwire-sim.so cannot be loaded: " + "; ".join(problems))
+    return _loaded

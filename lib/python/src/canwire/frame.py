@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: MIT
+"""Frames, and their text as can-utils write it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from . import _library
+
+EFF_FLAG, RTR_FLAG, ERR_FLAG = 0x80000000, 0x40000000, 0x20000000
+LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # of CAN FD frames, by DLC
+
+_TEXT = re.compile(r"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?:(#)([0-9A-Fa-f]))?(.*)")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A CAN frame.
+
+    A node that receives it also knows `t`, the time in seconds of bus time; `own`: the node has
+    sent it itself; and `error`: it is an error frame of linux/can/error.h with the class in `id`.
+    """
+
+    id: int
+    data: bytes = b""
+    extended: bool = False
+    remote: bool = False
+    fd: bool = False
+    brs: bool = False
+    esi: bool = False
+    dlc: int | None = None  #: of remote frames, and 9..15 of classical frames with 8 bytes
+    error: bool = False
+    own: bool = False
+    t_ns: int = 0
+
+    @property
+    def t(self) -> float:
+        """The time of the reception in seconds of bus time."""
+        return self.t_ns / 1e9
+
+    @classmethod
+    def parse(cls, text: str) -> Frame:
+        """Reads a frame as cansend does: 123#DEADBEEF, 12345678#, 123#R4, 123##1DEADBEEF."""
+        found = _TEXT.fullmatch(text)
+        if not found:
+            raise ValueError(f"{text!r} is no frame; expected ID#DATA, such as 123#DEADBEEF")
+        number, fd, flags, rest = found.groups()
+        frame = {"id": int(number, 16), "extended": len(number) == 8}
+        if frame["id"] > (0x1FFFFFFF if frame["extended"] else 0x7FF):
+            raise ValueError(f"{text!r}: identifiers are at most 7FF or 1FFFFFFF")
+        if fd:
+            bits = int(flags, 16)
+            return cls(**frame, data=_hex(text, rest, 64), fd=True, brs=bool(bits & 1),
+                       esi=bool(bits & 2))
+        if rest[:1] in ("R", "r"):
+            if not re.fullmatch("[0-8]?", rest[1:]):
+                raise ValueError(f"{text!r}: a remote frame has a DLC from 0 to 8")
+            return cls(**frame, remote=True, dlc=int(rest[1:] or 0))
+        data, _, raw = rest.partition("_")
+        if raw and not re.fullmatch("[9A-Fa-f]", raw):
+            raise ValueError(f"{text!r}: _9 to _F are raw DLCs")
+        return cls(**frame, data=_hex(text, data, 8), dlc=int(raw, 16) if raw else None)
+
+    def __str__(self) -> str:
+        number = f"{self.id:08X}" if self.extended or self.error else f"{self.id:03X}"
+        if self.fd:
+            return f"{number}##{self.brs + 2 * self.esi:X}{self.data.hex().upper()}"
+        if self.remote:
+            return f"{number}#R{self.dlc or ''}"
+        raw = f"_{self.dlc:X}" if self.dlc and self.dlc > 8 else ""
+        return f"{number}#{self.data.hex().upper()}{raw}"
+
+    def _to_c(self) -> _library.CFrame:
+        out = _library.CFrame()
+        out.can_id = (self.id | self.extended * EFF_FLAG | self.remote * RTR_FLAG
+                      | self.error * ERR_FLAG)
+        out.flags = (self.fd * _library.FRAME_FD | self.brs * _library.FRAME_BRS
+                     | self.esi * _library.FRAME_ESI)
+        if len(self.data) > 64:
+            raise ValueError(f"{self}: at most 64 bytes")
+        out.length = (self.dlc or 0) if self.remote else len(self.data)
+        out.raw_dlc = self.dlc if self.dlc and self.dlc > 8 and not self.fd else 0
+        out.data[:len(self.data)] = self.data
+        return out
+
+    @classmethod
+    def _from_c(cls, frame: _library.CFrame) -> Frame:
+        error = bool(frame.can_id & ERR_FLAG)
+        extended = bool(frame.can_id & EFF_FLAG)
+        remote = bool(frame.can_id & RTR_FLAG)
+        return cls(id=frame.can_id & 0x1FFFFFFF,
+                   data=b"" if remote else bytes(frame.data[:frame.length]),
+                   extended=extended, remote=remote, error=error,
+                   fd=bool(frame.flags & _library.FRAME_FD),
+                   brs=bool(frame.flags & _library.FRAME_BRS),
+                   esi=bool(frame.flags & _library.FRAME_ESI),
+                   dlc=frame.length if remote else frame.raw_dlc or None,
+                   own=bool(frame.flags & _library.FRAME_OWN), t_ns=frame.t)
+
+
+def _hex(text: str, digits: str, most: int) -> bytes:
+    """Returns the bytes of digits, which may have dots between them."""
+    digits = digits.replace(".", "")
+    try:
+        data = bytes.fromhex(digits)
+    except ValueError:
+        raise ValueError(f"{text!r}: the data are pairs of hexadecimal digits") from None
+    if len(data) > most:
+        raise ValueError(f"{text!r}: at most {most} bytes")
+    return data
