@@ -60,8 +60,9 @@ LIB_SOURCES := $(wildcard lib/*.c lib/*/*.c)
 PARTS_SOURCES := $(filter-out daemon/cli/main.c daemon/usb/main.c daemon/preload/% daemon/embed/%, \
   $(wildcard daemon/*/*.c daemon/*/*/*.c))
 PRELOAD_SOURCES := $(wildcard daemon/preload/*.c)
-SIM_SOURCES := $(LIB_SOURCES) $(filter-out daemon/base/jsonexit.c,$(foreach folder,base timing trace \
-  config run record sim embed,$(wildcard daemon/$(folder)/*.c)))
+SIM_FOLDERS := base timing trace config run record sim embed
+SIM_SOURCES := $(LIB_SOURCES) $(filter-out daemon/base/jsonexit.c, \
+  $(foreach folder,$(SIM_FOLDERS),$(wildcard daemon/$(folder)/*.c)))
 DAEMON_SOURCES := daemon/main.c $(filter-out daemon/cli/% daemon/usb/%,$(PARTS_SOURCES))
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
@@ -99,7 +100,9 @@ all: ## install what the build needs, then build canwired and canwire
 	@scripts/install-deps build
 	@$(MAKE) --no-print-directory build
 
-build: $(DAEMON) $(TOOL) $(USB) $(PRELOAD) $(SIM) ## the programs alone, with what is installed
+# Tests load the library for programs in one variant only.
+build: $(if $(filter release,$(VARIANT)),$(SIM))
+build: $(DAEMON) $(TOOL) $(USB) $(PRELOAD) ## the programs alone, with what is installed
 
 # The compiler runs only when ccache has no result; the first call installs missing packages.
 dev: ## for the loop of a developer: build/debug, and the unit tests that a change concerns
@@ -232,7 +235,7 @@ DEV_SLOW := test_encode_fd test_engine_replay test_fault_step test_format test_j
             test_journal_check test_journal_keep test_journal_play test_quanta \
             test_recorder test_steady
 DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
-dev-run: $(DAEMON) $(TOOL) $(PRELOAD) $(SIM) $(DEV_TESTS:%=$(BUILD)/%.passed)
+dev-run: $(DAEMON) $(TOOL) $(PRELOAD) $(DEV_TESTS:%=$(BUILD)/%.passed)
 
 $(BUILD)/%.passed: $(BUILD)/% $(TOOL)
 	$(call tell,TEST,$(<F)) CANWIRE=$(TOOL) $< >$@.log 2>&1 || { cat $@.log; false; }

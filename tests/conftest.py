@@ -1,7 +1,16 @@
 # SPDX-License-Identifier: MIT
 """Fixtures of the tests that need no CAN in the kernel."""
 
+import os
+from pathlib import Path
+
 import pytest
+
+from simtool import CANWIRE
+
+# the package canwire of the checkout finds the library that has just been built
+os.environ.setdefault("CANWIRE_SIM_LIBRARY", str(Path(CANWIRE).with_name("libcanwire-sim.so")))
+
 
 
 @pytest.fixture(name="write")

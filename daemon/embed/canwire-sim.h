@@ -10,9 +10,9 @@
  * Nodes and buses have numbers from 0 on, in the order of the file; the nodes of a rig are counted
  * over all buses. Texts are UTF-8 and end with 0.
  *
- * Who owns what: an instance and the texts that are returned as `char *` are the caller's, to be
- * given back with canwire_sim_free() and canwire_sim_free_text(). Texts that are returned as
- * `const char *` are the instance's, and live as long as it says there.
+ * Instances and texts that are returned as `char *` are the caller's, to be given back with
+ * canwire_sim_free() and canwire_sim_free_text(). Texts that are returned as `const char *` are the
+ * instance's, and live as long as it says there.
  *
  * Errors: functions that can fail return a negative canwire_sim_status, or NULL. The text of the
  * last error of an instance is canwire_sim_message(). Nothing is written to standard error, no
@@ -58,9 +58,9 @@ CANWIRE_SIM_API int canwire_sim_abi(void);
 /* Returns the version of canwire, "0.1.0"; it lives for ever. */
 CANWIRE_SIM_API const char *canwire_sim_version(void);
 
-/* Reads the file of a bus or of a rig and makes its buses at time 0. *messages gets NULL, or text
- * for the caller: the errors, a line FILE:LINE:COLUMN: message each, and NULL is returned; or
- * warnings, and the instance is returned. `messages` may be NULL. */
+/* Reads the file of a bus or of a rig and makes its buses at time 0. Returns NULL when there are
+ * errors. *messages gets NULL, or a text for the caller: the errors, or the warnings, a line
+ * FILE:LINE:COLUMN: message each. `messages` may be NULL. */
 CANWIRE_SIM_API canwire_sim *canwire_sim_load(const char *file, char **messages);
 
 /* Does the same with the text of a file, of so many bytes. `name` stands for it in messages, and
@@ -74,10 +74,10 @@ CANWIRE_SIM_API void canwire_sim_free(canwire_sim *sim);
 /* Frees a text; NULL is allowed. */
 CANWIRE_SIM_API void canwire_sim_free_text(char *text);
 
-/* Goes back to time 0 with the configuration as it was read, in the same memory: rules are those of
- * the file again, settings too, and no frames wait. The seed is *seed, or with NULL that of the
- * file. What is listened to and which events are kept stays. This is many times faster than to load
- * the file again. */
+/* Goes back to time 0 with the configuration as it was read, in the same memory. Rules, settings and
+ * expectations are those of the file again, and no frames wait. The seed is *seed, or with NULL that
+ * of the file. Nodes are listened to as before, and the same events are kept. This is many times
+ * faster than to load the file again. */
 CANWIRE_SIM_API int canwire_sim_reset(canwire_sim *sim, const uint64_t *seed);
 
 /* Returns the last error of this instance, "" without one; until the next call of a function that
@@ -124,10 +124,9 @@ typedef enum canwire_sim_stop {
     CANWIRE_SIM_AT_END = 3    /* all traffic is done, or none has come for 10 s; see below */
 } canwire_sim_stop;
 
-/* Runs up to a time: events with t <= until are known then. CANWIRE_SIM_NEVER: until the releases of
- * the file are done, all queues are empty and 11 recessive bits have passed, or after 10 s of bus
- * time without a frame or a release. Traffic without an end then is an error, when no event is
- * awaited.
+/* Runs up to a time: events with t <= until are known then. With CANWIRE_SIM_NEVER it runs until all
+ * traffic is done, queues are empty and 11 recessive bits have passed. It then also ends after 10 s
+ * of bus time without a frame or a release, and traffic without an end is an error.
  *
  * event: NULL, or an awaited event as for `canwire sim --until-event`: "engine:bus-off", "rx:123",
  * "error", "fault:RULE". "any" is any event that is kept. In a rig it may begin with the name of a
@@ -158,8 +157,8 @@ typedef struct canwire_sim_frame {
     uint8_t data[64];
 } canwire_sim_frame;
 
-/* Hands a frame to a node at a time; before now counts as now. What happens to it on the bus,
- * drops included, shows in events, as in the file's own traffic. The lengths of FD frames are
+/* Hands a frame to a node at a time; before now counts as now. Events show what happens to it on the
+ * bus, drops included. The lengths of FD frames are
  * rounded up to the next possible one, with zeros. CANWIRE_SIM_INVALID: no such node, or no such
  * frame exists. CANWIRE_SIM_REFUSED: too many frames wait for a later time. */
 CANWIRE_SIM_API int canwire_sim_send(canwire_sim *sim, int node, const canwire_sim_frame *frame,

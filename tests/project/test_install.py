@@ -12,6 +12,7 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 MUST = [  # of each kind
     "/bin/canwire", "/sbin/canwired", "/sbin/canwire-usb", "/lib/canwire/libcanwire-socketcan.so",
+    "/lib/canwire/libcanwire-sim.so", "/include/canwire-sim.h",
     "/lib/systemd/system/canwired@.service",
     "/lib/systemd/system/canwire-vcan@.service", "/lib/systemd/system/canwired@.socket",
     "/lib/systemd/system/canwire-usb@.service", "/share/man/man8/canwire-usb.8",

@@ -225,7 +225,7 @@ def test_a_node_goes_to_bus_off_and_is_restarted():
             bus["b"].restart()
         bus.clear("broken")
         engine.restart()
-        assert bus.run(event="a:error-active") is Stop.EVENT
+        assert bus.run("1s", event="a:error-active") is Stop.EVENT
         engine.send("123#CAFE")
         assert str(bus.recv("b", timeout="1s")) == "123#CAFE"
         assert engine.state == "error-active"

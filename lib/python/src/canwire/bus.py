@@ -84,7 +84,7 @@ class NodeStatus(NamedTuple):
 
 
 class BusInfo(NamedTuple):
-    """What the configuration says about a bus."""
+    """A bus, as its configuration describes it."""
 
     name: str
     seed: int
@@ -137,7 +137,7 @@ class Node:
         return self._bus._library.room(self._bus._sim, self.number)
 
     def send(self, frame: Frame | str, at: Time | None = None) -> None:
-        """Hands a frame to the node, now or at a later time. What becomes of it is in events."""
+        """Hands a frame to the node, now or at a later time. Events show what becomes of it."""
         if isinstance(frame, str):
             frame = Frame.parse(frame)
         when = 0 if at is None else self._bus._time_ns(at, self.number)
@@ -221,7 +221,7 @@ class Bus:
     def from_yaml(cls, source: str | os.PathLike[str], *, name: str = "scenario.yaml",
                   seed: int | None = None, listen: bool = True, events: str = "all") -> Bus:
         """Makes a bus from a file, or from the text of one. A str with a line end or a '{' is a
-        text; its name stands in messages, and paths in it are relative to the directory of that
+        text. Its name stands in messages. Paths in it are relative to the directory of that
         name."""
         if not isinstance(source, str) or not ("\n" in source or "{" in source):
             return cls(source, seed=seed, listen=listen, events=events)

@@ -18,8 +18,8 @@ _TEXT = re.compile(r"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?:(#)([0-9A-Fa-f]))?(.*)")
 class Frame:
     """A CAN frame.
 
-    A node that receives it also knows `t`, the time in seconds of bus time; `own`: the node has
-    sent it itself; and `error`: it is an error frame of linux/can/error.h with the class in `id`.
+    Received frames also have `t`, the time in seconds of bus time. `own`: the node has sent it
+    itself. `error`: it is an error frame of linux/can/error.h, with its class in `id`.
     """
 
     id: int
