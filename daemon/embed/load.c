@@ -83,11 +83,12 @@ static bool keep_times(embed_bus *b)
     return true;
 }
 
-/* Opens a bus and takes its configuration over, also when it fails. */
-static bool open_bus(canwire_sim *sim, cfg *config)
+/* Opens a bus and takes its configuration over, also when it fails. Writes its warnings. */
+static bool open_bus(canwire_sim *sim, cfg *config, FILE *out)
 {
     embed_bus *b = &sim->buses[sim->count];
     const sim_sink sink = {.user = b, .event = embed_event, .kinds = CW_EVENTS_USUAL};
+    fputs(config->warnings, out);
     b->sim = sim;
     b->index = sim->count;
     b->first_node = b->index > 0 ? b[-1].first_node + (int)b[-1].config->node_count : 0;
@@ -125,6 +126,15 @@ static void close_bus(embed_bus *b)
 
 /* ---- Instances ------------------------------------------------------------------------------- */
 
+/* Takes the configuration of a bus out of the rig, or the only one. */
+static cfg *take_config(canwire_sim *sim, size_t bus, cfg **alone)
+{
+    cfg **from = sim->rig ? &sim->rig->buses[bus] : alone;
+    cfg *config = *from;
+    *from = NULL;
+    return config;
+}
+
 static bool open_all(canwire_sim *sim, cfg *alone, FILE *out)
 {
     const size_t count = sim->rig ? sim->rig->bus_count : 1;
@@ -134,12 +144,8 @@ static bool open_all(canwire_sim *sim, cfg *alone, FILE *out)
     sim->buses = calloc(count, sizeof *sim->buses);
     good = sim->told && sim->buses && sim_group_open(&sim->group, sim->rig);
     for (size_t i = 0; i < count && good; i++) {
-        cfg *config = sim->rig ? sim->rig->buses[i] : alone;
-        if (sim->rig)
-            sim->rig->buses[i] = NULL; /* the bus takes it */
-        fputs(config->warnings, out);
-        good = open_bus(sim, config);
-        alone = NULL;
+        cfg *config = take_config(sim, i, &alone);
+        good = config && open_bus(sim, config, out);
     }
     cfg_free(alone);
     if (good)
