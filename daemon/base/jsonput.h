@@ -2,8 +2,8 @@
  *
  * jsonput.h - fills JSON objects and arrays and writes them.
  *
- * Half a report would be read as zeros, so running out of memory ends the program, with status 1. In
- * libcanwire-sim the report is thrown away instead.
+ * Half a report would be read as zeros, so running out of memory ends the program, with status 1.
+ * In libcanwire-sim the report is thrown away instead.
  */
 #ifndef CANWIRE_BASE_JSONPUT_H
 #define CANWIRE_BASE_JSONPUT_H

@@ -352,8 +352,8 @@ cfg *cfg_load_regular(const char *file, FILE *errors);
  * configuration. Files of traffic are not read. */
 cfg *cfg_load_given(const cfg_file *files, size_t count, FILE *errors);
 
-/* Reads the text of a configuration; other files are read as by cfg_load(). Paths are relative to the
- * directory of its name. */
+/* Reads the text of a configuration; other files are read as by cfg_load(). Paths are relative to
+ * the directory of its name. */
 cfg *cfg_load_text(const cfg_file *file, FILE *errors);
 
 /* Reads a configuration or a fault profile on its own; a profile may name any node. Returns true
@@ -398,8 +398,8 @@ typedef struct cfg_expects {
 } cfg_expects;
 
 /* Reads expectations from size bytes of YAML or JSON: one, or a list. Nodes and rules are those of
- * the configuration. `name` stands for the text in messages. Returns NULL after writing one line per
- * error to `errors`. */
+ * the configuration. `name` stands for the text in messages. Returns NULL after writing one line
+ * per error to `errors`. */
 cfg_expects *cfg_load_expects(const char *text, size_t size, const char *name, const cfg *config,
                               FILE *errors);
 

@@ -45,7 +45,7 @@ typedef struct canwire_sim canwire_sim;
 typedef enum canwire_sim_status {
     CANWIRE_SIM_OK = 0,
     CANWIRE_SIM_INVALID = -1,   /* an argument is wrong, or a text in it; nothing was changed */
-    CANWIRE_SIM_REFUSED = -2,   /* not possible now: no such rule, not bus-off; nothing was changed */
+    CANWIRE_SIM_REFUSED = -2,   /* not possible now: no such rule, not bus-off; no change */
     CANWIRE_SIM_NO_MEMORY = -3, /* the instance can only be freed or reset */
     CANWIRE_SIM_FAILED = -4     /* a file of traffic cannot be read any more */
 } canwire_sim_status;
@@ -74,10 +74,10 @@ CANWIRE_SIM_API void canwire_sim_free(canwire_sim *sim);
 /* Frees a text; NULL is allowed. */
 CANWIRE_SIM_API void canwire_sim_free_text(char *text);
 
-/* Goes back to time 0 with the configuration as it was read, in the same memory. Rules, settings and
- * expectations are those of the file again, and no frames wait. The seed is *seed, or with NULL that
- * of the file. Nodes are listened to as before, and the same events are kept. This is many times
- * faster than to load the file again. */
+/* Goes back to time 0 with the configuration as it was read, in the same memory. Rules, settings
+ * and expectations are those of the file again, and no frames wait. The seed is *seed, or with NULL
+ * that of the file. Nodes are listened to as before, and the same events are kept. This is many
+ * times faster than to load the file again. */
 CANWIRE_SIM_API int canwire_sim_reset(canwire_sim *sim, const uint64_t *seed);
 
 /* Returns the last error of this instance, "" without one; until the next call of a function that
@@ -124,15 +124,15 @@ typedef enum canwire_sim_stop {
     CANWIRE_SIM_AT_END = 3    /* all traffic is done, or none has come for 10 s; see below */
 } canwire_sim_stop;
 
-/* Runs up to a time: events with t <= until are known then. With CANWIRE_SIM_NEVER it runs until all
- * traffic is done, queues are empty and 11 recessive bits have passed. It then also ends after 10 s
- * of bus time without a frame or a release, and traffic without an end is an error.
+/* Runs up to a time: events with t <= until are known then. With CANWIRE_SIM_NEVER it runs until
+ * all traffic is done, queues are empty and 11 recessive bits have passed. It then also ends after
+ * 10 s of bus time without a frame or a release, and traffic without an end is an error.
  *
  * event: NULL, or an awaited event as for `canwire sim --until-event`: "engine:bus-off", "rx:123",
  * "error", "fault:RULE". "any" is any event that is kept. In a rig it may begin with the name of a
  * bus, "body:error". The run ends with the bit of that event.
- * frame_at: the run ends when a frame comes to this node, or waits there already; the node has to be
- * listened to. CANWIRE_SIM_ANY_NODE is any such node.
+ * frame_at: the run ends when a frame comes to this node, or waits there already. The node has to
+ * be listened to. CANWIRE_SIM_ANY_NODE is any such node.
  *
  * Returns a canwire_sim_stop, or a negative status. A run can go on after each of them. */
 CANWIRE_SIM_API int canwire_sim_run(canwire_sim *sim, int64_t until, const char *event,
@@ -157,16 +157,16 @@ typedef struct canwire_sim_frame {
     uint8_t data[64];
 } canwire_sim_frame;
 
-/* Hands a frame to a node at a time; before now counts as now. Events show what happens to it on the
- * bus, drops included. The lengths of FD frames are
+/* Hands a frame to a node at a time; before now counts as now. Events show what happens to it on
+ * the bus, drops included. The lengths of FD frames are
  * rounded up to the next possible one, with zeros. CANWIRE_SIM_INVALID: no such node, or no such
  * frame exists. CANWIRE_SIM_REFUSED: too many frames wait for a later time. */
 CANWIRE_SIM_API int canwire_sim_send(canwire_sim *sim, int node, const canwire_sim_frame *frame,
                                      int64_t at);
 
-#define CANWIRE_SIM_LISTEN_RX 0x1    /* frames that the node's host receives */
-#define CANWIRE_SIM_LISTEN_OWN 0x2   /* frames that the node has sent successfully */
-#define CANWIRE_SIM_LISTEN_ERRORS 0x4 /* error frames of linux/can/error.h, as its driver makes them */
+#define CANWIRE_SIM_LISTEN_RX 0x1     /* frames that the node's host receives */
+#define CANWIRE_SIM_LISTEN_OWN 0x2    /* frames that the node has sent successfully */
+#define CANWIRE_SIM_LISTEN_ERRORS 0x4 /* error frames of linux/can/error.h, as by its driver */
 
 /* Says which frames of a node are kept for canwire_sim_receive(): a set of CANWIRE_SIM_LISTEN_*, 0
  * for none, which is so at first. Frames that are kept already stay. */
@@ -180,8 +180,8 @@ CANWIRE_SIM_API int canwire_sim_room(const canwire_sim *sim, int node);
 
 /* ---- Faults and settings --------------------------------------------------------------------- */
 
-/* Adds rules to a bus, or to none of them, as `canwire inject` does: YAML or JSON, a rule, a list of
- * rules or a profile. `name` stands for the text in messages. *messages as for
+/* Adds rules to a bus, all or none, as `canwire inject` does: YAML or JSON, a rule, a list of rules
+ * or a profile. `name` stands for the text in messages. *messages as for
  * canwire_sim_load(). */
 CANWIRE_SIM_API int canwire_sim_inject(canwire_sim *sim, int bus, const char *text, size_t size,
                                        const char *name, char **messages);

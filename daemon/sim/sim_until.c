@@ -225,8 +225,13 @@ bool sim_until_start(sim_until *u, const char *text, sim_run *run)
 
 void sim_until_change(sim_until *u)
 {
-    sim_until again = {.text = u->text, .run = u->run, .before = u->before, .nodes = UINT64_MAX, .warns = u->warns,
-                       .found = u->found, .user = u->user};
+    sim_until again = {.text = u->text,
+                       .run = u->run,
+                       .before = u->before,
+                       .nodes = UINT64_MAX,
+                       .warns = u->warns,
+                       .found = u->found,
+                       .user = u->user};
     if (!u->text || u->happened)
         return;
     if (!read_event(&again, u->text))

@@ -143,7 +143,8 @@ def test_warnings_are_not_printed(capfd):
 
 
 def test_from_dict_takes_what_yaml_is_read_as():
-    with Bus.from_dict({"bus": {"bitrate": 500000}, "nodes": [{"name": "a"}, {"name": "b"}]}) as bus:
+    config = {"bus": {"bitrate": 500000}, "nodes": [{"name": "a"}, {"name": "b"}]}
+    with Bus.from_dict(config) as bus:
         assert [node.name for node in bus] == ["a", "b"]
         assert bus.buses[0].bitrate == 500000 and bus.buses[0].dbitrate is None
 
@@ -462,7 +463,8 @@ def test_the_library_ends_no_program_and_has_no_global_state():
     names = {line.split()[-1].split("@")[0] for line in needed.splitlines()}
     assert not names & {"exit", "_exit", "quick_exit", "signal", "sigaction", "raise", "kill",
                         "stderr", "stdout", "getenv", "setlocale", "chdir", "rand"}
-    own = subprocess.run(["readelf", "-Ws", path], capture_output=True, text=True, check=True).stdout
+    own = subprocess.run(["readelf", "-Ws", path], capture_output=True, text=True,
+                         check=True).stdout
     sections = subprocess.run(["readelf", "-WS", path], capture_output=True, text=True,
                               check=True).stdout
     writable = {found[1] for found in re.finditer(r"\[ *(\d+)\] \.(?:bss|data) ", sections)}
