@@ -25,6 +25,7 @@
 #include <canwire_node_stats_t.h>
 #include <canwire_node_time_t.h>
 #include <canwire_node_timing_t.h>
+#include <canwire_tunnel_t.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <lcm/lcm.h>
@@ -73,6 +74,7 @@ struct publisher {
     char channel_bus_fd[CHANNEL_MAX];
     char channel_node_fd[CHANNEL_MAX];
     char channel_controller[CHANNEL_MAX];
+    char channel_tunnel[CHANNEL_MAX];
     cw_bus_stats last_bus;
     uint64_t last_tx_bits[CW_NODES_MAX];
     char *event_text; /* of open_memstream, reused */
@@ -239,6 +241,7 @@ static void name_channels(publisher *p)
     (void)snprintf(p->channel_bus_fd, CHANNEL_MAX, "CANWIRE.%s.FDBUS", bus);
     (void)snprintf(p->channel_node_fd, CHANNEL_MAX, "CANWIRE.%s.FDNODE", bus);
     (void)snprintf(p->channel_controller, CHANNEL_MAX, "CANWIRE.%s.CONTROLLER", bus);
+    (void)snprintf(p->channel_tunnel, CHANNEL_MAX, "CANWIRE.%s.TUNNEL", bus);
 }
 
 static void free_publisher(publisher *p)
@@ -577,6 +580,33 @@ static void publish_controller(publisher *p, const cw_bus *bus, unsigned i,
     PUBLISH(p, p->channel_controller, canwire_node_controller_t, &m);
 }
 
+static void publish_tunnel(publisher *p, const cw_bus *bus, unsigned i, const port *own)
+{
+    port_tunnel_info info;
+    if (!own || !port_tunnel(own, &info))
+        return;
+    const canwire_tunnel_t m = {
+        .utime_us = realtime_us(),
+        .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
+        .bus = p->config->bus_name,
+        .node = p->config->nodes[i].name,
+        .state = (char *)(uintptr_t)info.state, /* only read when encoded */
+        .packets_read = (int64_t)info.packets_read,
+        .packets_written = (int64_t)info.packets_written,
+        .missing = (int64_t)info.missing,
+        .late = (int64_t)info.late,
+        .duplicate = (int64_t)info.duplicate,
+        .restarts = (int64_t)info.restarts,
+        .malformed = (int64_t)info.malformed,
+        .strangers = (int64_t)info.strangers,
+        .held_last_ns = (int64_t)info.held_last_ns,
+        .held_max_ns = (int64_t)info.held_max_ns,
+        .waited_last_ns = (int64_t)info.waited_last_ns,
+        .waited_max_ns = (int64_t)info.waited_max_ns,
+    };
+    PUBLISH(p, p->channel_tunnel, canwire_tunnel_t, &m);
+}
+
 void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
 {
     cw_bus_stats stats;
@@ -594,6 +624,7 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
         publish_timing(p, bus, i);
         publish_time(p, bus, i);
         publish_node_fd(p, bus, i);
+        publish_tunnel(p, bus, i, beyond->nodes[i].port);
     }
     p->last_bus = stats;
 }

@@ -26,7 +26,8 @@ void publisher_stop(publisher *p);
 /* Adapts to a changed configuration, in which nodes have other places. */
 void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX]);
 
-/* Queues one BUS message and a NODE message for every node. */
+/* Queues one BUS message and a NODE message for every node, and those that only some buses or
+ * nodes have. */
 void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond);
 
 /* Queues a FILE message for each file in the result of journal_to_json() or recordings_json(). */

@@ -10,6 +10,7 @@ static void send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
     bus_node *n = &bus->nodes[i];
+    cw_note_stopped(bus, i, cw_mac_place(cw_mac_of(bus, i)));
     if ((bus->asleep >> i & 1u) || !cw_mac_force_error(cw_own_mac(bus, i)))
         return;
     cw_frame frame;

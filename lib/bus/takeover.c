@@ -269,6 +269,7 @@ static void take_over_starts(cw_bus *bus, const cw_bus *old, const uint8_t *from
     for (unsigned i = 0; i < bus->node_count; i++)
         if (from[i] != CW_NO_NODE)
             bus->starts[i] = (cw_start){.tick = old->starts[from[i]].tick,
+                                        .stopped = old->starts[from[i]].stopped,
                                         .ready = renumber(old->starts[from[i]].ready, to)};
 }
 

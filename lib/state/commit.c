@@ -4,6 +4,9 @@
  */
 #include "state/state.h"
 
+#define LONG_AGO 1u
+#define PASSIVE_BITS 16u /* see sends_now() */
+
 void cw_count_clean_bits_now(cw_bus *bus)
 {
     bus->stats.bits += bus->clean_bits;
@@ -80,9 +83,17 @@ void cw_report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
     cw_rules_error(&bus->rules, i, e);
 }
 
+void cw_note_stopped(cw_bus *bus, unsigned i, cw_place place)
+{
+    if (bus->starts[i].stopped == 0)
+        bus->starts[i].stopped = place.field < CW_FIELD_CRC ? LONG_AGO : cw_now(bus);
+}
+
 static void report_error(cw_bus *bus, unsigned i, const cw_error *error, bool fast)
 {
     cw_event *e = cw_push_node_event(bus, CW_EVENT_ERROR, i);
+    if (error->role == CW_ROLE_TRANSMITTER)
+        cw_note_stopped(bus, i, error->place);
     e->error = *error;
     e->fast = fast;
     if (fast && bus->timed.rates)
@@ -114,8 +125,22 @@ static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
     return sent;
 }
 
-/* Returns the senders of the frame that a node has just received. They are on its wire. An error in
- * this very bit may have stopped them, so they need not be sending any more. */
+/* Returns true for a sender of the frame whose last but one bit has come. An error may have stopped
+ * it in this very bit. Behind a passive flag its frame goes on, too, when it would have been
+ * recessive anyway. That is in up to 5 bits of the CRC, its delimiter, 3 bits of
+ * acknowledgement, and 6 of EOF. With an older flag the node has left the frame to other senders,
+ * in the arbitration, or is still at a frame before. */
+static bool sends_now(const cw_bus *bus, unsigned i)
+{
+    const cw_mac *m = &bus->nodes[i].mac;
+    const uint64_t stopped = bus->starts[i].stopped;
+    if (m->role != CW_ROLE_TRANSMITTER || (m->modes & CW_MODE_LOOPBACK))
+        return false;
+    return cw_mac_is_sending(m) || stopped == 0 ||
+           cw_now(bus) - stopped < cw_rate_ticks(cw_wire_rate(&bus->time), PASSIVE_BITS);
+}
+
+/* Returns the senders of the frame that a node has just received. They are on its wire. */
 static uint64_t find_senders(const cw_bus *bus, unsigned receiver)
 {
     uint64_t self = cw_node_bit(receiver);
@@ -124,11 +149,9 @@ static uint64_t find_senders(const cw_bus *bus, unsigned receiver)
         return cw_node_bit(bus->frame_step.node);
     if (bus->nodes[receiver].mac.modes & CW_MODE_LOOPBACK)
         return self;
-    for (unsigned i = 0; i < bus->node_count; i++) {
-        const cw_mac *m = &bus->nodes[i].mac;
-        if (m->role == CW_ROLE_TRANSMITTER && !(m->modes & CW_MODE_LOOPBACK))
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (sends_now(bus, i))
             nodes |= cw_node_bit(i);
-    }
     nodes |= bus->rules.raw & ~bus->rules.cut;
     for (unsigned g = 0; g < bus->group_count; g++)
         if (bus->groups[g] & self)

@@ -57,6 +57,7 @@ typedef struct restart_times {
 typedef struct cw_start {
     uint64_t tick;  /* of its SOF */
     uint64_t ready; /* nodes with frames that could have taken part in the arbitration */
+    uint64_t stopped; /* tick of the error that has ended it, 1 for one before the CRC; 0: none */
 } cw_start;
 
 typedef struct inbox_entry {
@@ -716,6 +717,9 @@ void cw_commit_early(cw_bus *bus, unsigned node);
 
 /* Reports that the node has lost arbitration at a bit with the frame of its offered slot. */
 void cw_report_arbitration_lost(cw_bus *bus, unsigned node, uint8_t bit);
+
+/* Notes that an error at this place ends a transmission, unless one has done so before. */
+void cw_note_stopped(cw_bus *bus, unsigned node, cw_place place);
 
 /* Commits that the node has sent the frame of its offered slot, in so many bits from SOF to EOF. */
 void cw_commit_sent(cw_bus *bus, unsigned node, unsigned wire_bits);

@@ -224,8 +224,7 @@ static bool has_rules(const pair *p, const side *s)
     return has;
 }
 
-/* Checks that no such frame is received before a tick, whatever errors come. Rules may send any.
- * The senders of an event may have a node among them that still sends its passive error flag. */
+/* Checks that no such frame is received before a tick, whatever errors come. Rules may send any. */
 static void check_next_rx(pair *p, const side *s, size_t from, uint64_t next)
 {
     cw_data_stats data;
@@ -235,7 +234,7 @@ static void check_next_rx(pair *p, const side *s, size_t from, uint64_t next)
     for (size_t i = from; i < s->count && !has_rules(p, s); i++) {
         const cw_event *e = &s->events[i];
         p->coverage->marks[DIFF_FORETOLD] += next != 0;
-        if (e->kind != CW_EVENT_RX || !is_odd(NULL, e->from & 2u ? 1 : 0, &e->frame) ||
+        if (e->kind != CW_EVENT_RX || !is_odd(NULL, e->from == 2u ? 1 : 0, &e->frame) ||
             e->tick >= next)
             continue;
         if (p->out) {

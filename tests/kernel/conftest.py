@@ -268,9 +268,9 @@ def make_room_for_lcm():
 
 class Listener:
     """Subscribes to all messages of one bus, and keeps them. fd: to those of CAN FD, too.
-    controllers: to those of filters, buffers and mailboxes."""
+    controllers: to those of filters, buffers and mailboxes. tunnels: to those of tunnels."""
 
-    def __init__(self, types, bus, fd=False, controllers=False):
+    def __init__(self, types, bus, fd=False, controllers=False, tunnels=False):
         self.decoders = {
             f"CANWIRE.{bus}.BUS": (types.bus_stats_t, "bus"),
             f"CANWIRE.{bus}.QUALITY": (types.bus_quality_t, "quality"),
@@ -283,6 +283,9 @@ class Listener:
             self.decoders[f"CANWIRE.{bus}.FDNODE"] = (types.node_fd_t, "fd_nodes")
         if controllers:
             self.decoders[f"CANWIRE.{bus}.CONTROLLER"] = (types.node_controller_t, "controllers")
+        if tunnels:
+            self.decoders[f"CANWIRE.{bus}.TUNNEL"] = (types.tunnel_t, "tunnels")
+        self.tunnels = []
         self.bus, self.nodes, self.events, self.fd_bus, self.fd_nodes = [], [], [], [], []
         self.quality, self.controllers, self.times = [], [], []
         self.lcm = lcm.LCM(LCM_URL)

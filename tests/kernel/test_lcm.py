@@ -3,10 +3,14 @@
 
 import json
 import signal
+import socket
 import time
 
+from cannelloni import Datagrams, pack
 from canbits import Frame, wire_bits
 from conftest import wait_until
+from talker import free_port
+from test_faults import Shell
 
 # Slow, so that no event is lost on its way to a subscriber on a busy machine.
 LONELY = """
@@ -120,6 +124,40 @@ def test_local_times_and_slots(canwired, listen):
     assert last.captures >= 2 * last.sent and last.references >= last.sent
     assert last.slots - last.sent in (0, 1)  # one may be under way
     assert last.late_max_ns < 2000  # a bit
+
+
+TUNNEL = """
+bus: {{ name: far, bitrate: 500000 }}
+control: far.sock
+nodes:
+  - {{ name: far, port: "cannelloni:udp,listen={port},peer=127.0.0.1:{peer},timeout=2ms" }}
+  - {{ name: lamp, traffic: [ {{ send: 123#11, every: 20ms }} ] }}
+lcm: {{ period: 50ms }}
+"""
+NAMES = ("packets_read", "missing", "late", "duplicate", "restarts", "malformed", "strangers")
+
+
+def test_what_is_known_of_a_tunnel(canwired, listen):
+    end, port = Datagrams(), free_port(socket.SOCK_DGRAM)
+    messages = listen("far", tunnels=True)
+    daemon = canwired(TUNNEL.format(port=port, peer=end.port))
+    end.to(port)
+    for number in 0, 3, 2, 3:  # 1 does not come, 2 is late, and 3 comes twice
+        end.send(number, pack(number))
+    end.socket.send(b"wrong")
+    end.receive()  # of lamp
+    want = (3 + 1, 2, 1, 1, 0, 1, 0)
+    last = wait_until(lambda: next((m for m in messages.tunnels if m.packets_written > 0 and
+                                    tuple(getattr(m, name) for name in NAMES) == want), None),
+                      "tunnel_t")
+    assert (last.bus, last.node, last.state) == ("far", "far", "up")
+    assert last.held_max_ns >= last.held_last_ns >= 2000000  # the timeout
+    assert last.waited_max_ns >= last.waited_last_ns >= 0
+    assert {m.node for m in messages.tunnels} == {"far"}
+    status = json.loads(Shell(daemon).run("status", "far", "--json"))
+    tunnel = next(node["tunnel"] for node in status["nodes"] if node["name"] == "far")
+    assert tuple(tunnel[name] for name in NAMES) == want
+    daemon.stop()
 
 
 def check_sum(node):

@@ -154,6 +154,69 @@ static void frames_tell_where_they_are_from(void **state)
     rig_free(r);
 }
 
+/* A rule that makes node 0 error-passive before the first frame. */
+static void make_passive(rig *r)
+{
+    cw_rule *rule = rig_flip(r, "passive", CW_FIELD_NONE, 0);
+    rule->action = CW_ACTION_COUNTERS;
+    rule->trigger = CW_TRIGGER_TIME;
+    rule->bits = 0;
+    rule->nodes = NODE(0);
+    rule->tec = 130;
+    rule->rec = CW_KEEP;
+}
+
+/* An error ends the arbitration for node 0. Its passive flag lasts to the end of the frame of node 1,
+ * which is not from it. */
+static void a_node_that_an_error_stops_in_the_arbitration_is_no_sender(void **state)
+{
+    (void)state;
+    for (unsigned stepping = 0; stepping < 2; stepping++) {
+        rig *r = rig_new(3);
+        const cw_frame first = rig_frame(0x123, 0, 1), second = rig_frame(0x125, 0, 1);
+        make_passive(r);
+        cw_rule *flip = rig_flip(r, "stops", CW_FIELD_ID, 0);
+        flip->at = NODE(0);
+        flip->count = 1;
+        rig_start(r);
+        cw_bus_set_stepping(r->bus, stepping);
+        rig_send(r, 0, &first, 100);
+        rig_send(r, 1, &second, 300);
+        rig_run_bits(r, 300);
+        assert_int_equal(rig_nth(r, CW_EVENT_ERROR, 0)->nodes, NODE(0));
+        assert_int_equal(rig_nth(r, CW_EVENT_ERROR, 0)->error.flag, CW_FLAG_PASSIVE);
+        const cw_event *rx = rig_nth(r, CW_EVENT_RX, 0);
+        assert_true(cw_frame_equal(&rx->frame, &second));
+        assert_int_equal(rx->nodes, NODE(2));
+        assert_int_equal(rx->from, NODE(1));
+        assert_int_equal(rx->handed_in, 300);
+        rig_free(r);
+    }
+}
+
+/* Nobody acknowledges, so the passive flag of the sender begins at the ACK delimiter. The listener
+ * gets the frame all the same, from that node. */
+static void a_sender_with_a_passive_flag_behind_its_frame_is_its_sender(void **state)
+{
+    (void)state;
+    for (unsigned stepping = 0; stepping < 2; stepping++) {
+        rig *r = rig_new(2);
+        const cw_frame f = rig_frame(0x123, 0, 1);
+        make_passive(r);
+        r->nodes[1].modes = CW_MODE_LISTEN_ONLY;
+        rig_start(r);
+        cw_bus_set_stepping(r->bus, stepping);
+        rig_send(r, 0, &f, 100);
+        rig_run_bits(r, 80);
+        assert_int_equal(rig_nth(r, CW_EVENT_ERROR, 0)->error.type, CW_ERROR_ACK);
+        const cw_event *rx = rig_nth(r, CW_EVENT_RX, 0);
+        assert_true(rx->tick > rig_nth(r, CW_EVENT_ERROR, 0)->tick);
+        assert_int_equal(rx->from, NODE(0));
+        assert_int_equal(rx->handed_in, 100);
+        rig_free(r);
+    }
+}
+
 static int compare_wire(const void *a, const void *b)
 {
     const cw_frame *fa = a;
@@ -249,6 +312,8 @@ int main(void)
         cmocka_unit_test(same_identifier_with_other_data_is_a_bit_error),
         cmocka_unit_test(equal_frames_go_as_one),
         cmocka_unit_test(frames_tell_where_they_are_from),
+        cmocka_unit_test(a_node_that_an_error_stops_in_the_arbitration_is_no_sender),
+        cmocka_unit_test(a_sender_with_a_passive_flag_behind_its_frame_is_its_sender),
         cmocka_unit_test(sixty_four_nodes_drain_in_identifier_order),
         cmocka_unit_test(statistics_show_no_loss_beforehand),
     };

@@ -114,6 +114,14 @@ static void status_tells_of_bus_and_nodes(void **state)
     close(fd);
 }
 
+/* Prints the status in a reply, as the tool does. */
+static void print_status(char out[TEXT_MAX], const json_t *reply)
+{
+    FILE *file = fmemopen(out, TEXT_MAX, "w");
+    status_print(file, json_object_get(reply, "status"));
+    fclose(file);
+}
+
 /* Checks the output of `canwire status`, in the layout of iproute2. */
 static void status_prints_as_ip_does(void **state)
 {
@@ -124,9 +132,7 @@ static void status_prints_as_ip_does(void **state)
          "{\"request\":\"set\",\"node\":\"b\","
          "\"settings\":{\"listen-only\":true,\"one-shot\":true}}");
     json_t *reply = grant(r, fd, "{\"request\":\"status\"}");
-    FILE *out = fmemopen(printed, sizeof printed, "w");
-    status_print(out, json_object_get(reply, "status"));
-    fclose(out);
+    print_status(printed, reply);
     json_decref(reply);
     close(fd);
     assert_non_null(strstr(printed, "test: bitrate 500000 up 0."));
@@ -578,9 +584,7 @@ static void status_tells_of_model_schedule_and_sleep(void **state)
     assert_string_equal(text(json_object_get(b, "settings"), "wake-time"), "2ms");
     assert_true(json_is_false(json_object_get(schedule, "in_cycle")));
     assert_true(json_is_null(json_object_get(schedule, "cycle_time")));
-    FILE *out = fmemopen(printed, sizeof printed, "w");
-    status_print(out, json_object_get(reply, "status"));
-    fclose(out);
+    print_status(printed, reply);
     json_decref(reply);
     close(fd);
     assert_non_null(strstr(printed, "\n\t  controller full\n\t  local-time "));
