@@ -233,6 +233,8 @@ void inputs_attach(inputs *in, unsigned node, bool on)
         in->drain(in->drain_user);
     note(in, (input){.kind = INPUT_ATTACH, .node = node, .on = on});
     in->drain(in->drain_user);
+    if (!on && in->renaming)
+        in->renaming(in->drain_user);
     if (!on)
         live_name_guest(in->config, node, NULL);
 }

@@ -59,6 +59,7 @@ typedef struct inputs {
     live *config;
     cw_bus *bus;
     inputs_drain *drain;
+    inputs_drain *renaming; /* the name of a guest goes, and all events have been taken; or NULL */
     void *drain_user;
     input_observer *observer; /* or NULL */
     void *observer_user;

@@ -57,6 +57,7 @@ static bool make_bus(journal_player *p, played *b)
         return fail(p, NULL, "out of memory");
     b->user = journal_buses(p->reader) > 0 ? p->calls.of_bus(p->user, p->count) : p->user;
     inputs_init(&b->inputs, b->live, bus, p->calls.drain, b->user);
+    b->inputs.renaming = p->calls.renaming;
     return true;
 }
 

@@ -367,6 +367,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     if (bus) {
         memset(bus, 0, sizeof *bus);
         memset(nodes, 0, c->node_count * sizeof *nodes);
+        memset(starts, 0, c->node_count * sizeof *starts);
         bus->nodes = nodes;
         bus->restarts = restarts;
         bus->starts = starts;
