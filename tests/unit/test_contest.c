@@ -166,8 +166,8 @@ static void make_passive(rig *r)
     rule->rec = CW_KEEP;
 }
 
-/* An error ends the arbitration for node 0. Its passive flag lasts to the end of the frame of node 1,
- * which is not from it. */
+/* An error ends the arbitration for node 0. Its passive flag lasts to the end of the frame of
+ * node 1, which is not from it. */
 static void a_node_that_an_error_stops_in_the_arbitration_is_no_sender(void **state)
 {
     (void)state;
