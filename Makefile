@@ -49,6 +49,7 @@ PACKAGES := libev lcm yaml-0.1 libsystemd jansson
 # libev has no pkg-config file in Debian
 DAEMON_LIBS := -lev -llcm -lsystemd -lm
 TOOL_LIBS := -lyaml -ljansson -lm
+SCREEN_LIBS := -lncurses -ltinfo # of the tool alone
 
 CFLAGS ?=
 ALL_CFLAGS = -std=c17 -D_GNU_SOURCE $(OPTIMISE_$(VARIANT)) $(HARDEN) $(WARNINGS) -Ilib \
@@ -302,7 +303,7 @@ $(DAEMON): $(call objects,daemon/main.c) $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(call link,$(LINK_LTO)) $(DAEMON_LIBS) $(TOOL_LIBS)
 
 $(TOOL): $(call objects,daemon/cli/main.c) $(PARTS) $(LIB)
-	$(call link,$(LINK_LTO)) $(TOOL_LIBS)
+	$(call link,$(LINK_LTO)) $(TOOL_LIBS) $(SCREEN_LIBS)
 
 # The library that programs preload. A program without sanitizers cannot load one with them, and
 # the calls of the C library are its own ones, which _FORTIFY_SOURCE would replace.
@@ -388,7 +389,7 @@ $(BUILD)/canwire.o: $(call objects,daemon/cli/main.c) $(PARTS) $(LIB)
 
 $(WORLD): $(call objects,$(wildcard tests/world/*.c)) $(BUILD)/canwired.o $(BUILD)/canwire.o
 	@scripts/world-calls $(BUILD)/canwired.o
-	$(call link,) -llcm -lsystemd -lm $(TOOL_LIBS)
+	$(call link,) -llcm -lsystemd -lm $(TOOL_LIBS) $(SCREEN_LIBS)
 
 $(BUILD)/bench: $(call objects,$(wildcard tests/bench/speed/*.c)) $(LIB)
 	$(call link,$(LINK_LTO))

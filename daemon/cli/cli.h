@@ -21,6 +21,7 @@ int cli_timing(int argc, char **argv);
 int cli_vcan(int argc, char **argv);
 int cli_sim(int argc, char **argv);
 int cli_analyse(int argc, char **argv);
+int cli_top(int argc, char **argv);
 int cli_record(int argc, char **argv);
 int cli_extcap(int argc, char **argv);
 int cli_status(int argc, char **argv);

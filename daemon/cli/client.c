@@ -18,15 +18,33 @@
 #include <unistd.h>
 
 #define FOLDER_DEFAULT "/run/canwire"
-#define PATIENCE_S 30 /* for a reply */
+#define PATIENCE_S 30 /* for a reply, without another one */
 
 #define MESSAGE_BYTES 16384 /* of a message; a longer one is cut */
+
+static void print_line(const char *text)
+{
+    fprintf(stderr, "%s\n", text);
+}
+
+static void (*teller)(const char *text) = print_line;
+static int reply_patience_s = PATIENCE_S;
+
+void client_set_teller(void (*tell)(const char *text))
+{
+    teller = tell;
+}
+
+void client_set_patience(int seconds)
+{
+    reply_patience_s = seconds;
+}
 
 /* Makes a text printable: texts of a bus, and names in them, may contain any characters. */
 static void print_plain(char *text)
 {
     plain_make(text, '?');
-    fprintf(stderr, "%s\n", text);
+    teller(text);
 }
 
 static void __attribute__((format(printf, 2, 3))) complain(const client *c, const char *format, ...)
@@ -99,7 +117,7 @@ bool client_open(client *c, const char *bus)
         return false;
     c->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
     if (c->fd >= 0)
-        set_patience(c->fd, PATIENCE_S);
+        set_patience(c->fd, reply_patience_s);
     if (c->fd < 0 || connect(c->fd, (const struct sockaddr *)&address, sizeof address) != 0) {
         complain_unreachable(c, address.sun_path, errno);
         client_close(c);
@@ -180,7 +198,7 @@ static void print_refusal(const client *c, const json_t *reply)
     const json_t *errors = json_object_get(reply, "errors");
     const char *error = json_string_value(json_object_get(reply, "error"));
     for (size_t i = 0; i < json_array_size(errors); i++)
-        fprintf(stderr, "%s\n", json_string_value(json_array_get(errors, i)));
+        teller(json_string_value(json_array_get(errors, i)));
     if (json_array_size(errors) == 0)
         complain(c, "%s", error ? error : "refused without a reason");
 }

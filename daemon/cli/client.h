@@ -22,6 +22,12 @@ typedef struct client {
 /* Returns the folder of the sockets of buses: /run/canwire, or $CANWIRE_RUN. */
 const char *client_folder(void);
 
+/* Passes the messages of all clients to a function, in place of standard error. */
+void client_set_teller(void (*tell)(const char *text));
+
+/* Lets clients that are opened from now on wait that long for replies. */
+void client_set_patience(int seconds);
+
 /* Connects to a bus: its name, or the path of its socket, which contains a '/'. The name must live
  * longer. Returns false after a message. */
 bool client_open(client *c, const char *bus);

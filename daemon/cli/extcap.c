@@ -6,19 +6,16 @@
  * reads lines such as "interface {value=NAME}{display=TEXT}". For a capture it makes a fifo.
  */
 #include "base/plain.h"
+#include "cli/buses.h"
 #include "cli/cli.h"
-#include "cli/client.h"
 #include "cli/record_bus.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/socket.h>
-#include <sys/un.h>
 #include <unistd.h>
 
 #ifndef CANWIRE_VERSION
@@ -26,7 +23,6 @@
 #endif
 
 #define PREFIX "canwire-" /* of an interface; the name of a bus follows */
-#define SUFFIX ".sock"    /* of the socket of a bus */
 #define LINKTYPE 227      /* LINKTYPE_CAN_SOCKETCAN */
 
 static const char usage[] = "canwire extcap OPTION...";
@@ -62,51 +58,15 @@ typedef struct request {
 
 /* ---- Answers --------------------------------------------------------------------------------- */
 
-/* Returns true for a name that needs no quoting in a line for Wireshark. */
-static bool is_plain(const char *name, size_t length)
-{
-    for (size_t i = 0; i < length; i++)
-        if (name[i] <= ' ' || name[i] == '{' || name[i] == '}' || name[i] == 0x7F)
-            return false;
-    return length > 0;
-}
-
-/* Returns true when a canwired listens there, and not a port, nor nobody. */
-static bool is_running(const char *name)
-{
-    struct sockaddr_un address = {.sun_family = AF_UNIX};
-    int length =
-        snprintf(address.sun_path, sizeof address.sun_path, "%s/%s", client_folder(), name);
-    if (length < 0 || (size_t)length >= sizeof address.sun_path)
-        return false;
-    int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    bool found = fd >= 0 && connect(fd, (const struct sockaddr *)&address, sizeof address) == 0;
-    if (fd >= 0)
-        (void)close(fd);
-    return found;
-}
-
-static int is_bus(const struct dirent *file)
-{
-    const char *name = file->d_name;
-    const size_t length = strlen(name), end = strlen(SUFFIX);
-    return length > end && strcmp(name + length - end, SUFFIX) == 0 &&
-           is_plain(name, length - end) && is_running(name);
-}
-
 static int show_interfaces(void)
 {
-    struct dirent **files;
-    int count = scandir(client_folder(), &files, is_bus, alphasort);
+    char *names[BUSES_MAX];
+    const size_t count = buses_find(names, BUSES_MAX);
     printf("extcap {version=%s}{display=canwire}\n", CANWIRE_VERSION);
-    for (int i = 0; i < count; i++) {
-        const int length = (int)(strlen(files[i]->d_name) - strlen(SUFFIX));
-        printf("interface {value=" PREFIX "%.*s}{display=CAN bus %.*s}\n", length,
-               files[i]->d_name, length, files[i]->d_name);
-        free(files[i]);
+    for (size_t i = 0; i < count; i++) {
+        printf("interface {value=" PREFIX "%s}{display=CAN bus %s}\n", names[i], names[i]);
+        free(names[i]);
     }
-    if (count >= 0)
-        free(files);
     return CLI_OK;
 }
 

@@ -29,6 +29,7 @@ static const command commands[] = {
     {"analyse", "show what a bus can promise: response times and load", cli_analyse},
     {"status", "show a running bus and its nodes", cli_status},
     {"watch", "show what happens on a bus, live", cli_watch},
+    {"top", "show buses, nodes and rules on a terminal, live", cli_top},
     {"record", "write what happens on a bus into a file, live", cli_record},
     {"extcap", "list and capture buses for Wireshark, which calls it", cli_extcap},
     {"faults", "list the fault rules on a bus", cli_faults},

@@ -37,6 +37,7 @@ COMMANDS = {
     "analyse": ["FILE"],
     "status": [BUS],
     "watch": [BUS],
+    "top": [BUS],
     "record": [BUS, "out.log"],
     "extcap": ["--extcap-interfaces"],
     "faults": [BUS],
@@ -69,6 +70,8 @@ VALUES = [
     ("timing", "--rx-delay", "101ms", "up to 100ms"),
     ("timing", "--sjw", "0", "a whole number from 1 to 128"),
     ("timing", "--controller", "sja100", "did you mean sja1000"),
+    ("top", "--interval", "soon", "10ms"),
+    ("top", "--interval", "99ms", "from 100ms to 60s"),
     ("record", "--format", "mp3", "candump or pcapng"),
     ("record", "--size", "big", "64kB"),
     ("record", "--files", "0", "from 1 to"),
@@ -117,9 +120,9 @@ def test_an_unknown_option_is_named(call, name):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_too_much_or_too_little_is_wrong_usage(call, name):
-    if name not in ("status",):
+    if name not in ("status", "top"):
         assert f"usage: canwire {name}" in call(name, status=2).stderr
-    if name not in ("watch", "set", "run"):  # run: the words of the program
+    if name not in ("watch", "top", "set", "run"):  # run: the words of the program
         much = call(name, *COMMANDS[name], "more", "more", status=2).stderr
         assert f"usage: canwire {name}" in much
 

@@ -1,0 +1,17 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * buses.h - the buses that run on this machine, by their control sockets.
+ */
+#ifndef CANWIRE_CLI_BUSES_H
+#define CANWIRE_CLI_BUSES_H
+
+#include <stddef.h>
+
+#define BUSES_MAX 64u
+
+/* Finds up to `most` buses whose sockets are in client_folder() and have a listener. Returns their
+ * number, with the names in order, to be freed. Names with characters that need quoting are left
+ * out. */
+size_t buses_find(char *names[], size_t most);
+
+#endif
