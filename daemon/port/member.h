@@ -110,6 +110,9 @@ struct member_kind {
     bool (*open)(member *c);   /* NULL: nothing to do */
     void (*close)(member *c);  /* NULL: nothing to do */
     member_result (*read)(member *c, port *p, port_frame *out);
+    /* Reads all that a program has left behind, at once. Returns the number of its frames, or
+     * commands. */
+    uint64_t (*lose)(member *c);
     void (*welcome)(member *c, const char *node, bool fd);
     void (*tell)(member *c, const message_head *head, int code, const char *text);
     void (*flushed)(member *c, const message_head *head); /* NULL: it has no flush */

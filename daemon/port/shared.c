@@ -17,7 +17,6 @@
 #define PLAIN SHARED_PLAIN
 #define PLAIN_BIT (UINT64_C(1) << PLAIN)
 #define CONTROLS_MAX 256u /* messages of one read that are no frames */
-#define REST_MAX 65536u   /* messages that a program has left behind */
 
 static port_shared *own(port *p)
 {
@@ -103,18 +102,6 @@ static member *find_oldest(port_shared *s, bool (*is_true)(const member *c))
     return oldest;
 }
 
-/* Drops what a program that has gone has left behind, and counts the frames. */
-static void lose_rest(port *p, member *c)
-{
-    port_frame frame;
-    for (unsigned i = 0; i < REST_MAX; i++) {
-        const member_result result = member_read(c, p, &frame);
-        if (result != MEMBER_FRAME && result != MEMBER_CONTROL)
-            return;
-        p->stats.kernel_dropped += result == MEMBER_FRAME;
-    }
-}
-
 /* Returns a place for a client, PORT_CLIENTS_MAX without one. When all are taken, a connection
  * that has said nothing gives way, or a program that has gone and has left frames. Otherwise those
  * could keep others out. */
@@ -132,7 +119,7 @@ static unsigned make_place(port *p)
         member_refuse(silent, MESSAGE_HELLO, ETIMEDOUT, why);
         shared_disconnect(p, silent);
     } else if (left) {
-        lose_rest(p, left);
+        p->stats.kernel_dropped += left->kind->lose(left);
         shared_disconnect(p, left);
     }
     return free_place(s);

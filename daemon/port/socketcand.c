@@ -30,6 +30,7 @@
 #define WORDS_MAX 80u
 #define BUS_BYTES 33u
 #define DRAINS_MAX 64u
+#define LOST_BYTES 16384u /* of one read of what a program has left behind */
 #define NS_PER_S INT64_C(1000000000)
 #define NS_PER_US INT64_C(1000)
 #define NS_PER_MS INT64_C(1000000)
@@ -259,6 +260,18 @@ static void enter(member *c, talk_mode mode)
     t->held_ns = clock_ns(CLOCK_MONOTONIC) + HELD_NS;
     c->options = MESSAGE_LOOPBACK | (t->fd ? MESSAGE_FD : 0) | (mode == BCM ? MESSAGE_RECV_OWN : 0);
     set_wake(c);
+}
+
+/* The kernel bounds what waits. The program has gone, so no more comes. */
+static uint64_t lose(member *c)
+{
+    char bytes[LOST_BYTES];
+    uint64_t count = 0;
+    ssize_t size;
+    while ((size = recv(c->fd, bytes, sizeof bytes, MSG_DONTWAIT)) > 0)
+        for (const char *end = bytes; (end = memchr(end, '>', (size_t)(bytes + size - end))); end++)
+            count++;
+    return count;
 }
 
 static void welcome(member *c, const char *node, bool fd)
@@ -721,6 +734,7 @@ static void close_talk(member *c)
 const member_kind member_socketcand = {.open = open_talk,
                                        .close = close_talk,
                                        .read = read_talk,
+                                       .lose = lose,
                                        .welcome = welcome,
                                        .tell = tell,
                                        .takes = takes,
