@@ -10,7 +10,6 @@
 #include "preload/table.h"
 
 #include <errno.h>
-#include <limits.h>
 
 #define HOOK __attribute__((visibility("default")))
 
@@ -21,29 +20,6 @@ static inline int hook_result(int error)
         return 0;
     errno = error;
     return -1;
-}
-
-/* Returns true for a length of an address that the kernel refuses before it looks at the address;
- * also for a negative one. */
-static inline bool hook_is_too_long(socklen_t length)
-{
-    return length > sizeof(struct sockaddr_storage);
-}
-
-/* Returns an errno for more parts than the kernel takes, else 0. It is EMSGSIZE for sendmsg() and
- * recvmsg(), and EINVAL for readv() and writev(). */
-static inline int hook_check_parts(size_t count, int too_many)
-{
-    return count > IOV_MAX ? too_many : 0;
-}
-
-/* Returns the bytes of all parts. */
-static inline size_t hook_bytes_of(const struct iovec *parts, size_t count)
-{
-    size_t bytes = 0;
-    for (size_t i = 0; i < count; i++)
-        bytes += parts[i].iov_len;
-    return bytes;
 }
 
 #endif

@@ -24,19 +24,10 @@ static void check_room(size_t size, size_t room)
         abort();
 }
 
-/* Does what read() does. Without room the kernel looks at nothing. */
-static ssize_t read_into(cansock *s, int fd, void *to, size_t size)
-{
-    if (size > 0)
-        return into(s, fd, to, size, 0);
-    table_give(s);
-    return 0;
-}
-
 HOOK ssize_t read(int fd, void *to, size_t size)
 {
     cansock *s = table_take(fd);
-    return s ? read_into(s, fd, to, size) : real()->read(fd, to, size);
+    return s ? into(s, fd, to, size, 0) : real()->read(fd, to, size);
 }
 
 HOOK ssize_t recv(int fd, void *to, size_t size, int flags)
@@ -57,7 +48,7 @@ HOOK ssize_t hook_read_chk(int fd, void *to, size_t size, size_t room)
     if (!s)
         return real()->__read_chk(fd, to, size, room);
     check_room(size, room);
-    return read_into(s, fd, to, size);
+    return into(s, fd, to, size, 0);
 }
 
 HOOK ssize_t hook_recv_chk(int fd, void *to, size_t size, size_t room, int flags)
@@ -76,10 +67,7 @@ HOOK ssize_t readv(int fd, const struct iovec *parts, int count)
         return real()->readv(fd, parts, count);
     struct msghdr out = {.msg_iov = (struct iovec *)(uintptr_t)parts,
                          .msg_iovlen = (size_t)count};
-    const int error = hook_check_parts((size_t)count, EINVAL);
-    ssize_t result = hook_result(error);
-    if (!error && hook_bytes_of(parts, (size_t)count) > 0)
-        result = receive(s, fd, &out, 0);
+    const ssize_t result = receive(s, fd, &out, 0);
     table_give(s);
     return result;
 }
@@ -92,8 +80,6 @@ static ssize_t from(cansock *s, int fd, void *to, size_t size, int flags, struct
     out.msg_namelen = address && length ? *length : 0;
     const ssize_t result = receive(s, fd, &out, flags);
     table_give(s);
-    if (result >= 0 && address && length && *length > INT_MAX)
-        return hook_result(EINVAL); /* the kernel finds that out behind the message */
     if (result >= 0 && length)
         *length = out.msg_namelen;
     return result;
@@ -123,10 +109,7 @@ HOOK ssize_t recvmsg(int fd, struct msghdr *out, int flags)
     cansock *s = table_take(fd);
     if (!s)
         return real()->recvmsg(fd, out, flags);
-    const int error = out->msg_name && out->msg_namelen > INT_MAX
-                          ? EINVAL
-                          : hook_check_parts(out->msg_iovlen, EMSGSIZE);
-    const ssize_t result = error ? hook_result(error) : receive(s, fd, out, flags);
+    const ssize_t result = receive(s, fd, out, flags);
     table_give(s);
     return result;
 }

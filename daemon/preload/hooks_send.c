@@ -75,11 +75,7 @@ HOOK ssize_t writev(int fd, const struct iovec *parts, int count)
         return real()->writev(fd, parts, count);
     const struct msghdr in = {.msg_iov = (struct iovec *)(uintptr_t)parts,
                               .msg_iovlen = (size_t)count};
-    const int error = hook_check_parts((size_t)count, EINVAL);
-    if (!error && hook_bytes_of(parts, (size_t)count) > 0)
-        return transmit_and_give(s, fd, &in, 0);
-    table_give(s);
-    return hook_result(error);
+    return transmit_and_give(s, fd, &in, 0);
 }
 
 HOOK ssize_t sendto(int fd, const void *bytes, size_t size, int flags,
@@ -93,32 +89,13 @@ HOOK ssize_t sendto(int fd, const void *bytes, size_t size, int flags,
                               .msg_iovlen = 1,
                               .msg_name = (void *)(uintptr_t)address.__sockaddr__,
                               .msg_namelen = length};
-    if (!in.msg_name || !hook_is_too_long(length))
-        return transmit_and_give(s, fd, &in, flags);
-    table_give(s);
-    return hook_result(EINVAL);
-}
-
-/* Sends as sendmsg(), which takes a long address for a shorter one, and none of no bytes. */
-static ssize_t transmit_message(cansock *s, int fd, const struct msghdr *in, int flags)
-{
-    struct msghdr copy = *in;
-    const int error = in->msg_name && in->msg_namelen > INT_MAX
-                          ? EINVAL
-                          : hook_check_parts(in->msg_iovlen, EMSGSIZE);
-    if (copy.msg_namelen == 0)
-        copy.msg_name = NULL;
-    return error ? hook_result(error) : transmit(s, fd, &copy, flags);
+    return transmit_and_give(s, fd, &in, flags);
 }
 
 HOOK ssize_t sendmsg(int fd, const struct msghdr *in, int flags)
 {
     cansock *s = table_take(fd);
-    if (!s)
-        return real()->sendmsg(fd, in, flags);
-    const ssize_t result = transmit_message(s, fd, in, flags);
-    table_give(s);
-    return result;
+    return s ? transmit_and_give(s, fd, in, flags) : real()->sendmsg(fd, in, flags);
 }
 
 HOOK int sendmmsg(int fd, struct mmsghdr *in, unsigned count, int flags)
@@ -128,7 +105,7 @@ HOOK int sendmmsg(int fd, struct mmsghdr *in, unsigned count, int flags)
         return real()->sendmmsg(fd, in, count, flags);
     unsigned done = 0;
     ssize_t size = 0;
-    while (done < count && (size = transmit_message(s, fd, &in[done].msg_hdr, flags)) >= 0)
+    while (done < count && (size = transmit(s, fd, &in[done].msg_hdr, flags)) >= 0)
         in[done++].msg_len = (unsigned)size;
     table_give(s);
     return done > 0 || size >= 0 ? (int)done : -1;

@@ -29,9 +29,8 @@ HOOK int bind(int fd, __CONST_SOCKADDR_ARG address, socklen_t size)
     cansock *s = table_take(fd);
     if (!s)
         return real()->bind(fd, address.__sockaddr__, size);
-    const int error = hook_is_too_long(size)    ? EINVAL
-                      : s->kind == CANSOCK_RAW ? raw_bind(s, fd, address.__sockaddr__, size)
-                                               : EOPNOTSUPP;
+    const int error =
+        s->kind == CANSOCK_RAW ? raw_bind(s, fd, address.__sockaddr__, size) : EOPNOTSUPP;
     table_give(s);
     return hook_result(error);
 }
@@ -41,9 +40,8 @@ HOOK int connect(int fd, __CONST_SOCKADDR_ARG address, socklen_t size)
     cansock *s = table_take(fd);
     if (!s)
         return real()->connect(fd, address.__sockaddr__, size);
-    const int error = hook_is_too_long(size)    ? EINVAL
-                      : s->kind == CANSOCK_BCM ? bcm_connect(s, address.__sockaddr__, size)
-                                               : EOPNOTSUPP;
+    const int error =
+        s->kind == CANSOCK_BCM ? bcm_connect(s, address.__sockaddr__, size) : EOPNOTSUPP;
     table_give(s);
     return hook_result(error);
 }
@@ -66,24 +64,6 @@ HOOK int listen(int fd, int count)
     return hook_result(EOPNOTSUPP);
 }
 
-HOOK int accept4(int fd, __SOCKADDR_ARG address, socklen_t *restrict size, int flags)
-{
-    cansock *s = table_take(fd);
-    if (!s)
-        return real()->accept4(fd, address.__sockaddr__, size, flags);
-    table_give(s);
-    return hook_result(flags & ~(SOCK_CLOEXEC | SOCK_NONBLOCK) ? EINVAL : EOPNOTSUPP);
-}
-
-HOOK int accept(int fd, __SOCKADDR_ARG address, socklen_t *restrict size)
-{
-    cansock *s = table_take(fd);
-    if (!s)
-        return real()->accept(fd, address.__sockaddr__, size);
-    table_give(s);
-    return hook_result(EOPNOTSUPP);
-}
-
 /* ---- Addresses ------------------------------------------------------------------------------- */
 
 HOOK int getsockname(int fd, __SOCKADDR_ARG address, socklen_t *restrict size)
@@ -96,8 +76,6 @@ HOOK int getsockname(int fd, __SOCKADDR_ARG address, socklen_t *restrict size)
     table_give(s);
     if (!has)
         return hook_result(EOPNOTSUPP);
-    if (*size > INT_MAX)
-        return hook_result(EINVAL);
     memcpy(address.__sockaddr__, &name, *size < ADDRESS_TOLD ? *size : ADDRESS_TOLD);
     *size = ADDRESS_TOLD;
     return 0;

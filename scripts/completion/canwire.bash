@@ -203,5 +203,18 @@ _canwired() {
     esac
 }
 
+_canwire_restbus() {
+    local current=${COMP_WORDS[COMP_CWORD]}
+    case ${COMP_WORDS[COMP_CWORD - 1]} in
+    --without | --only | --name | --bitrate | --dbitrate) return ;;
+    esac
+    if [[ $current == -* ]]; then
+        _canwire_words "--without --only --name --bitrate --dbitrate --help"
+        return
+    fi
+    _canwire_files
+}
+
 complete -F _canwire canwire
+complete -F _canwire_restbus canwire-restbus
 complete -F _canwired canwired

@@ -13,7 +13,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 CANWIRE = pathlib.Path(os.environ.get("CANWIRE", ROOT / "build/release/canwire"))
 SCHEMA = json.loads((ROOT / "config/schema/canwire.schema.json").read_text())["$defs"]
 PAGES = ["canwire.1", "canwire.yaml.5", "canwire-faults.7", "canwire-lcm.7", "canwire-operation.7",
-         "canwire-run.7", "canwired.8", "canwire-usb.8"]
+         "canwire-restbus.1", "canwire-run.7", "canwired.8", "canwire-usb.8"]
 WIDE = "width=500"
 
 
