@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""canwire-restbus: configurations of a DBC, an ARXML and a KCD, and entries of traffic that name
-messages of one. What it writes, `canwire check` accepts; cantools decodes what the bus sends."""
+"""canwire-restbus: configurations of a DBC and a KCD, and entries of traffic that name messages.
+
+`canwire check` accepts all that it writes, and cantools decodes the frames of the bus."""
 
 import subprocess
 import sys

@@ -80,8 +80,8 @@ def frame_text(message, data):
 
 
 def variants(tree):
-    """Returns the values of multiplexers that select all signals of a tree of cantools: a list of
-    pairs, the multiplexers' values and the names of the other signals."""
+    """Returns the variants of a tree of signals of cantools, as pairs: the values of its
+    multiplexers, and the names of the other signals."""
     parts = []
     for item in tree:
         if isinstance(item, str):
@@ -388,7 +388,7 @@ comments. Messages without a sender are reported and left out.
 
 In FILE.yaml an entry of `traffic` may be { dbc: FILE, message: NAME, signals: { NAME: VALUE } },
 with the keys of `send` beside these. Values are physical ones, or words of the database. Signals
-that are not named have their initial values. Without `every` the cycle time is that of the message.""",
+that are not named have their initial values. Without `every` the cycle time is the message's.""",
         epilog="exit status: 0, 1 bad input, 2 wrong usage")
     parser.add_argument("file", metavar="FILE", help=argparse.SUPPRESS)
     parser.add_argument("--without", metavar="NODE", action="append", default=[],
