@@ -14,7 +14,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = ["README.md", "CONTRIBUTING.md", "lib/DESIGN.md", "tests/README.md",
          "daemon/man/canwire-lcm.7.md", "daemon/man/canwire-operation.7.md",
          "daemon/man/canwired.8.md"]
-LINES_MAX = 280
+LINES_MAX = 300
 COLUMNS_MAX = 100
 
 

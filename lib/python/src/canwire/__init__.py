@@ -8,6 +8,8 @@ first bus does.
 from .bus import (Bus, BusInfo, ConfigError, Error, ExpectationError, Node, NodeStatus, Stop,
                   Time)
 from .frame import Frame
+from .scenario import Scenario
+from .virtualtime import Deadlock, VirtualTime
 
-__all__ = ["Bus", "BusInfo", "ConfigError", "Error", "ExpectationError", "Frame", "Node",
-           "NodeStatus", "Stop", "Time"]
+__all__ = ["Bus", "BusInfo", "ConfigError", "Deadlock", "Error", "ExpectationError", "Frame",
+           "Node", "NodeStatus", "Scenario", "Stop", "Time", "VirtualTime"]

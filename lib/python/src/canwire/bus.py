@@ -16,8 +16,8 @@ from __future__ import annotations
 import ctypes
 import json
 import os
-import pathlib
-from collections.abc import Iterator, Mapping
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterator, Mapping
 from enum import Enum
 from typing import Any, NamedTuple, Union
 
@@ -143,6 +143,7 @@ class Node:
         when = 0 if at is None else self._bus._time_ns(at, self.number)
         self._bus._check(self._bus._library.send(self._bus._sim, self.number,
                                                  ctypes.byref(frame._to_c()), when))
+        self._bus._note("send", self.name, frame, when)
 
     def listen(self, frames: bool = True, own: bool = False, errors: bool = False) -> None:
         """Says what is kept for recv(): frames of others, own ones that were sent successfully,
@@ -160,20 +161,25 @@ class Node:
     def restart(self) -> None:
         """Restarts the node, which is bus-off, as `ip link set can0 type can restart` does."""
         self._bus._check(self._bus._library.restart(self._bus._sim, self.number))
+        self._bus._note("restart", self.name)
 
     def set(self, **settings: Any) -> None:
         """Changes settings, with the keys of a node in the configuration:
         set(listen_only=True, restart_ms=100)."""
-        text = json.dumps({key.replace("_", "-"): value for key, value in settings.items()})
-        self._bus._check(self._bus._library.set(self._bus._sim, self.number, text.encode()))
+        keys = {key.replace("_", "-"): value for key, value in settings.items()}
+        self._bus._check(self._bus._library.set(self._bus._sim, self.number,
+                                                json.dumps(keys).encode()))
+        self._bus._note("set", self.name, keys)
 
     def detach(self) -> None:
         """Takes the node off the bus, as `ip link set can0 down` does."""
         self._bus._check(self._bus._library.attach(self._bus._sim, self.number, 0))
+        self._bus._note("detach", self.name)
 
     def attach(self) -> None:
         """Puts it on the bus again."""
         self._bus._check(self._bus._library.attach(self._bus._sim, self.number, 1))
+        self._bus._note("attach", self.name)
 
 
 class Bus:
@@ -183,6 +189,9 @@ class Bus:
     kept: "all", "none", or kinds with commas, "error,state,fault". A program that runs many
     scenarios and needs few results is faster and smaller without both.
     """
+
+    _observer: Callable[..., None] | None = None  # sees inputs, to record them
+    _clock: Any = None  # the VirtualTime whose threads use the bus
 
     def __init__(self, file: str | os.PathLike[str], *, seed: int | None = None,
                  listen: bool = True, events: str = "all"):
@@ -195,6 +204,7 @@ class Bus:
               events: str) -> None:
         self._sim = sim
         self._events: list[dict[str, Any]] = []
+        self._inboxes: dict[int, deque[Frame]] = defaultdict(deque)
         if not sim:
             raise ConfigError(told)
         self.warnings: list[str] = told.splitlines()
@@ -253,6 +263,11 @@ class Bus:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _note(self, what: str, *arguments: Any) -> None:
+        """Tells an observer of an input."""
+        if self._observer is not None:
+            self._observer(what, *arguments)
 
     # ---- names ------------------------------------------------------------------------------
 
@@ -356,6 +371,9 @@ class Bus:
             end = self._time_ns(until)
         elif duration is not None:
             end = self.now_ns + self._time_ns(duration)
+        if self._clock is not None and event is None and frame_at is None and \
+                end != _library.NEVER:
+            return self._clock.run_to(end)
         node = _library.NO_NODE if frame_at is None else self.node(frame_at).number
         return Stop(self._run(end, event, node))
 
@@ -373,8 +391,10 @@ class Bus:
         """Goes back to time 0: rules and settings are those of the file again, and no frames wait.
         seed: the seed from now on, else that of the file."""
         self._events.clear()
+        self._inboxes.clear()
         value = None if seed is None else ctypes.byref(ctypes.c_uint64(seed))
         self._check(self._library.reset(self._sim, value))
+        self._note("reset")
 
     # ---- frames -----------------------------------------------------------------------------
 
@@ -386,13 +406,27 @@ class Bus:
         """Takes the next frame of a node, see Node.recv()."""
         return self.node(node).recv(timeout)
 
+    def _take_all(self) -> None:
+        """Takes the frames of all nodes, for _take()."""
+        for node in self._nodes:
+            while (frame := self._take_new(node.number)) is not None:
+                self._inboxes[node.number].append(frame)
+
     def _take(self, number: int) -> Frame | None:
+        if self._inboxes[number]:
+            return self._inboxes[number].popleft()
+        return self._take_new(number)
+
+    def _take_new(self, number: int) -> Frame | None:
         raw = _library.CFrame()
         if self._check(self._library.receive(self._sim, number, ctypes.byref(raw))) == 0:
             return None
         return Frame._from_c(raw)
 
     def _recv(self, number: int, timeout: Time | None) -> Frame | None:
+        if self._clock is not None:
+            wait = None if timeout is None else self._time_ns(timeout, number) / 1e9
+            return self._clock.receive(number, wait)
         found = self._take(number)
         if found or timeout == 0:
             return found
@@ -412,7 +446,9 @@ class Bus:
         if (rule is None) == (not keys):
             raise Error("give a rule, or its keys")
         text = rule if isinstance(rule, str) else json.dumps(keys if rule is None else rule)
-        return self._tell(self._library.inject, text, bus, "rule")
+        warnings = self._tell(self._library.inject, text, bus, "rule")
+        self._note("inject", text)
+        return warnings
 
     def _tell(self, function: Any, text: str, bus: str | None, name: str) -> list[str]:
         messages = ctypes.c_void_p()
@@ -429,10 +465,12 @@ class Bus:
         """Removes a rule; without a name all that were injected."""
         self._check(self._library.clear(self._sim, self._bus_number(bus),
                                         None if rule is None else rule.encode()))
+        self._note("clear", rule)
 
     def fire(self, rule: str, *, bus: str | None = None) -> None:
         """Fires a rule with `manual: yes`."""
         self._check(self._library.fire(self._sim, self._bus_number(bus), rule.encode()))
+        self._note("fire", rule)
 
     def rules(self, bus: str | None = None) -> list[str]:
         """Returns the names of the rules of a bus."""

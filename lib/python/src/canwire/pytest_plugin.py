@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: MIT
+"""The plugin of pytest: buses for tests, and what was on the wire when a test fails.
+
+`canwire_sim(source)` makes a bus in virtual time, any number of them. `canwire_bus` is one, with
+the configuration of `@pytest.mark.canwire(source)` or of the ini option `canwire_bus`.
+`canwire_time` is the virtual time of `canwire_bus`: the whole test runs in it.
+
+When a test fails, a folder gets the configuration (bus.yaml) and a scenario that repeats the test
+without its program (scenario.yaml). It also gets the events (events.jsonl), a picture of the wire
+(wire.svg) and its levels (wire.vcd), which the tool `canwire` draws. The report names the folder
+and shows the last events. In JUnit XML the files are properties.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+from typing import Any, Callable
+
+import pytest
+
+from . import _library
+from .bus import Bus
+from .scenario import Recording, is_text, same_events
+from .virtualtime import VirtualTime
+
+LAST_EVENTS = 12
+PICTURE_NS = 1_000_000  # of the wire before the last error, and half of it behind
+TOOL_S = 60
+
+_recordings = pytest.StashKey[list]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("canwire", "buses of canwire")
+    group.addoption("--canwire-out", metavar="FOLDER", default="canwire-failures",
+                    help="what was on the buses of tests that have failed; "
+                         "default: canwire-failures")
+    parser.addini("canwire_bus", "configuration of the bus of the fixture canwire_bus")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "canwire(source, **options): the bus of the fixture "
+                            "canwire_bus, a file or its YAML; options of canwire.Bus")
+
+
+def _find(request: pytest.FixtureRequest, source: Any) -> Any:
+    """Files are relative to that of the test, else to the root of the tests."""
+    if isinstance(source, dict) or is_text(source) or os.path.isabs(source):
+        return source
+    for folder in (request.path.parent, request.config.rootpath):
+        if (folder / source).exists():
+            return folder / source
+    return source
+
+
+@pytest.fixture
+def canwire_sim(request: pytest.FixtureRequest) -> Any:
+    """canwire_sim(source, **options) makes a canwire.Bus; of a file, of YAML or of a dict."""
+    recordings = request.node.stash.setdefault(_recordings, [])
+
+    def make(source: Any, **options: Any) -> Bus:
+        source = _find(request, source)
+        make_bus = Bus.from_dict if isinstance(source, dict) else Bus.from_yaml
+        recordings.append(Recording(make_bus(source, **options), source))
+        return recordings[-1].bus
+
+    yield make
+    for recording in recordings:
+        recording.bus.close()
+    recordings.clear()
+
+
+@pytest.fixture
+def canwire_bus(request: pytest.FixtureRequest, canwire_sim: Callable[..., Bus]) -> Bus:
+    """The canwire.Bus of `@pytest.mark.canwire(source, **options)`."""
+    marker = request.node.get_closest_marker("canwire")
+    if marker is not None and marker.args:
+        return canwire_sim(*marker.args, **marker.kwargs)
+    source = request.config.getini("canwire_bus")
+    if not source:
+        pytest.fail("canwire_bus needs a configuration: @pytest.mark.canwire(SOURCE), or "
+                    "canwire_bus = FILE in the ini file", pytrace=False)
+    return canwire_sim(source)
+
+
+@pytest.fixture
+def canwire_time(canwire_bus: Bus) -> Any:
+    """The canwire.VirtualTime of canwire_bus, in which the test runs."""
+    with VirtualTime(canwire_bus) as clock:
+        yield clock
+
+
+# ---- when a test fails ---------------------------------------------------------------------------
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Any:
+    outcome = yield
+    report = outcome.get_result()
+    recordings = item.stash.get(_recordings, [])
+    if not report.failed or not recordings or report.when == "teardown":
+        return
+    top = pathlib.Path(item.config.getoption("canwire_out"))
+    if not top.is_absolute():
+        top = item.config.invocation_params.dir / top
+    for number, recording in enumerate(recordings):
+        name = re.sub(r"[^\w.-]+", "_", item.nodeid).strip("_")
+        folder = top / (name if not number else f"{name}-{number + 1}")
+        story = Story(recording, folder)
+        report.sections.append((f"canwire: {recording.bus.name}", story.text))
+        for file in story.files:
+            entry = (f"canwire.{recording.bus.name}.{file.name}", str(file))
+            item.user_properties.append(entry)
+            report.user_properties.append(entry)
+
+
+class Story:
+    """The run of a bus, as files and as a text."""
+
+    def __init__(self, recording: Recording, folder: pathlib.Path):
+        self.bus, self.folder = recording.bus, folder
+        self.files: list[pathlib.Path] = []
+        self.lines: list[str] = []
+        shutil.rmtree(folder, ignore_errors=True)  # of an earlier run
+        folder.mkdir(parents=True)
+        events = self.bus.events()
+        self.lines.append(f"{self.bus.now:.9f} s of bus time, {len(events)} events" +
+                          (", the last ones:" if events else ""))
+        self.lines += [f"  {json.dumps(event, separators=(',', ':'))}"
+                       for event in events[-LAST_EVENTS:]]
+        self._write("events.jsonl", "".join(f"{json.dumps(event, separators=(',', ':'))}\n"
+                                            for event in events))
+        source = recording.source
+        if isinstance(source, dict):
+            self._write("bus.yaml", json.dumps(source, indent=1) + "\n")
+        else:
+            self._write("bus.yaml", source if is_text(source)
+                        else pathlib.Path(source).read_text(encoding="utf-8"))
+        try:
+            self._repeat(recording)
+        except ImportError:
+            self.lines.append("no scenario.yaml: PyYAML is not installed")
+        except Exception as problem:  # pylint: disable=broad-except
+            # the report of the test matters more
+            self.lines.append(f"no scenario.yaml: {problem}")
+        self.lines.append(f"files: {folder}: {', '.join(file.name for file in self.files)}")
+
+    @property
+    def text(self) -> str:
+        return "\n".join(self.lines)
+
+    def _write(self, name: str, text: str) -> pathlib.Path:
+        self.files.append(self.folder / name)
+        self.files[-1].write_text(text, encoding="utf-8")
+        return self.files[-1]
+
+    def _repeat(self, recording: Recording) -> None:
+        made, missing = recording.scenario()
+        until = f"{self.bus.now_ns}ns"
+        head = f"# canwire sim scenario.yaml --until {until} --events -\n"
+        head += "".join(f"# not in it: {line}\n" for line in missing)
+        file = self._write("scenario.yaml", head + made.yaml)
+        if missing or not same_events(made, self.bus):
+            self.lines.append("scenario.yaml has not all that the test did" +
+                              "".join(f"\n  {line}" for line in missing))
+        self._draw(file, until)
+
+    def _draw(self, scenario: pathlib.Path, until: str) -> None:
+        tool = find_tool()
+        if tool is None:
+            self.lines.append("no wire.svg, wire.vcd: there is no tool canwire in PATH")
+            return
+        begin, end = self._window()
+        words = [tool, "sim", "scenario.yaml", "--until", until, "--from", f"{begin}ns",
+                 "--to", f"{end}ns", "--svg", "wire.svg", "--vcd", "wire.vcd"]
+        done = subprocess.run(words, cwd=self.folder, capture_output=True, text=True,
+                              timeout=TOOL_S, check=False)
+        if done.returncode:
+            self.lines.append(f"no wire.svg, wire.vcd: {done.stderr.strip()}")
+            return
+        self.files += [scenario.with_name("wire.svg"), scenario.with_name("wire.vcd")]
+
+    def _window(self) -> tuple[int, int]:
+        """Returns the part of the wire that is drawn: the last error and its frame, or the end."""
+        errors = [event["t"] for event in self.bus.events() if event["event"] == "error"]
+        bit_ns = 1_000_000_000 / self.bus.buses[0].bitrate
+        width = round(min(PICTURE_NS * 500_000 / self.bus.buses[0].bitrate, 1900 * bit_ns))
+        centre = round(errors[-1] * 1e9) if errors else self.bus.now_ns - width // 2
+        begin = max(centre - width // 2, 0)
+        return begin, begin + width
+
+
+def find_tool() -> str | None:
+    """Returns the tool `canwire`: $CANWIRE, else that of PATH or beside the library."""
+    beside = pathlib.Path(_library.library().path).resolve().parent
+    for place in (os.environ.get("CANWIRE"), shutil.which("canwire"), beside / "canwire",
+                  beside.parent.parent / "bin/canwire"):
+        if place and os.access(place, os.X_OK):
+            return str(pathlib.Path(place).resolve())
+    return None

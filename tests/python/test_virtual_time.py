@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: MIT
+"""Virtual time for a whole program. All times are times of the bus, so none depends on a load."""
+
+import asyncio
+import concurrent.futures
+import queue
+import threading
+import time
+
+import pytest
+
+from canwire import Bus, Deadlock, VirtualTime
+
+BUS = "bus: { name: x, bitrate: 500000 }\nnodes: [ { name: engine }, { name: dash } ]"
+LOADED = ("bus: { name: x, bitrate: 500000 }\nnodes: [ { name: engine, traffic: "
+          "[ { send: 123#01, every: 10ms } ] }, { name: dash } ]")
+REAL = time.monotonic, time.sleep, threading.Lock, threading.Thread.start, queue.SimpleQueue
+
+
+@pytest.fixture(name="clock")
+def fixture_clock():
+    with VirtualTime(Bus.from_yaml(BUS), epoch=0) as clock:
+        yield clock
+
+
+def test_clocks_are_those_of_the_bus(clock):
+    begin = time.monotonic()
+    time.sleep(3600)
+    assert time.time() == clock.now == 3600 and time.time_ns() == 3600 * 10**9
+    assert time.monotonic() - begin == pytest.approx(3600)
+    clock.bus.run("3601s")
+    assert time.time() == 3601
+    with pytest.raises(ValueError):
+        time.sleep(-1)
+
+
+def test_frames_wake_the_thread_that_waits_for_them(clock):
+    clock.bus.send("engine", "123#DEADBEEF")
+    frame = clock.bus.recv("dash", timeout=1)
+    assert str(frame) == "123#DEADBEEF" and frame.t == time.time()
+    assert clock.bus.recv("dash", timeout=1) is None
+    assert time.time() == pytest.approx(1 + frame.t, abs=1e-9)
+
+
+def test_threads_run_one_by_one_in_the_order_of_their_times(clock):
+    found, inbox = [], queue.Queue()
+
+    def work(name, pause):
+        for number in range(3):
+            time.sleep(pause)
+            inbox.put((name, number, time.time()))
+
+    threads = [threading.Thread(target=work, args=one) for one in (("a", 1), ("b", 0.375))]
+    for thread in threads:
+        thread.start()
+    while True:
+        try:
+            found.append(inbox.get(timeout=2))
+        except queue.Empty:
+            break
+    assert found == [("b", 0, 0.375), ("b", 1, 0.75), ("a", 0, 1), ("b", 2, 1.125), ("a", 1, 2),
+                     ("a", 2, 3)]
+    for thread in threads:
+        thread.join()
+        assert not thread.is_alive()
+    assert clock.now == 5
+
+
+def test_what_is_made_of_locks_keeps_its_time_outs(clock):
+    event = threading.Event()
+    threading.Timer(100, event.set).start()
+    assert not event.wait(50) and event.wait(60) and clock.now == 100
+    lock = threading.RLock()
+    with lock, lock:
+        late = threading.Thread(target=lambda: found.append(lock.acquire(timeout=7)))
+        found = []
+        late.start()
+        late.join()
+    assert found == [False] and clock.now == 107
+    barrier = threading.Barrier(2, timeout=5)
+    with pytest.raises(threading.BrokenBarrierError):
+        barrier.wait()
+    assert clock.now == 112
+
+
+def test_executors(clock):
+    def work(pause):
+        time.sleep(pause)
+        return time.time()
+
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(work, [3, 1, 2])) == [3, 1, 2]
+    assert clock.now == 3
+
+
+def test_asyncio_waits_on_the_bus(clock):
+    async def work(pause):
+        await asyncio.sleep(pause)
+        return time.time()
+
+    async def main():
+        assert await asyncio.gather(work(2), work(1)) == [2, 1]
+        with pytest.raises(asyncio.TimeoutError):
+            await asyncio.wait_for(asyncio.Event().wait(), 7)
+        loop = asyncio.get_running_loop()
+        frame = loop.run_in_executor(None, clock.bus.recv, "dash", 5)
+        await asyncio.sleep(1)
+        clock.bus.send("engine", "123#DEADBEEF")
+        assert (await frame).t == pytest.approx(time.time(), abs=1e-6)
+        return time.time()
+
+    assert 10 < asyncio.run(main()) < 10.001  # 2 + 7 + 1 s, and a frame
+
+
+def test_a_loop_that_polls_comes_to_its_end(clock):
+    end = time.monotonic() + 0.001
+    while time.monotonic() < end:
+        pass
+    looks = 0
+    while clock.bus.recv("dash", 0) is None and looks < 1000:
+        looks += 1
+    assert clock.now < 0.02
+
+
+def test_two_runs_are_the_same():
+    def run():
+        seen = []
+        with VirtualTime(Bus.from_yaml(LOADED), epoch=0) as clock:
+            def listen(name):
+                for _ in range(20):
+                    frame = clock.bus.recv("dash", 0.015)
+                    seen.append((name, str(frame), time.time()))
+            threads = [threading.Thread(target=listen, args=(name,)) for name in "abc"]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+        return seen
+
+    first = run()
+    assert len({name for name, frame, _ in first if frame != "None"}) == 3
+    assert run() == first == run()
+
+
+def test_a_wait_that_nothing_ends_is_an_error(clock):
+    """The error says where each thread waits."""
+    other = threading.Thread(target=threading.Event().wait, name="other", daemon=True)
+    other.start()
+    with pytest.raises(Deadlock, match="(?s)MainThread:.*nobody_sets.*other:") as caught:
+        nobody_sets = threading.Event()
+        nobody_sets.wait()
+    assert "test_virtual_time.py" in str(caught.value)
+    assert clock.now == 600
+
+
+def test_threads_outside_can_wake_those_inside():
+    """They have real time, and what they change is seen when all inside wait."""
+    inbox = []
+
+    def outside():
+        inbox.append(release.acquire(timeout=60))
+        event.set()
+
+    release = threading.Lock()
+    release.acquire()  # pylint: disable=consider-using-with
+    thread = threading.Thread(target=outside)
+    thread.start()
+    with VirtualTime(Bus.from_yaml(BUS), patience=60):
+        event = threading.Event()
+        release.release()
+        event.wait()
+        assert inbox == [True]
+    thread.join()
+
+
+def test_all_is_as_before_behind_it():
+    with VirtualTime(Bus.from_yaml(BUS)) as clock:
+        with pytest.raises(RuntimeError, match="two buses"):
+            VirtualTime(Bus.from_yaml(BUS)).__enter__()  # pylint: disable=unnecessary-dunder-call
+        stop = threading.Event()
+        late = threading.Thread(target=stop.wait)
+        late.start()
+        time.sleep(5)
+        assert clock.now == 5
+    assert REAL == (time.monotonic, time.sleep, threading.Lock, threading.Thread.start,
+                    queue.SimpleQueue)
+    assert late.is_alive()  # it waits on, in real time
+    stop.set()
+    late.join()
+    clock.bus.run("6s")
+    assert clock.bus.now == 6

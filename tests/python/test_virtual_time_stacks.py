@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: MIT
+"""python-can, can-isotp, udsoncan and canopen, unmodified, in virtual time: time-outs are exact."""
+
+import asyncio
+import threading
+import time
+
+import can
+import canopen
+import isotp
+import pytest
+import udsoncan
+from udsoncan.client import Client
+from udsoncan.connections import PythonIsoTpConnection
+
+from canwire import Bus, VirtualTime
+
+BUS = "bus: { name: x, bitrate: 500000 }\nnodes: [ { name: ecu }, { name: tester } ]"
+
+
+@pytest.fixture(name="clock")
+def fixture_clock():
+    with VirtualTime(Bus.from_yaml(BUS)) as clock:
+        yield clock
+
+
+def node(name, **more):
+    return can.Bus(interface="canwire", channel=name, **more)
+
+
+def message(number=0x123, data=b"\x01\x02", **more):
+    return can.Message(arbitration_id=number, data=data, is_extended_id=False, **more)
+
+
+def test_python_can_receives(clock):
+    with node("ecu") as ecu, node("tester") as tester, node("tester") as beside:
+        ecu.send(message())
+        for bus in (tester, beside):
+            got = bus.recv(1)
+            assert (got.arbitration_id, bytes(got.data), got.is_rx) == (0x123, b"\x01\x02", True)
+            assert got.timestamp == pytest.approx(time.time(), abs=1e-6)
+        assert ecu.recv(5) is None
+        assert clock.now == pytest.approx(5.000148, abs=1e-6)
+        tester.send(message(0x200))  # programs at one node see each other's frames
+        assert beside.recv(1).arbitration_id == ecu.recv(1).arbitration_id == 0x200
+        assert tester.recv(0.1) is None
+        assert ecu.state is can.BusState.ACTIVE
+    with node("ecu", receive_own_messages=True) as ecu:
+        ecu.send(message(0x300))
+        own = ecu.recv(1)
+        assert own.arbitration_id == 0x300 and not own.is_rx
+
+
+def test_python_can_sends_until_the_queue_is_full(clock):
+    clock.bus.node("tester").detach()  # nobody acknowledges
+    with node("ecu") as ecu:
+        with pytest.raises(can.CanOperationError, match="queue of ecu is full"):
+            for _ in range(10000):
+                ecu.send(message())
+        before = clock.now
+        with pytest.raises(can.CanOperationError):
+            ecu.send(message(), timeout=2)
+        assert clock.now == pytest.approx(before + 2, abs=1e-6)
+    with pytest.raises(can.CanOperationError, match="closed"):
+        ecu.send(message())
+
+
+def test_python_can_gets_error_frames(clock):
+    with node("ecu") as ecu:
+        clock.bus.inject(name="off", do={"bus-off": "ecu"})
+        got = ecu.recv(1)
+        assert got.is_error_frame and got.arbitration_id & 0x40
+        assert ecu.state is can.BusState.ERROR
+
+
+def test_periodic_frames_and_a_notifier(clock):
+    with node("ecu") as ecu, node("tester") as tester:
+        got = []
+        notifier = can.Notifier(tester, [got.append], timeout=1)
+        task = ecu.send_periodic(message(), 0.1)
+        time.sleep(1.05)
+        task.stop()
+        notifier.stop()
+        times = [one.timestamp for one in got]
+        # the bus takes the first frame 11 bits after its start
+        assert [b - a for a, b in zip(times, times[1:])] == [pytest.approx(0.1, abs=30e-6)] * 10
+    assert clock.now >= 1.05
+
+
+def test_python_can_with_asyncio(clock):
+    async def main():
+        reader = can.AsyncBufferedReader()
+        notifier = can.Notifier(tester, [reader], loop=asyncio.get_running_loop())
+        ecu.send(message(0x77))
+        got = await asyncio.wait_for(reader.get_message(), 3)
+        before = clock.now
+        with pytest.raises(asyncio.TimeoutError):
+            await asyncio.wait_for(reader.get_message(), 30)
+        notifier.stop()
+        return got.arbitration_id, round(clock.now - before, 6)
+
+    with node("ecu") as ecu, node("tester") as tester:
+        assert asyncio.run(main()) == (0x77, 30)
+
+
+def stack(name, txid, rxid):
+    address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=txid, rxid=rxid)
+    return isotp.CanStack(bus=node(name), address=address)
+
+
+class Ecu:
+    """Answers 0x22 at once, and 0x3E after three seconds."""
+
+    def __init__(self):
+        self.stack, self.stop = stack("ecu", 0x7E8, 0x7E0), False
+        self.stack.start()
+        self.thread = threading.Thread(target=self.serve)
+        self.thread.start()
+
+    def serve(self):
+        while not self.stop:
+            request = self.stack.recv(block=True, timeout=0.5)
+            if request and request[0] == 0x22:
+                self.stack.send(bytes([0x62]) + request[1:3] + bytes(range(40)))
+            elif request and request[0] == 0x3E:
+                time.sleep(3)
+                self.stack.send(b"\x7e\x00")
+
+    def close(self):
+        self.stop = True
+        self.thread.join()
+        self.stack.stop()
+        self.stack.bus.shutdown()
+
+
+class Bytes(udsoncan.DidCodec):
+    def decode(self, string_bin):
+        return string_bin
+
+    def __len__(self):
+        return 40
+
+
+def test_isotp_and_uds(clock):
+    ecu, tester = Ecu(), stack("tester", 0x7E0, 0x7E8)
+    config = dict(udsoncan.configs.default_client_config, data_identifiers={0xF190: Bytes},
+                  request_timeout=2, p2_timeout=1)
+    with Client(PythonIsoTpConnection(tester), config=config) as client:
+        before = clock.now
+        found = client.read_data_by_identifier(0xF190)
+        assert found.service_data.values[0xF190] == bytes(range(40))
+        assert 0.001 < clock.now - before < 0.003  # nine frames of 8 bytes
+        before = clock.now
+        with pytest.raises(udsoncan.exceptions.TimeoutException, match="P2 timeout"):
+            client.tester_present()
+        assert clock.now - before == pytest.approx(1, abs=0.001)
+    ecu.close()
+    tester.bus.shutdown()
+
+
+def network(name):
+    made = canopen.Network()
+    made.connect(interface="canwire", channel=name)
+    return made
+
+
+def test_canopen(clock):
+    objects = canopen.ObjectDictionary()
+    entry = canopen.objectdictionary.ODVariable("x", 0x2000, 0)
+    entry.data_type, entry.default = canopen.objectdictionary.UNSIGNED32, 42
+    objects.add_object(entry)
+    ecu, tester = network("ecu"), network("tester")
+    ecu.create_node(5, objects)
+    remote = tester.add_node(5, objects)
+    before = clock.now
+    assert remote.sdo[0x2000].raw == 42
+    assert clock.now - before < 0.001
+    ecu.disconnect()
+    before = clock.now
+    with pytest.raises(canopen.SdoCommunicationError, match="No SDO response"):
+        _ = remote.sdo[0x2000].raw
+    assert clock.now - before == pytest.approx(remote.sdo.RESPONSE_TIMEOUT, abs=1e-6)
+    tester.disconnect()
