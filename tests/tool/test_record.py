@@ -6,6 +6,7 @@ ECUs, a full disk and load are in tests/kernel/test_record.py. CANWIRE and CANWI
 programs.
 """
 
+import fcntl
 import json
 import os
 import re
@@ -415,14 +416,19 @@ def test_a_capture_goes_on_with_other_nodes(bus, tmp_path):
 
 
 def test_who_does_not_read_does_not_hold_up_the_end(bus):
-    running = bus(text=BUS.replace("every: 5ms", "every: 300us"))
-    command = stream(running, "pcapng")
-    running.wait_frames(3000)  # more than a pipe holds
-    command.send_signal(signal.SIGINT)
-    assert command.wait(PATIENCE_S) == 1
-    with command.stdout, command.stderr:
+    running = bus()
+    reader, writer = os.pipe()
+    fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
+    with subprocess.Popen([CANWIRE, "record", "./rec.sock", "-", "--format", "pcapng"],
+                          cwd=running.folder, stdout=writer, stderr=subprocess.PIPE) as command:
+        assert b"writing standard output" in command.stderr.readline()
+        running.wait_frames(running.status()["bus"]["frames"] + 200)  # more than the pipe holds
+        command.send_signal(signal.SIGINT)
+        assert command.wait(PATIENCE_S) == 1
         assert "the last of them are not written, nobody reads them" in (
             command.stderr.read().decode())
+    os.close(reader)
+    os.close(writer)
     running.stop()
 
 
