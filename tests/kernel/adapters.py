@@ -75,7 +75,7 @@ class Rig:
         return [int(child) for child in children]
 
     def node(self, name):
-        nodes = json.loads(self.shell.run("status", "usb", "--json"))["nodes"]
+        nodes = self.shell.status("usb")["nodes"]
         return next(n for n in nodes if n["name"] == name)
 
     def close(self):

@@ -7,6 +7,7 @@ AF_CAN; they are never skipped.
 
 import contextlib
 import importlib
+import json
 import os
 import re
 import signal
@@ -20,6 +21,7 @@ from pathlib import Path
 import lcm
 import pytest
 
+import rtnetlink
 from canbits import CLASSIC, Frame
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,6 +46,8 @@ def pytest_collection_modifyitems(items):
 
 def ip(*lines):
     """Runs `ip` commands, one a line."""
+    if rtnetlink.change(lines):
+        return
     text = "\n".join(lines) + "\n"
     subprocess.run(["ip", "-batch", "-"], input=text, text=True, check=True)
 
@@ -55,6 +59,19 @@ def wait_until(condition, what, timeout_s=PATIENCE_S):
         assert time.monotonic() < deadline, f"waited {timeout_s} s for {what}"
         time.sleep(0.01)
     return value
+
+
+def ask_status(path):
+    """Returns what `canwire status --json` shows, without a process: its start takes far longer in
+    the guest than the answer."""
+    with socket.socket(socket.AF_UNIX) as control:
+        control.settimeout(PATIENCE_S)
+        control.connect(str(path))
+        control.sendall(b'{"request":"status"}\n')
+        with control.makefile() as lines:
+            answer = json.loads(lines.readline())
+    assert answer["ok"], answer
+    return answer["status"]
 
 
 def listeners(interface, kind="all"):

@@ -18,7 +18,7 @@ import time
 import pytest
 
 from canbits import Frame
-from conftest import PATIENCE_S, ROOT, wait_until
+from conftest import PATIENCE_S, ROOT, ask_status, wait_until
 
 CANWIRE = os.environ.get("CANWIRE") or ROOT / "build/release/canwire"
 BUS = """
@@ -59,7 +59,7 @@ class Control:
         return subprocess.Popen([CANWIRE, *words], env=self.environment, text=True, stdout=-1)
 
     def status(self):
-        return json.loads(self.tool("status", "powertrain", "--json"))
+        return ask_status(self.path)
 
     def node(self, name):
         return next(n for n in self.status()["nodes"] if n["name"] == name)

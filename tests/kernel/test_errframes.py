@@ -2,7 +2,6 @@
 """Error frames that ECUs get, on real vcan: as linux/can/error.h and the SJA1000 driver have
 them."""
 
-import json
 import socket
 import subprocess
 
@@ -297,7 +296,7 @@ def test_an_ecu_that_reads_too_slowly_is_told_of_the_overrun(vcan, canwired, can
     can_socket("vcan1").send(*frames, Frame(0x200, 1, b"\xff"))  # the filter keeps the last one out
     assert reader.take(3) == [pack(CRTL, 0, RX_OVERFLOW)] * 3
     assert ecu.receive(1) == frames[:1]
-    node = json.loads(Shell(daemon).run("status", "slow", "--json"))["nodes"][0]
+    node = Shell(daemon).status("slow")["nodes"][0]
     assert (node["overruns"], node["filtered"], node["rx_frames"]) == (3, 1, 1)
     daemon.stop()
     assert reader.waiting() == []

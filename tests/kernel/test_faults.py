@@ -13,7 +13,7 @@ from pathlib import Path
 import can
 import pytest
 
-from conftest import CANWIRED, ROOT, listeners, wait_until
+from conftest import CANWIRED, ROOT, ask_status, listeners, wait_until
 
 CANWIRE = os.environ.get("CANWIRE") or Path(CANWIRED).with_name("canwire")
 PROFILES = ROOT / "config/profiles"
@@ -103,8 +103,10 @@ class Shell:
 
     def nodes(self, bus="faults"):
         """Returns the status of the nodes by name."""
-        status = json.loads(self.run("status", bus, "--json"))
-        return {node["name"]: node for node in status["nodes"]}
+        return {node["name"]: node for node in self.status(bus)["nodes"]}
+
+    def status(self, bus):
+        return ask_status(f"{self.environment['CANWIRE_RUN']}/{bus}.sock")
 
     def wait_node(self, name, condition, what, bus="faults"):
         return wait_until(lambda: (n := self.nodes(bus)[name]) and condition(n) and n, what)

@@ -3,19 +3,16 @@
 messages of both sizes. LCM, journal and recordings know CAN FD.
 """
 
-import json
 import socket
 import struct
-import subprocess
 
 import can
 import pytest
 
-from conftest import PATIENCE_S, ROOT, wait_until
+from conftest import PATIENCE_S, ask_status, wait_until
 from test_fd import Fd
 from test_journal import Night, again, assert_same
 
-CANWIRE = ROOT / "build/release/canwire"
 BUS = """
 bus: {{ name: faults, bitrate: 500000, dbitrate: 2000000 }}
 control: faults.sock
@@ -103,9 +100,7 @@ def test_old_clients_go_on_beside_those_with_72_bytes(vcan, canwired, tmp_path):
     assert new.recv(100) == CLASSICAL.pack(0x100, 2, b"ab")  # whole: a message
     new.send(CLASSICAL.pack(0x101, 1, b"z"))
     assert old.recv(100) == CLASSICAL.pack(0x101, 1, b"z")  # whole: not one of the FD frames
-    status = json.loads(subprocess.run(
-        [CANWIRE, "status", daemon.config.parent / "faults.sock", "--json"],
-        capture_output=True, text=True, check=True).stdout)
+    status = ask_status(daemon.config.parent / "faults.sock")
     assert [node["interface"]["unheard"] for node in status["nodes"]] == [2, 0, 0]
     daemon.stop()
 

@@ -155,6 +155,12 @@ def test_a_night_runs_again_to_the_byte(launch, ecus, tmp_path, seed):
     assert again(night.journal, "--step")[0] == replayed
 
 
+def at_rest(night):
+    """Returns the nodes when all their frames have been sent."""
+    nodes = night.shell.nodes()
+    return nodes if not any(node["queue"] + node["inbox"] for node in nodes.values()) else None
+
+
 def test_a_burst_that_fills_the_inbox_runs_again(launch, ecus, tmp_path):
     night = Night(launch, tmp_path, bus(NODES[:3]), kinds=["tx,fault"])  # all would be too much
     night.daemon.process.send_signal(signal.SIGSTOP)
@@ -164,7 +170,9 @@ def test_a_burst_that_fills_the_inbox_runs_again(launch, ecus, tmp_path):
             ecu.send(Frame.parse(f"{number:03X}#{n:04X}"))
     night.daemon.process.send_signal(signal.SIGCONT)
     wait_until(lambda: night.shell.nodes()["dash"]["handed_in"] == 1500, "all frames")
-    before = night.shell.nodes()
+    before = wait_until(lambda: at_rest(night), "the bus to rest")
+    sent = sum(node["tx_frames"] for node in before.values())
+    wait_until(lambda: night.live.read_text().count('"event":"tx"') == sent, "the client")
     _, live = night.morning()
     events = again(night.journal)[0].splitlines(keepends=True)
     assert_same("".join(e for e in events if '"event":"tx"' in e or '"fault"' in e), live, 100)

@@ -3,7 +3,6 @@
 status count; a reload keeps what has been written, and a journal runs again.
 """
 
-import json
 
 from canbits import Frame
 from conftest import wait_until
@@ -37,7 +36,7 @@ def ask(tester):
 
 
 def sensor_status(daemon):
-    return json.loads(Shell(daemon).run("status", "faults", "--json"))["nodes"][0]
+    return Shell(daemon).status("faults")["nodes"][0]
 
 
 def test_a_controller_answers_for_its_ecu_and_lcm_counts(vcan, canwired, can_socket, listen):

@@ -2,12 +2,12 @@
 """canwired reports to its service manager, and does not wait for it."""
 
 import signal
-import subprocess
 
 import pytest
 
 from canbits import Frame
-from conftest import ROOT, wait_until
+from compiled import compiled
+from conftest import wait_until
 from test_faults import Shell
 
 PAIR = """
@@ -24,12 +24,8 @@ WATCHDOG_US = "300000"
 def frozen_clock(tmp_path):
     """Returns the environment of a program whose clock stands while a file exists, and that
     file."""
-    library, file = tmp_path / "frozen_clock.so", tmp_path / "frozen"
-    source = ROOT / "tests/kernel/frozen_clock.c"
-    subprocess.run(
-        ["cc", "-D_GNU_SOURCE", "-shared", "-fPIC", "-o", library, source, "-ldl"], check=True
-    )
-    environment = {"LD_PRELOAD": str(library), "FROZEN": str(file),
+    file = tmp_path / "frozen"
+    environment = {"LD_PRELOAD": str(compiled("frozen_clock.so")), "FROZEN": str(file),
                    "ASAN_OPTIONS": "verify_asan_link_order=0"}
     return environment, file
 

@@ -6,12 +6,12 @@ import os
 import re
 import signal
 import socket
-import subprocess
 import time
 
 import pytest
 
 from canbits import Frame
+from compiled import compiled
 from conftest import assert_balance, wait_until
 from test_faults import Shell
 
@@ -49,7 +49,7 @@ class Bus:
         self.shell = Shell(daemon)
 
     def status(self):
-        return json.loads(self.shell.run("status", "pace", "--json"))
+        return self.shell.status("pace")
 
     def clock(self):
         return next(n for n in self.status()["nodes"] if n["name"] == "clock")
@@ -157,33 +157,11 @@ def test_a_machine_that_is_too_slow(bus):
     assert told <= 2 + (time.monotonic() - begin) / WARNING_S
 
 
-SHIM = """
-#define _GNU_SOURCE
-#include <dlfcn.h>
-#include <stdlib.h>
-#include <time.h>
-#include <unistd.h>
-
-int clock_gettime(clockid_t id, struct timespec *t)
-{
-    static int (*real)(clockid_t, struct timespec *);
-    if (!real)
-        *(void **)&real = dlsym(RTLD_NEXT, "clock_gettime");
-    int status = real(id, t);
-    if (id == CLOCK_BOOTTIME && access(getenv("SUSPENDED"), F_OK) == 0)
-        t->tv_sec += 7200;
-    return status;
-}
-"""
-
-
 def test_a_machine_that_was_suspended(vcan, bus, tmp_path, monkeypatch, can_socket):
     """As the clocks show it: CLOCK_BOOTTIME went on, CLOCK_MONOTONIC did not."""
-    (tmp_path / "shim.c").write_text(SHIM)
-    shim, mark = tmp_path / "shim.so", tmp_path / "suspended"
-    subprocess.run(["cc", "-shared", "-fPIC", "-o", shim, tmp_path / "shim.c", "-ldl"], check=True)
+    mark = tmp_path / "suspended"
     monkeypatch.setenv("SUSPENDED", str(mark))
-    monkeypatch.setenv("LD_PRELOAD", str(shim))
+    monkeypatch.setenv("LD_PRELOAD", str(compiled("suspended_clock.so")))
     b = bus(QUIET)
     monkeypatch.delenv("LD_PRELOAD")
     mark.touch()

@@ -29,7 +29,7 @@ class Rig:
         self.daemon, self.folder, self.shell = daemon, daemon.config.parent, Shell(daemon)
 
     def status(self):
-        return json.loads(self.shell.run("status", "rec", "--json"))
+        return self.shell.status("rec")
 
     def recording(self, name):
         return next(r for r in self.status()["recordings"] if r["file"].endswith(name))

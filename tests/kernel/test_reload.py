@@ -318,7 +318,7 @@ def test_traffic_that_did_not_change_is_released_once(vcan, rig):
 
 
 def bits(r):
-    return json.loads(r.shell.run("status", "reload", "--json"))["bus"]["bits"]
+    return r.shell.status("reload")["bus"]["bits"]
 
 
 # ---- Load ----------------------------------------------------------------------------------------

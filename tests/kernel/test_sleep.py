@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from canbits import Frame
-from conftest import ROOT, wait_until
+from conftest import ROOT, ask_status, wait_until
 
 CANWIRE = os.environ.get("CANWIRE") or ROOT / "build/release/canwire"
 BUS = """
@@ -31,7 +31,8 @@ CAN_RAW_ERR_FILTER = 2  # a name that Python lacks
 class Body:
     def __init__(self, folder, canwired):
         self.environment = dict(os.environ, CANWIRE_RUN=str(folder))
-        self.text = BUS.format(path=folder / "body.sock")
+        self.path = folder / "body.sock"
+        self.text = BUS.format(path=self.path)
         self.daemon = canwired(self.text)
 
     def tool(self, *words):
@@ -40,7 +41,7 @@ class Body:
         return done.stdout
 
     def node(self, name):
-        nodes = json.loads(self.tool("status", "body", "--json"))["nodes"]
+        nodes = ask_status(self.path)["nodes"]
         return next(n for n in nodes if n["name"] == name)
 
     def state(self, name):

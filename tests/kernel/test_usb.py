@@ -5,7 +5,6 @@ Needs the kernel's modules for it and the initial network namespace: the QEMU gu
 """
 
 import contextlib
-import json
 import os
 import re
 import shutil
@@ -221,7 +220,7 @@ def test_hardware_time_stamps_are_of_the_bus(pair, ends):
         _, extra, _, _ = gearbox.socket.recvmsg(16, 200)
         times = struct.unpack("=6q", extra[0][2][:48])
         stamps.append(times[4] * 10**6 + times[5] // 1000)
-    bus = json.loads(pair.shell.run("status", "usb", "--json"))["bus"]
+    bus = pair.shell.status("usb")["bus"]
     assert 0 < stamps[0] < stamps[1] <= bus["time_ns"] // 1000, (stamps, bus["time_ns"])
 
 
@@ -366,8 +365,6 @@ def test_the_node_has_the_timing_of_the_device(pair, ends):
     assert ends
     up("can0", "tq 125 prop-seg 6 phase-seg1 7 phase-seg2 2 sjw 1")
     wait_until(lambda: pair.node("engine")["link"] == "up", "the node on the bus")
-    text = pair.shell.run("status", "usb", "--json")
-    assert '"link": "up"' in text or '"link":"up"' in text
     ip("link set can0 down")
     wait_until(lambda: pair.node("engine")["link"] == "down", "the node off the bus")
 

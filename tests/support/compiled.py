@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: MIT
+"""What tests compile, kept in build/: a compiler takes long in the guest, so that scripts/test
+compiles on the host before."""
+
+import os
+import subprocess
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+LIBRARY = ("-shared", "-fPIC")
+SOURCES = {  # and its options
+    "frozen_clock.so": ("tests/kernel/frozen_clock.c", *LIBRARY),
+    "suspended_clock.so": ("tests/kernel/suspended_clock.c", *LIBRARY),
+    "socketcan-calls": ("tests/preload/calls.c", "-pthread"),
+}
+
+
+def compiled(name):
+    """Returns the file, made anew if its source has changed."""
+    source, *options = SOURCES[name]
+    source, made = ROOT / source, ROOT / "build" / name
+    if made.exists() and made.stat().st_mtime >= source.stat().st_mtime:
+        return made
+    with tempfile.TemporaryDirectory(dir=made.parent) as folder:
+        whole = Path(folder) / name  # complete when it gets its name, whichever process makes it
+        subprocess.run([os.environ.get("CC", "cc"), "-D_GNU_SOURCE", "-O1", "-Wall", "-Wextra",
+                        *options, "-o", whole, source, "-ldl"], check=True)
+        whole.rename(made)
+    return made
+
+
+def main():
+    for name in SOURCES:
+        compiled(name)
