@@ -94,7 +94,7 @@ LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 .PHONY: all dev dev-run picture calls soak mutant mutant-run mutant-short-cuts \
   mutant-short-cuts-run test \
   test-unit demo bench check cover man install uninstall deb clean help build \
-  fuzz fuzz-run fuzz-merge fuzz-merge-run world world-night world-proof
+  fuzz fuzz-run fuzz-merge fuzz-merge-run world world-night world-proof test-newer-kernel
 .DELETE_ON_ERROR:
 
 all: ## install what the build needs, then build canwired and canwire
@@ -177,6 +177,16 @@ world-night: ## the same under ASan and UBSan, 10000 seeds; lists those that fai
 world-proof: ## the simulated world finds each repaired bug when the repair is removed
 	@scripts/install-deps build test
 	@scripts/world-proof
+
+# KERNEL: a directory, where the package of a kernel may be unpacked already.
+KERNEL ?= build/kernel
+test-newer-kernel: ## the tests of a real can0 on a newer kernel of Debian, which is downloaded
+	@scripts/install-deps build test
+	@scripts/venv
+	@$(MAKE) --no-print-directory build
+	@scripts/newer-kernel '$(KERNEL)'
+	@scripts/guest -t 1200 --kernel '$(KERNEL)' -- build/venv/bin/python -m pytest -q -rs \
+	  -p no:cacheprovider tests/kernel/test_usb.py
 
 cover: ## line coverage of lib and daemon by the tests, and build/cover/missed.txt; ten minutes
 	@scripts/install-deps build test
