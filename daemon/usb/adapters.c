@@ -38,6 +38,7 @@ typedef struct adapter {
     unsigned silent;
     unsigned rest; /* ticks until it is tried again */
     bool settled;  /* it has its name, or could not have it */
+    bool named;    /* since it was plugged in */
     int told;      /* the errno that the log has */
     bool wanted;
 } adapter;
@@ -118,6 +119,7 @@ static void unplug(adapters *all, adapter *a)
     (void)close(a->beat);
     a->beat = -1;
     a->port = -1;
+    a->named = false;
     a->rest = RETRY_TICKS;
 }
 
@@ -201,19 +203,24 @@ static void look_at_namer(adapters *all, adapter *a)
     a->settled = true;
     if (good) {
         a->told = 0;
-        log_node_info(a->name, "plugged in at port %d of vhci-hcd%s%s", a->port,
+        log_node_info(a->name, "%s at port %d of vhci-hcd%s%s",
+                      a->named ? "its driver has taken it again" : "plugged in", a->port,
                       *a->netns ? ", in namespace " : "", a->netns);
+        a->named = true;
     } else {
         unplug(all, a);
     }
 }
 
-/* Takes the signs of life. */
+/* Takes the signs. A driver that is bound again makes a new interface, with a name of its own, as
+ * is after a suspend of the device. At the first time its name is being given already. */
 static void look_at_beat(adapter *a)
 {
     char signs[64];
     const ssize_t count = read(a->beat, signs, sizeof signs);
     a->silent = count > 0 ? 0 : a->silent + 1;
+    if (count > 0 && memchr(signs, SERVE_CLAIMED, (size_t)count) && a->namer == 0)
+        start_namer(a);
 }
 
 static void look_after(adapters *all, adapter *a)

@@ -20,6 +20,7 @@ enum { TEXT_LANGUAGES = 0, TEXT_MAKER, TEXT_PRODUCT, TEXT_SERIAL };
 /* PEAK's own requests. */
 #define REQUEST_INFO 0
 #define REQUEST_FUNCTION 2
+#define FUNCTION_LOADED 5 /* a driver comes or goes */
 #define INFO_FIRMWARE 1
 
 static const unsigned char device_descriptor[] = {
@@ -141,6 +142,12 @@ static int answer_standard(unsigned char *answer, const usb_identity *who,
     default:
         return -1;
     }
+}
+
+bool usb_is_claim(const unsigned char setup[8], const unsigned char *data, size_t length)
+{
+    return (setup[0] & USB_TYPE_MASK) == USB_TYPE_VENDOR && setup[1] == REQUEST_FUNCTION &&
+           setup[2] == FUNCTION_LOADED && length > 1 && data[1] != 0;
 }
 
 int usb_answer(unsigned char answer[USB_ANSWER_MAX], const usb_identity *who,

@@ -17,6 +17,10 @@ typedef struct usb_identity {
     uint32_t number;                 /* of the device, as the driver logs it */
 } usb_identity;
 
+/* Returns true when a control request tells that a driver has taken the adapter. data: `length`
+ * bytes. */
+bool usb_is_claim(const unsigned char setup[8], const unsigned char *data, size_t length);
+
 /* Answers a control request of 8 bytes. Returns the number of bytes in `answer`, 0 for one that
  * only sends; -1: the adapter does not know it. */
 int usb_answer(unsigned char answer[USB_ANSWER_MAX], const usb_identity *who,

@@ -250,15 +250,17 @@ static void obey(usb_device *d, const peak_command *c)
 
 /* ---- Requests -------------------------------------------------------------------------------- */
 
-static bool take_control(usb_device *d, const usb_request *r)
+static bool take_control(usb_device *d, const usb_request *r, const unsigned char *data)
 {
-    unsigned char data[USB_ANSWER_MAX];
-    const int size = usb_answer(data, &d->who, r->setup);
+    unsigned char reply[USB_ANSWER_MAX];
+    const int size = usb_answer(reply, &d->who, r->setup);
     if (size < 0)
         return answer(d, SUBMITTED, r->number, -EPIPE, 0, NULL, 0);
-    if (!r->reads)
-        return answer(d, SUBMITTED, r->number, 0, r->length, NULL, 0);
-    return answer_data(d, r->number, data, (uint32_t)size < r->length ? (size_t)size : r->length);
+    if (r->reads)
+        return answer_data(d, r->number, reply,
+                           (uint32_t)size < r->length ? (size_t)size : r->length);
+    d->claimed |= usb_is_claim(r->setup, data, r->length);
+    return answer(d, SUBMITTED, r->number, 0, r->length, NULL, 0);
 }
 
 static bool take_read(usb_device *d, const usb_request *r)
@@ -308,7 +310,7 @@ static bool take_frame(usb_device *d, const usb_request *r, const unsigned char 
 static bool take_submit(usb_device *d, const usb_request *r, const unsigned char *data)
 {
     if (r->endpoint == 0)
-        return take_control(d, r);
+        return take_control(d, r, data);
     if (r->endpoint > ENDPOINT_FRAMES)
         return answer(d, SUBMITTED, r->number, -EPIPE, 0, NULL, 0);
     if (r->reads)

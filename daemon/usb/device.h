@@ -50,6 +50,7 @@ typedef struct usb_device {
     unsigned burst; /* frames since the last one that was sent: see answer_failed() */
     read_request reads[DEVICE_READS_MAX];
     unsigned read_count;
+    bool claimed;   /* a driver has taken it, and nobody was told yet */
     bool on;        /* the driver has set it on the bus */
     bool listen_only;
     bool one_shot;

@@ -52,14 +52,21 @@ static bool write_kernel(int kernel, usb_device *d)
     return true;
 }
 
-/* Gives a sign of life when it is time. A full pipe means that nobody looks. */
-static void give_sign(int beat, int64_t *next_ms, wire *w)
+static bool write_sign(int beat, char sign)
 {
+    return write(beat, &sign, 1) == 1;
+}
+
+/* Gives a sign of life when it is time. A full pipe means that nobody looks. */
+static void give_signs(int beat, int64_t *next_ms, wire *w, usb_device *d)
+{
+    if (d->claimed && write_sign(beat, SERVE_CLAIMED))
+        d->claimed = false;
     const int64_t now = now_ms();
     if (now < *next_ms)
         return;
     *next_ms = now + SERVE_BEAT_MS;
-    (void)!write(beat, "", 1);
+    (void)write_sign(beat, SERVE_ALIVE);
     wire_connect(w);
 }
 
@@ -90,7 +97,7 @@ bool serve(int kernel, int beat, const usb_identity *who, const char *path)
     wire w = {.path = path, .name = who->serial, .device = d, .fd = -1};
     device_init(d, who, &wire_calls, &w);
     do
-        give_sign(beat, &next_ms, &w);
+        give_signs(beat, &next_ms, &w, d);
     while (go_on(kernel, d, &w, &good));
     if (!good)
         log_node_error(who->serial, "the kernel sends what no USB device understands");

@@ -197,9 +197,24 @@ static void it_says_who_it_is(void **state)
     assert_int_equal(data[0], 36);
     assert_int_equal(data[28], 1); /* the endpoint of commands */
     assert_int_equal(data[20], 7);
+    assert_false(h->device.claimed);
     control(h, 6, loaded, 16);
     expect(h, 3, 6, 0, 16);
+    assert_true(h->device.claimed);
     expect_nothing(h);
+}
+
+static void a_driver_that_goes_has_not_come(void **state)
+{
+    heard *h = *state;
+    static const unsigned char loaded[] = {0x43, 2, 5, 0, 0, 0, 16, 0};
+    static const unsigned char lamp[] = {0x43, 2, 4, 0, 0, 0, 16, 0};
+    const uint32_t words[] = {1, 1, 1, 0, 0, 0, 16};
+    request(h, words, loaded, "\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0", 16);
+    expect(h, 3, 1, 0, 16);
+    control(h, 2, lamp, 16);
+    expect(h, 3, 2, 0, 16);
+    assert_false(h->device.claimed);
 }
 
 static void the_node_gets_the_timing_when_it_goes_on(void **state)
@@ -428,6 +443,7 @@ static void any_content_is_survived(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(a_driver_that_goes_has_not_come, set_up, tear_down),
         cmocka_unit_test_setup_teardown(it_says_who_it_is, set_up, tear_down),
         cmocka_unit_test_setup_teardown(the_node_gets_the_timing_when_it_goes_on, set_up,
                                         tear_down),
