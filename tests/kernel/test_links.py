@@ -296,7 +296,8 @@ def test_nothing_is_lost_uncounted_under_load(way, vcan, bus):
                "the last frames of the dash")
     engine, gearbox, dash = (b.nodes()[n] for n in ("engine", "gearbox", "dash"))
     assert engine["tx_frames"] == MANY and sum(engine["dropped"].values()) == 0
-    assert gearbox["rx_frames"] == MANY + dash["tx_frames"]
+    # receivers have a frame one bit before its sender, which may leave then
+    assert 0 <= gearbox["rx_frames"] - MANY - dash["tx_frames"] <= TOGGLES
     assert dash["interface"]["read"] == written == (
         dash["tx_frames"] + sum(dash["dropped"].values()))
     assert b.links_told() == [("dash", "down"), ("dash", "up")] * TOGGLES

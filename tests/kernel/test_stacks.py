@@ -161,8 +161,8 @@ def test_python_isotp(rig, block_size):
 
 
 DID, RECORD = 0xF1A0, payload(700, 5)
-CONFIG = {**udsoncan.configs.default_client_config, "request_timeout": 60, "p2_timeout": 60,
-          "p2_star_timeout": 60, "data_identifiers": {DID: udsoncan.AsciiCodec(len(RECORD))}}
+CONFIG = {**udsoncan.configs.default_client_config, "request_timeout": 20, "p2_timeout": 20,
+          "p2_star_timeout": 20, "data_identifiers": {DID: udsoncan.AsciiCodec(len(RECORD))}}
 
 
 def answer(request):
@@ -195,36 +195,57 @@ def uds_server(end):
         assert not thread.is_alive()
 
 
-def ask_all(connection, stopping):
-    with Client(connection, config=CONFIG) as client:
-        client.tester_present()
-        record = client.read_data_by_identifier(DID)
-        assert record.service_data.values[DID] == "".join(chr(b & 0x7F) for b in RECORD)
-        sent = client.transfer_data(1, payload(1000))
-        assert sent.service_data.parameter_records == payload(1000)
+GAVE_UP = (udsoncan.exceptions.TimeoutException, udsoncan.exceptions.UnexpectedResponseException)
+
+
+def ask_each(client):
+    client.tester_present()
+    record = client.read_data_by_identifier(DID)
+    assert record.service_data.values[DID] == "".join(chr(b & 0x7F) for b in RECORD)
+    sent = client.transfer_data(1, payload(1000))
+    assert sent.service_data.parameter_records == payload(1000)
+
+
+def ask_all(connect, stopping):
+    """Asks by a connection. A new one is made when ISO-TP has given up: one that has seen an error
+    of its socket does not read any more."""
+    def transfer():
+        try:
+            with stacks.failing(), Client(connect(), config=CONFIG) as client:
+                ask_each(client)
+        except GAVE_UP as error:
+            raise Failed(str(error)) from error
+
+    try:
+        tries(transfer, ())
+    finally:
         stopping.set()
-        client.tester_present()
+        with contextlib.suppress(*GAVE_UP, OSError), Client(connect(), config=CONFIG) as client:
+            client.tester_present()
+
+
+ADDRESS = isotp.Address(isotp.AddressingMode.Normal_11bits, rxid=RESPONSE, txid=REQUEST)
 
 
 @over("usb")
 def test_uds_over_the_kernel(rig):
     r = rig()
-    server = IsotpSocket(r.server, REQUEST, RESPONSE)
-    address = isotp.Address(isotp.AddressingMode.Normal_11bits, rxid=RESPONSE, txid=REQUEST)
-    with uds_server(server) as stopping:
-        ask_all(IsoTPSocketConnection(r.client, address), stopping)
-    server.close()
+    with (contextlib.closing(IsotpSocket(r.server, REQUEST, RESPONSE)) as server,
+          uds_server(server) as stopping):
+        ask_all(lambda: IsoTPSocketConnection(r.client, ADDRESS), stopping)
     r.stop()
 
 
 @pytest.mark.parametrize("rig, block_size", [("vcan", 0), ("usb", 8)], indirect=["rig"])
 def test_uds_over_python(rig, block_size):
     r = rig()
-    address = isotp.Address(isotp.AddressingMode.Normal_11bits, rxid=RESPONSE, txid=REQUEST)
     with (stack(r.server, REQUEST, RESPONSE, block_size) as server, python_bus(r.client) as bus,
           uds_server(server) as stopping):
-        layer = isotp.CanStack(bus, address=address, params=dict(PATIENT, blocksize=block_size))
-        ask_all(PythonIsoTpConnection(layer), stopping)
+        def connect():
+            params = {**PATIENT, "blocksize": block_size}
+            return PythonIsoTpConnection(isotp.CanStack(bus, address=ADDRESS, params=params))
+
+        ask_all(connect, stopping)
     r.stop()
 
 
