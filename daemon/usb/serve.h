@@ -13,7 +13,8 @@
 #define SERVE_ALIVE '.'   /* at least every SERVE_BEAT_MS */
 #define SERVE_CLAIMED 'c' /* a driver has taken the adapter, and makes an interface */
 
-/* Serves the kernel at one descriptor until it hangs up. Bytes at `beat` are signs. Returns false when a request could not be understood. */
+/* Serves the kernel at one descriptor until it hangs up. Bytes at `beat` are signs. Returns false
+ * when a request could not be understood. */
 bool serve(int kernel, int beat, const usb_identity *who, const char *path);
 
 #endif
