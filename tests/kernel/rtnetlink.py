@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The lines of `ip -batch` that tests need most, without its process: it starts in a tenth of a
+"""The lines of `ip -batch` that tests need most, without its process. Its start takes a tenth of a
 second in the guest, and most tests need it twice.
 """
 

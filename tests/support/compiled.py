@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What tests compile, kept in build/: a compiler takes long in the guest, so that scripts/test
-compiles on the host before."""
+"""Programs and libraries that tests compile, kept in build/. A compiler takes long in the guest, so
+scripts/test calls it on the host before."""
 
 import os
 import subprocess
