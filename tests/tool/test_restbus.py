@@ -79,6 +79,15 @@ def test_what_is_not_sent_is_told(tmp_path):
     assert "# { send: 400#00 } # DashButton: no cycle time" in result.stdout
 
 
+def test_messages_of_several_frames_are_left_out(tmp_path):
+    database = tmp_path / "long.dbc"
+    database.write_text(CAR.read_text().replace("GearboxData: 4", "GearboxData: 39"))
+    result = restbus(database)
+    assert "GearboxData (100) is no single frame and is left out" in result.stderr
+    assert "# GearboxData: no single frame" in result.stdout
+    made(tmp_path, database)
+
+
 def test_other_formats_and_options(tmp_path):
     database = tmp_path / "small.kcd"
     database.write_text(KCD)

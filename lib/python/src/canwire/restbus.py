@@ -133,13 +133,17 @@ def protection(message):
 def entries(message):
     """Yields the lines of `traffic` for a message, and comments for what is not sent."""
     cycle = message.cycle_time
+    if message.length > (64 if message.is_fd else 8) or getattr(message, "is_container", False):
+        warn(f"{message.name} ({identifier(message)}) is no single frame and is left out")
+        yield f"# {message.name}: no single frame"
+        return
     frames = [frame_text(message, data) for data in contents(message)]
     if not cycle:
         yield f"# {{ send: {frames[0]} }} # {message.name}: no cycle time"
         return
     for i, frame in enumerate(frames):
-        every = f"every: {cycle * len(frames)}ms"
-        offset = f", offset: {cycle * i}ms" if i else ""
+        every = f"every: {cycle * len(frames):.12g}ms"
+        offset = f", offset: {cycle * i:.12g}ms" if i else ""
         yield f"- {{ send: {frame}, {every}{offset}{protection(message)} }} # {message.name}"
 
 
@@ -318,7 +322,7 @@ class Entry:
         message = self.message(databases)
         parts = [f"send: {self.frame(message)}"]
         if "every" not in self.values and message.cycle_time:
-            parts.append(f"every: {message.cycle_time}ms")
+            parts.append(f"every: {message.cycle_time:.12g}ms")
         for key, value in self.node.value:
             if key.value in OTHERS:
                 kept = text[value.start_mark.index:self.end(value)]
