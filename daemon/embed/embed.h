@@ -112,6 +112,14 @@ bool embed_judge_add(embed_bus *bus, cfg_expects *own);
 /* Ends all of this. */
 void embed_judge_end(embed_bus *bus);
 
+/* ---- Texts ----------------------------------------------------------------------------------- */
+
+/* Begins a text of this thread. */
+void embed_text_begin(void);
+
+/* Returns true when memory was lacking since then. */
+bool embed_text_failed(void);
+
 /* ---- Times ----------------------------------------------------------------------------------- */
 
 /* Returns the first tick that is not before a time. */

@@ -10,18 +10,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Set by a lack of memory while a text is made; each thread makes its own texts. */
-static _Thread_local bool out_of_memory;
-
-void json_no_memory(void)
-{
-    out_of_memory = true;
-}
-
 /* Returns the text of a value, which is released; NULL without memory. */
 static char *text_of(json_t *value, size_t flags)
 {
-    char *text = out_of_memory ? NULL : json_dumps(value, flags | JSON_PRESERVE_ORDER);
+    char *text = embed_text_failed() ? NULL : json_dumps(value, flags | JSON_PRESERVE_ORDER);
     json_decref(value);
     return text;
 }
@@ -199,7 +191,7 @@ static json_t *stats_of_all(const canwire_sim *sim)
 
 char *canwire_sim_stats(canwire_sim *sim, int bus)
 {
-    out_of_memory = false;
+    embed_text_begin();
     if (bus == -1)
         return text_of(stats_of_all(sim), JSON_INDENT(2));
     const embed_bus *b = embed_find_bus(sim, bus);
@@ -263,7 +255,7 @@ static void put_outcomes(json_t *all, const embed_bus *b, const embed_judge *j)
 {
     expect_report report = {.count = 0};
     if (!expect_conclude(j->judge, &report, b->run.bus))
-        out_of_memory = true;
+        json_no_memory();
     for (size_t i = 0; i < report.count; i++) {
         const expect_outcome *o = &report.outcomes[i];
         json_t *object = json_object();
@@ -280,7 +272,7 @@ static void put_outcomes(json_t *all, const embed_bus *b, const embed_judge *j)
 char *canwire_sim_expectations(canwire_sim *sim)
 {
     json_t *all = json_array();
-    out_of_memory = false;
+    embed_text_begin();
     for (size_t i = 0; i < sim->count; i++)
         for (const embed_judge *j = sim->buses[i].judges; j; j = j->next)
             put_outcomes(all, &sim->buses[i], j);
