@@ -138,6 +138,10 @@ typedef enum canwire_sim_stop {
 CANWIRE_SIM_API int canwire_sim_run(canwire_sim *sim, int64_t until, const char *event,
                                     int frame_at);
 
+/* Returns a time before which no node receives a frame, when none is handed in. CANWIRE_SIM_NEVER:
+ * none will come. */
+CANWIRE_SIM_API int64_t canwire_sim_next(const canwire_sim *sim);
+
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
 #define CANWIRE_SIM_FRAME_FD 0x01u    /* CAN FD frame */

@@ -108,16 +108,24 @@ static uint64_t rests_until(const embed_bus *b)
     return least(cw_bus_next(bus), release_next_tick(b->run.plan));
 }
 
-/* Returns the tick to which time goes next. Before an event it goes bit by bit. */
-static uint64_t next_step(const canwire_sim *sim, bool awaits)
+/* Returns the tick to which time goes next. Before an event it goes bit by bit, but for buses that
+ * rest; so it does where only the end of the traffic is to come. */
+static uint64_t next_step(const canwire_sim *sim, uint64_t until, bool awaits)
 {
     const uint64_t bit = sim_group_bit(&sim->group);
     uint64_t next = sim_group_next(&sim->group);
-    if (next == CW_NEVER)
-        return bit;
     for (size_t i = 0; awaits && i < sim->count; i++)
         next = least(next, rests_until(&sim->buses[i]));
+    if (next == CW_NEVER)
+        return until == CW_NEVER ? bit : until;
     return next > bit ? next : bit;
+}
+
+int64_t canwire_sim_next(const canwire_sim *sim)
+{
+    const uint64_t next = sim_group_next(&sim->group);
+    const uint64_t ns = text_ticks_ns(next);
+    return next == CW_NEVER || ns > CANWIRE_SIM_NEVER ? CANWIRE_SIM_NEVER : (int64_t)ns;
 }
 
 /* ---- Runs ------------------------------------------------------------------------------------ */
@@ -173,7 +181,7 @@ static int watch(canwire_sim *sim, uint64_t until, bool awaits, int frame_at)
             return CANWIRE_SIM_AT_TIME;
         if (until == CW_NEVER && sim_group_is_over(&sim->group))
             return CANWIRE_SIM_AT_END;
-        const uint64_t next = next_step(sim, awaits);
+        const uint64_t next = next_step(sim, until, awaits);
         if (next >= until) {
             (void)go_to(sim, until);
         } else {

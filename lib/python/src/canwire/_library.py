@@ -73,6 +73,7 @@ FUNCTIONS = {
     "time": (c_int64, c_void_p, c_int, c_char_p),
     "now": (c_int64, c_void_p),
     "run": (c_int, c_void_p, c_int64, c_char_p, c_int),
+    "next": (c_int64, c_void_p),
     "send": (c_int, c_void_p, c_int, POINTER(CFrame), c_int64),
     "listen": (c_int, c_void_p, c_int, c_int),
     "receive": (c_int, c_void_p, c_int, POINTER(CFrame)),

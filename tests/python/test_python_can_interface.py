@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: MIT
+"""The interface `canwire` of python-can, by its own tests and at a running bus."""
+
+import json
+import subprocess
+import threading
+
+import can
+import pytest
+
+from simtool import CANWIRED, ROOT, canwire as tool, kill_all, listens
+from test_record import wait_until
+from upstream import Suite
+
+PATIENCE_S = 60
+# It tells Python of the entry point, as an installation does.
+INSTALLED = ROOT / "tests/python/installed/canwire-0.dist-info/entry_points.txt"
+
+# These look into the queues of `virtual`, or want its name or time stamps that programs choose.
+OF_VIRTUAL = ["test_cycle_time", "test_restart_perodic_tasks"]
+# These have limits of time.
+TIMED = ["test_timestamp", "test_send_periodic_duration", "TestThreadSafeBus"]
+
+RUNNING = """
+bus: { name: running, bitrate: 500000, dbitrate: 2000000 }
+control: running.sock
+nodes:
+  - { name: engine, port: "unix:engine.sock", restart-ms: 0 }
+  - { name: dash, port: "unix:dash.sock" }
+  - { name: other }
+"""
+
+
+@pytest.fixture(name="running")
+def fixture_running(tmp_path):
+    (tmp_path / "b.yaml").write_text(RUNNING)
+    with (tmp_path / "log").open("w") as log:
+        process = subprocess.Popen([CANWIRED, "-c", "b.yaml"], cwd=tmp_path, stderr=log)
+    path = tmp_path / "running.sock"
+    wait_until(lambda: listens(path) or process.poll() is not None, "the bus")
+    yield str(path)
+    kill_all([process])
+
+
+@pytest.fixture(name="opened")
+def fixture_opened():
+    """opened(...) is a can.Bus(interface="canwire", ...) that is shut down at the end."""
+    buses = []
+
+    def opened(*arguments, **more):
+        buses.append(can.Bus(*arguments, interface="canwire", **more))
+        return buses[-1]
+    yield opened
+    for bus in reversed(buses):
+        bus.shutdown()
+
+
+def message(can_id=0x123, data=b"\x11\x22", **more):
+    return can.Message(arbitration_id=can_id, data=data, is_extended_id=False, **more)
+
+
+def content(got):
+    assert got is not None
+    return got.arbitration_id, bytes(got.data), got.is_rx
+
+
+# ---- Its own tests -------------------------------------------------------------------------------
+
+
+def test_the_entry_point_is_that_of_the_package():
+    text = (ROOT / "lib/python/pyproject.toml").read_text()
+    wanted = text.split('"can.interface"]\n')[1].split("\n")[0].replace('"', "")
+    assert INSTALLED.read_text().splitlines()[1] == wanted
+
+
+def test_python_can_tests_two_buses(tmp_path):
+    attributes = [f'Back2BackTestCase.INTERFACE_{n}="canwire"' for n in (1, 2)]
+    suite = Suite("python_can", tmp_path,
+                  attributes=[*attributes, "Back2BackTestCase.TIMEOUT=0.5"])
+    suite_selection = [f"test/back2back_test.py::{name}"
+                       for name in ("Back2BackTestCase", "TestThreadSafeBus")]
+    found, texts = suite.results(suite_selection, (), TIMED, 3)
+    assert not found["failed"], texts
+    # python-can itself skips test_message_is_rx*
+    assert len(found["passed"]) == 30 and len(found["skipped"]) == 4
+
+
+def test_python_can_runs_on_canwire_in_place_of_virtual(tmp_path):
+    suite = Suite("python_can", tmp_path, plugins=["as_virtual"])
+    files = ["network_test", "notifier_test", "contextmanager_test", "zero_dlc_test",
+             "test_message_filtering", "simplecyclic_test", "test_bus"]
+    found, texts = suite.results([f"test/{name}.py" for name in files], OF_VIRTUAL,
+                                 ["ProducerConsumer", "test_stopping_perodic_tasks"], 3)
+    assert not found["failed"] and not found["skipped"], texts
+    assert len(found["passed"]) == 22
+
+
+# ---- In this process -----------------------------------------------------------------------------
+
+
+def test_buses_in_this_process_share_a_channel(opened):
+    one, two = opened(channel="shared"), opened(channel="shared", receive_own_messages=True)
+    other = opened(channel="elsewhere")
+    two.send(message())
+    assert content(one.recv(PATIENCE_S)) == (0x123, b"\x11\x22", True)
+    assert content(two.recv(PATIENCE_S)) == (0x123, b"\x11\x22", False)
+    assert other.recv(0) is None and one.protocol is can.CanProtocol.CAN_FD
+    assert {"interface": "canwire", "channel": "shared"} in can.detect_available_configs("canwire")
+
+
+def test_a_bus_ends_with_its_last_program_and_what_was_sent_arrives(opened):
+    one, two = opened(channel="end"), opened(channel="end")
+    one.send(message())
+    one.shutdown()
+    assert content(two.recv(PATIENCE_S))[0] == 0x123
+    with pytest.raises(can.CanOperationError, match="closed"):
+        one.recv(0)
+    two.shutdown()
+    assert not [c for c in can.detect_available_configs("canwire") if c["channel"] == "end"]
+
+
+def test_a_reader_is_woken_by_a_sender_in_another_thread(opened):
+    one, two = opened(channel="threads"), opened(channel="threads")
+    got = []
+    reader = threading.Thread(target=lambda: got.append(two.recv(PATIENCE_S)))
+    reader.start()
+    one.send(message())
+    reader.join()
+    assert content(got[0])[0] == 0x123
+
+
+def test_faults_change_the_state(opened):
+    one = opened(channel="faults", virtual_time=True)
+    two = opened(channel="faults", virtual_time=True)
+    assert one.state is can.BusState.ACTIVE
+    one.simulation.inject(name="broken", do={"stuck": "recessive", "on": "guest-1.tx"})
+    one.send(message())
+    assert two.recv(0.0008) is None and one.state is can.BusState.PASSIVE
+    assert two.recv(1) is None and one.state is can.BusState.ERROR
+    errors = []
+    while (got := one.recv(0)) is not None:
+        errors.append(got)
+    assert all(error.is_error_frame for error in errors)
+    assert [error.arbitration_id for error in errors][-1] & 0x40  # CAN_ERR_BUSOFF
+
+
+def test_periodic_frames_in_virtual_time_have_exact_times(opened):
+    one = opened(channel="virtual", virtual_time=True)
+    two = opened(channel="virtual", virtual_time=True)
+    task = one.send_periodic(message(), 0.5, duration=3)
+    times = [two.recv(1).timestamp for _ in range(6)]
+    assert times == pytest.approx([times[0] + 0.5 * k for k in range(6)], abs=1e-9)
+    assert two.recv(10) is None and two.simulation.now == pytest.approx(times[5] + 10)
+    task.start()
+    changed = message(data=b"\x33\x44")
+    task.modify_data(changed)
+    assert content(two.recv(1))[1] == b"\x33\x44"
+    task.stop()
+    assert two.recv(1000) is None
+    two.set_filters([{"can_id": 0x124, "can_mask": 0x7FF, "extended": False}])
+    one.send(message())
+    one.send(message(0x124))
+    assert content(two.recv(1))[0] == 0x124
+
+
+def test_a_configuration_has_nodes_by_name(opened, write):
+    path = str(write("""
+bus: { name: car, bitrate: 250000 }
+nodes:
+  - { name: engine }
+  - { name: dash }
+  - { name: load, traffic: [ { send: 321#, offset: 1ms } ] }
+"""))
+    dash = opened(channel=f"{path}:dash", virtual_time=True)
+    engine = opened(channel=path, virtual_time=True)
+    assert engine.channel_info.startswith("canwire: node engine of car")
+    assert engine.protocol is can.CanProtocol.CAN_20
+    engine.send(message())
+    assert content(dash.recv(1))[0] == 0x123
+    assert content(dash.recv(1))[0] == 0x321
+    with pytest.raises(can.CanInitializationError, match="node dash is in use"):
+        opened(channel=path, node="dash", virtual_time=True)
+    with pytest.raises(can.CanInitializationError, match="there is no node 'gearbox'; there is"):
+        opened(channel=path, node="gearbox", virtual_time=True)
+    with pytest.raises(can.CanInitializationError, match="is in use in virtual time"):
+        opened(channel=path)
+    with pytest.raises(can.CanInitializationError, match=r"scenario.yaml:1:\d+: "):
+        opened(channel="bad", config="{ bus: {}, nodes: [] }")
+    with pytest.raises(can.CanInitializationError, match="there is no running bus 'x'"):
+        opened(channel="x", private=False)
+    with pytest.raises(ValueError, match="error frames cannot be sent"):
+        engine.send(can.Message(is_error_frame=True))
+
+
+def test_a_full_queue_makes_a_sender_wait(opened):
+    one = opened(channel="slow", bitrate=10000)
+    opened(channel="slow")
+    with pytest.raises(can.CanOperationError, match="queue of the node is full"):
+        for _ in range(600):
+            one.send(message(), timeout=0)
+
+
+# ---- A running bus -------------------------------------------------------------------------------
+
+
+def test_programs_at_a_running_bus(running, opened):
+    engine = opened(channel=f"{running}:engine", receive_own_messages=True)
+    dash = opened(channel=running, node="dash")
+    assert engine.protocol is can.CanProtocol.CAN_FD and engine.fileno() > 0
+    engine.send(message())
+    got = dash.recv(PATIENCE_S)
+    assert content(got) == (0x123, b"\x11\x22", True) and got.timestamp > 1.6e9
+    assert content(engine.recv(PATIENCE_S)) == (0x123, b"\x11\x22", False)
+    engine.send(can.Message(arbitration_id=0x1234567, data=bytes(48), is_fd=True,
+                            bitrate_switch=True))
+    fd = dash.recv(PATIENCE_S)
+    assert (fd.is_fd, fd.bitrate_switch, fd.is_extended_id, fd.dlc) == (True, True, True, 48)
+    dash.send(can.Message(arbitration_id=0x222, is_remote_frame=True, dlc=3,
+                          is_extended_id=False))
+    engine.recv(PATIENCE_S)  # its own
+    remote = engine.recv(PATIENCE_S)
+    assert remote.is_remote_frame and remote.dlc == 3
+
+
+def test_filters_are_those_of_the_port(running, opened):
+    engine, dash = opened(channel=running, node="engine"), opened(channel=running, node="dash")
+    dash.set_filters([{"can_id": 0x200, "can_mask": 0x700, "extended": False}])
+    for can_id in (0x123, 0x234, 0x345, 0x256):
+        engine.send(message(can_id))
+    assert [dash.recv(PATIENCE_S).arbitration_id for _ in range(2)] == [0x234, 0x256]
+    dash.set_filters(None)
+    engine.send(message(0x345))
+    assert dash.recv(PATIENCE_S).arbitration_id == 0x345
+
+
+def test_the_state_comes_from_error_frames(running, opened):
+    engine = opened(channel=running, node="engine", ignore_rx_error_frames=True)
+    seen = opened(channel=running, node="engine")
+    assert engine.state is can.BusState.ACTIVE
+    tool("inject", running, "{ name: broken, do: { stuck: recessive, on: engine.tx } }")
+    engine.send(message())
+    while seen.state is not can.BusState.ERROR:
+        got = seen.recv(PATIENCE_S)
+        assert got is not None
+    assert engine.recv(0) is None and engine.state is can.BusState.ERROR
+    tool("clear", running, "broken")
+    tool("restart", running, "engine")
+    while seen.state is not can.BusState.ACTIVE:
+        assert seen.recv(PATIENCE_S) is not None
+    late = opened(channel=running, node="engine")
+    assert late.state is can.BusState.ACTIVE
+    late.state = can.BusState.PASSIVE
+    nodes = json.loads(tool("status", running, "--json").stdout)["nodes"]
+    assert nodes[0]["settings"]["listen-only"] is True
+
+
+def test_a_running_bus_needs_a_node_with_a_socket(running, opened):
+    with pytest.raises(can.CanInitializationError, match="node= is one of: engine, dash"):
+        opened(channel=running)
+    with pytest.raises(can.CanInitializationError, match="no node 'other' with a port unix:PATH"):
+        opened(channel=running, node="other")
+    with pytest.raises(can.CanInitializationError, match="No such file"):
+        opened(channel="unix:/nowhere/x.sock")
+    port = running.replace("running.sock", "dash.sock")
+    assert opened(channel=f"unix:{port}").recv(0) is None
