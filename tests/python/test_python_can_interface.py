@@ -59,6 +59,10 @@ def message(can_id=0x123, data=b"\x11\x22", **more):
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=False, **more)
 
 
+def first_node(control):
+    return json.loads(tool("status", control, "--json").stdout)["nodes"][0]
+
+
 def content(got):
     assert got is not None
     return got.arbitration_id, bytes(got.data), got.is_rx
@@ -247,11 +251,11 @@ def test_the_state_comes_from_error_frames(running, opened):
     tool("restart", running, "engine")
     while seen.state is not can.BusState.ACTIVE:
         assert seen.recv(PATIENCE_S) is not None
+    wait_until(lambda: first_node(running)["state"] == "error-active", "the recovery")
     late = opened(channel=running, node="engine")
     assert late.state is can.BusState.ACTIVE
     late.state = can.BusState.PASSIVE
-    nodes = json.loads(tool("status", running, "--json").stdout)["nodes"]
-    assert nodes[0]["settings"]["listen-only"] is True
+    assert first_node(running)["settings"]["listen-only"] is True
 
 
 def test_a_running_bus_needs_a_node_with_a_socket(running, opened):

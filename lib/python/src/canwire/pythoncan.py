@@ -560,16 +560,6 @@ class CanwireBus(can.BusABC):
     :param bitrate, data_bitrate: of a new bus in this process without `config`.
     """
 
-    def __new__(cls, *args: Any, **kwargs: Any) -> Any:
-        try:
-            from .virtualtime import current
-        except ImportError:
-            return super().__new__(cls)
-        if current() is not None:  # a program in virtual time: the channel is a node of its bus
-            from .nodebus import NodeBus
-            return NodeBus(*args, **kwargs)
-        return super().__new__(cls)
-
     def __init__(self, channel: Any = "channel-0", *, node: str | None = None, config: Any = None,
                  private: bool | None = None, virtual_time: bool = False,
                  receive_own_messages: bool = False, ignore_rx_error_frames: bool = False,
