@@ -93,7 +93,7 @@ LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
 .PHONY: all dev dev-run picture calls soak mutant mutant-run mutant-short-cuts \
   mutant-short-cuts-run test \
-  test-unit demo bench check cover man install uninstall deb clean help build \
+  test-unit demo bench check cover man install uninstall deb wheel clean help build \
   fuzz fuzz-run fuzz-merge fuzz-merge-run world world-night world-proof test-newer-kernel
 .DELETE_ON_ERROR:
 
@@ -208,6 +208,11 @@ uninstall: ## remove exactly the files that install has put there
 deb: ## a Debian package in build/deb
 	@scripts/install-deps build deb
 	@scripts/deb $(VERSION)
+
+wheel: ## the Python package as a wheel and as sources, in build
+	@scripts/install-deps build
+	@$(MAKE) --no-print-directory $(WHEEL_SIM)
+	@scripts/wheel $(VERSION) $(WHEEL_SIM) build
 
 clean: ## remove all built files, the guest's image included
 	rm -rf build
@@ -344,9 +349,13 @@ $(BUILD)/pic/daemon/%.o: daemon/%.c | $(LAYOUT)
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(CC) $(filter-out -fPIE,$(DAEMON_CFLAGS)) $(PIC) -c -o $@ $<
 
-$(SIM): $(SIM_OBJECTS)
+# A wheel brings the libraries that this one needs, which are beside it there.
+WHEEL_SIM := $(BUILD)/wheel/libcanwire-sim.so
+$(WHEEL_SIM): SIM_PATH := -Wl,-rpath,'$$ORIGIN'
+$(SIM) $(WHEEL_SIM): $(SIM_OBJECTS)
+	@mkdir -p $(@D)
 	$(call tell,LD,$@) $(CC) $(filter-out -fPIE,$(ALL_CFLAGS)) $(LINK_LTO) $(PIC) -shared \
-	  -Wl,-soname,$(@F) -Wl,--gc-sections $(filter-out -pie,$(HARDEN_LINK)) \
+	  -Wl,-soname,$(@F) -Wl,--gc-sections $(SIM_PATH) $(filter-out -pie,$(HARDEN_LINK)) \
 	  $(filter-out -pie -fPIE,$(LDFLAGS)) -o $@ $^ $(TOOL_LIBS)
 
 $(USB): $(call objects,daemon/usb/main.c) $(PARTS) $(LIB)

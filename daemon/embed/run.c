@@ -108,8 +108,8 @@ static uint64_t rests_until(const embed_bus *b)
     return least(cw_bus_next(bus), release_next_tick(b->run.plan));
 }
 
-/* Returns the tick to which time goes next. Before an event it goes bit by bit, but for buses that
- * rest; so it does where only the end of the traffic is to come. */
+/* Returns the tick to which time goes next. Buses that do not rest go bit by bit before an event.
+ * So they do where only the end of the traffic is to come. */
 static uint64_t next_step(const canwire_sim *sim, uint64_t until, bool awaits)
 {
     const uint64_t bit = sim_group_bit(&sim->group);

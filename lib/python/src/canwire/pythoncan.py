@@ -92,8 +92,8 @@ class Wire:
                 cls.all[key] = cls(key, make(), virtual)
             wire = cls.all[key]
             if wire.virtual != virtual:
-                raise _refuse(f"channel {key!r} is in use in {'virtual' if wire.virtual else 'real'}"
-                              " time")
+                time_of = "virtual" if wire.virtual else "real"
+                raise _refuse(f"channel {key!r} is in use in {time_of} time")
             return wire
 
     def names(self) -> list[str]:
