@@ -412,12 +412,18 @@ void device_received(usb_device *d, const void *frame, size_t size, uint64_t us)
         record(d, bytes, peak_put_frame(bytes, &classical, sizeof classical, us));
     else
         record(d, bytes, peak_put_frame(bytes, frame, size, us));
+}
+
+void device_flush(usb_device *d)
+{
     deliver(d);
 }
 
+/* Records that came before the end of a frame stay before it. */
 void device_was_sent(usb_device *d, uint32_t number)
 {
     const unsigned place = find_held(d, number);
+    deliver(d);
     if (place < d->held_count)
         answer_sent(d, place);
 }
@@ -425,6 +431,7 @@ void device_was_sent(usb_device *d, uint32_t number)
 void device_was_dropped(usb_device *d, uint32_t number)
 {
     const unsigned place = find_held(d, number);
+    deliver(d);
     if (place < d->held_count)
         answer_failed(d, place);
 }
@@ -449,5 +456,4 @@ void device_state(usb_device *d, const message_state *state, uint64_t us)
         record(d, bytes, peak_put_status(bytes, status_bits(state->state), us));
         record(d, bytes, peak_put_counters(bytes, state->tec, state->rec, us));
     }
-    deliver(d);
 }

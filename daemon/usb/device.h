@@ -73,10 +73,12 @@ bool device_take(usb_device *d, const void *bytes, size_t size);
 /* The node is there: says what the driver has asked for up to now. fd: it knows CAN FD. */
 void device_begin(usb_device *d, bool fd);
 
-/* Takes what comes from the node. us: bus time. */
+/* Takes what comes from the node. us: bus time. Frames and states wait for device_flush(). So those
+ * that come together share a request to read. The end of a frame does not wait. */
 void device_received(usb_device *d, const void *frame, size_t size, uint64_t us);
 void device_was_sent(usb_device *d, uint32_t number);
 void device_was_dropped(usb_device *d, uint32_t number);
 void device_state(usb_device *d, const message_state *state, uint64_t us);
+void device_flush(usb_device *d);
 
 #endif

@@ -112,7 +112,7 @@ static void take(wire *w, message *m, size_t whole)
     }
 }
 
-void wire_read(wire *w)
+static void read_all(wire *w)
 {
     message m;
     while (w->fd >= 0) {
@@ -127,6 +127,12 @@ void wire_read(wire *w)
         }
         take(w, &m, (size_t)size);
     }
+}
+
+void wire_read(wire *w)
+{
+    read_all(w);
+    device_flush(w->device);
 }
 
 /* ---- The begin ------------------------------------------------------------------------------- */

@@ -334,6 +334,31 @@ static void frames_share_a_request_to_read(void **state)
     assert_int_equal(take(h, data).length, 36);
 }
 
+static void what_comes_together_waits_for_the_end_of_a_frame_at_most(void **state)
+{
+    heard *h = *state;
+    const struct can_frame frame = {.can_id = 0x456, .len = 3, .data = {1, 2, 3}};
+    go_on(h);
+    send_frame(h, 10);
+    submit(h, 11, true, FRAMES, 2048, NULL);
+    submit(h, 12, true, FRAMES, 2048, NULL);
+    device_received(&h->device, &frame, sizeof frame, 5);
+    device_received(&h->device, &frame, sizeof frame, 6);
+    expect_nothing(h);
+    device_was_sent(&h->device, 10);
+    unsigned char data[2048];
+    const reply both = take(h, data);
+    assert_int_equal(both.number, 11);
+    assert_int_equal(both.length, 2 * 36);
+    expect(h, 3, 10, 0, sizeof frame_123);
+    device_received(&h->device, &frame, sizeof frame, 7);
+    device_state(&h->device, &(message_state){.state = 0, .rec = 1}, 8);
+    expect_nothing(h);
+    device_flush(&h->device);
+    assert_int_equal(take(h, data).length, 36 + 16);
+    expect_nothing(h);
+}
+
 static void states_come_with_their_counters(void **state)
 {
     heard *h = *state;
@@ -435,6 +460,8 @@ static void any_content_is_survived(void **state)
             submit(h, number, data[95] & 1, data[94] % 4, data[93] % sizeof data, data);
         device_received(&h->device, data, data[92] & 1 ? CAN_MTU : CANFD_MTU, number);
         device_was_dropped(&h->device, number - data[91] % 8);
+        if (number % 3 == 0)
+            device_flush(&h->device);
         buffer_take(&h->device.out, buffer_length(&h->device.out));
     }
     assert_true(h->frames > 0 && h->orders > 0);
@@ -454,6 +481,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_request_can_be_taken_back, set_up, tear_down),
         cmocka_unit_test_setup_teardown(one_shot_is_a_mode_of_the_frames, set_up, tear_down),
         cmocka_unit_test_setup_teardown(frames_share_a_request_to_read, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(what_comes_together_waits_for_the_end_of_a_frame_at_most,
+                                        set_up, tear_down),
         cmocka_unit_test_setup_teardown(states_come_with_their_counters, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_restart_ends_what_was_under_way, set_up, tear_down),
         cmocka_unit_test_setup_teardown(error_frames_without_what_the_driver_makes, set_up,
