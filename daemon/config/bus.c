@@ -134,10 +134,15 @@ static void read_dbitrate(schema *self, const schema_key *key, yaml_node_t *valu
     cfg *config = object;
 
     schema_read_uint(self, key, value, object);
-    if (config->dbitrate_bps >= config->bitrate_bps)
+    const uint64_t most = UINT64_C(64) * config->bitrate_bps; /* a limit of the library */
+    if (config->dbitrate_bps == 0 ||
+        (config->dbitrate_bps >= config->bitrate_bps && config->dbitrate_bps <= most))
         return;
-    if (config->dbitrate_bps > 0)
-        schema_complain(self, value,
-                        "%s: the data phase is not slower than the rest of the frame: %" PRIu32
-                        " to %u are allowed", key->name, config->bitrate_bps, DBITRATE_MAX);
+    schema_complain(self, value,
+                    config->dbitrate_bps > most
+                        ? "%s: a bit of the data phase lasts at least 1/64 of the others: %" PRIu32
+                          " to %" PRIu64 " are allowed"
+                        : "%s: the data phase is not slower than the rest of the frame: %" PRIu32
+                          " to %" PRIu64 " are allowed",
+                    key->name, config->bitrate_bps, most < DBITRATE_MAX ? most : DBITRATE_MAX);
 }

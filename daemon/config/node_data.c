@@ -153,7 +153,12 @@ static void check_rate(schema *self, yaml_node_t *item, const bit_timing *data)
     const uint64_t bus = wanted * timing_bit_clocks(data);
     const uint64_t error = bus > data->clock_hz ? bus - data->clock_hz : data->clock_hz - bus;
 
-    if (error * RATE_ERROR_INVERSE > bus)
+    if (timing_bit_clocks(data) * 64u * cfg_of(self)->bitrate_bps < data->clock_hz &&
+        wanted <= UINT64_C(64) * cfg_of(self)->bitrate_bps)
+        schema_complain(self, place_of(self, item, "dbrp"),
+                        "a bit of the data phase lasts at least 1/64 of a bit of the bus; the "
+                        "node's data bit rate is %" PRIu32 " bit/s", timing_bitrate_bps(data));
+    else if (error * RATE_ERROR_INVERSE > bus)
         schema_warn(self, place_of(self, item, "dbrp"),
                     "the node's data bit rate is %" PRIu32 " bit/s, the bus has %" PRIu32,
                     timing_bitrate_bps(data), wanted);

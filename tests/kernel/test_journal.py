@@ -169,7 +169,8 @@ def test_a_burst_that_fills_the_inbox_runs_again(launch, ecus, tmp_path):
         for ecu, number in zip(ecus, (0x100, 0x200, 0x300)):
             ecu.send(Frame.parse(f"{number:03X}#{n:04X}"))
     night.daemon.process.send_signal(signal.SIGCONT)
-    wait_until(lambda: night.shell.nodes()["dash"]["handed_in"] == 1500, "all frames")
+    wait_until(lambda: all(night.shell.nodes()[name]["handed_in"] == 1500
+                           for name in ("engine", "gearbox", "dash")), "all frames")
     before = wait_until(lambda: at_rest(night), "the bus to rest")
     sent = sum(node["tx_frames"] for node in before.values())
     wait_until(lambda: night.live.read_text().count('"event":"tx"') == sent, "the client")

@@ -74,7 +74,7 @@ def test_a_frame_of_another_ecu_wakes_a_node(body, can_socket, listen):
     wait_until(lambda: len(messages.events) == 3, "its events by LCM")
     sleep, wake, awake = (json.loads(e.json) for e in messages.events)
     assert (sleep["state"], wake["by"], awake["state"]) == ("sleeping", "pattern", "error-active")
-    assert 0.020 <= awake["t"] - wake["t"] < 0.0201
+    assert 0.020 <= round(awake["t"] - wake["t"], 9) < 0.0201
     assert errors.drain() == [FRAME]  # no error frames
 
 

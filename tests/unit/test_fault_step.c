@@ -223,12 +223,29 @@ static void random_effect(cw_rule *rule, rig_random *random)
         rule->count = 10;
     if (rule->action == CW_ACTION_SEND || rule->action == CW_ACTION_BABBLE)
         rule->for_ticks = 500 * BIT;
+    if (rule->action == CW_ACTION_COUNTER || rule->action == CW_ACTION_CHECKSUM)
+        rule->side = CW_SIDE_TX; /* they act where a frame is made */
 }
 
 static bool needs_frame(cw_action action)
 {
     return action <= CW_ACTION_GLITCH || action == CW_ACTION_WRONG_CRC ||
            (action >= CW_ACTION_DROP && action <= CW_ACTION_CHECKSUM) || action == CW_ACTION_REPLY;
+}
+
+/* Each node has a frame with a counter and a checksum. */
+#define PROTECTED_ID 0x123u
+
+static void protect_frames(rig *r)
+{
+    static cw_protection protections[STORM_NODES];
+    for (unsigned i = 0; i < STORM_NODES; i++)
+        protections[i] = (cw_protection){
+            .node = (uint8_t)i, .id = PROTECTED_ID,
+            .counter = {.bit = 12, .bits = 4, .max = 14},
+            .checksum = {.kind = CW_CHECKSUM_CRC8, .polynomial = 0x1D, .start = 0xFF}};
+    r->config.protections = protections;
+    r->config.protection_count = STORM_NODES;
 }
 
 /* Makes a rule of each action. */
@@ -252,6 +269,7 @@ static rig *storm(uint64_t seed, cw_rule *rules)
     r->config.rules = rules;
     r->config.rule_count = STORM_RULES;
     r->config.inbox = STORM_NODES * STORM_FRAMES;
+    protect_frames(r);
     return r;
 }
 
@@ -259,7 +277,9 @@ static void hand_in_slice(rig *r, uint64_t start, rig_random *random)
 {
     for (unsigned i = 0; i < STORM_NODES; i++) {
         for (unsigned n = rig_below(random, STORM_FRAMES); n > 0; n--) {
-            const cw_frame frame = rig_random_frame(random);
+            cw_frame frame = rig_random_frame(random);
+            if (rig_below(random, 3) == 0)
+                frame = (cw_frame){.id = PROTECTED_ID, .dlc = 8, .data = {0, 0, frame.data[2]}};
             rig_send(r, i, &frame, start + rig_below(random, STORM_SLICE * BIT));
         }
     }
