@@ -81,17 +81,30 @@ static void await_nothing(canwire_sim *sim)
 
 /* ---- Conditions ------------------------------------------------------------------------------ */
 
-static bool frame_waits(const canwire_sim *sim, int at)
+typedef bool is_so(const canwire_sim *sim, const embed_node *node);
+
+static bool has_frame(const canwire_sim *sim, const embed_node *node)
+{
+    return node->listens && node->count > 0 && node->frames[node->first].tick <= sim->reached;
+}
+
+/* Returns true when the program gets more than what a node receives. sim_group_next() does not know
+ * when that comes. */
+static bool hears_more(const canwire_sim *sim, const embed_node *node)
+{
+    (void)sim;
+    return node->listens & ~(unsigned)CANWIRE_SIM_LISTEN_RX;
+}
+
+/* Returns true when it is so at a node, or at any. */
+static bool is_at(const canwire_sim *sim, int at, is_so *so)
 {
     for (size_t i = 0; i < sim->count && at != CANWIRE_SIM_NO_NODE; i++) {
         const embed_bus *b = &sim->buses[i];
-        for (size_t n = 0; n < b->config->node_count; n++) {
-            const embed_node *node = &b->nodes[n];
-            const bool meant = at == CANWIRE_SIM_ANY_NODE || at == b->first_node + (int)n;
-            if (meant && node->listens && node->count > 0 &&
-                node->frames[node->first].tick <= sim->reached)
+        for (size_t n = 0; n < b->config->node_count; n++)
+            if ((at == CANWIRE_SIM_ANY_NODE || at == b->first_node + (int)n) &&
+                so(sim, &b->nodes[n]))
                 return true;
-        }
     }
     return false;
 }
@@ -175,7 +188,7 @@ static int watch(canwire_sim *sim, uint64_t until, bool awaits, int frame_at)
             reach(sim, sim_group_now(&sim->group)); /* the bit of the event may end later */
             return CANWIRE_SIM_AT_EVENT;
         }
-        if (frame_waits(sim, frame_at))
+        if (is_at(sim, frame_at, has_frame))
             return CANWIRE_SIM_AT_FRAME;
         if (sim->reached >= until)
             return CANWIRE_SIM_AT_TIME;
@@ -220,7 +233,7 @@ int canwire_sim_run(canwire_sim *sim, int64_t until, const char *event, int fram
     if ((tick == CW_NEVER && !ends(sim)) || !await(sim, event))
         return CANWIRE_SIM_INVALID;
     if (event || frame_at != CANWIRE_SIM_NO_NODE)
-        status = watch(sim, tick, event, frame_at);
+        status = watch(sim, tick, event || is_at(sim, frame_at, hears_more), frame_at);
     else if (tick == CW_NEVER)
         status = finish(sim);
     else

@@ -286,6 +286,20 @@ def test_a_run_ends_with_what_is_awaited():
             bus.run("2")
 
 
+def test_a_run_ends_with_the_bit_of_own_frames_and_errors():
+    with Bus.from_yaml(EMPTY) as bus:
+        bus["a"].listen(own=True)
+        bus.send("a", "123#")
+        assert bus.run("1s", frame_at="a") is Stop.FRAME
+        assert bus.now == bus.events("tx")[-1]["t"]
+    alone = "bus: { bitrate: 500000 }\nnodes: [ { name: a, berr-reporting: on } ]\n"
+    with Bus.from_yaml(alone) as bus:
+        bus["a"].listen(errors=True)
+        bus.send("a", "123#")
+        assert bus.run("1s", frame_at="a") is Stop.FRAME
+        assert bus["a"].recv().t == bus.now == bus.events("error")[0]["t"]
+
+
 def test_traffic_without_end_needs_a_time():
     text = EMPTY.replace("{ name: a }", "{ name: a, traffic: [ { send: 123#, every: 1ms } ] }")
     with Bus.from_yaml(text) as bus:
