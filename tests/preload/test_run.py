@@ -216,11 +216,12 @@ while True:
     assert running.stdout.readline() == "17\n"
     r.stop()
     assert next_but(running, "17\n", "0\n", "sending ENETDOWN\n") == "ENETDOWN\n"
-    assert next_but(running, "ENETDOWN\n") == "sending ENETDOWN\n"
+    assert next_but(running, "17\n", "ENETDOWN\n") == "sending ENETDOWN\n"
     r.start()
     r.wait_for_clients("engine", 1)
     r.client("dash").send(0x12)
-    assert next_but(running, "0\n", "ENETDOWN\n", "sending ENETDOWN\n") == "18\n"
+    assert next_but(running, "0\n", "17\n", "ENETDOWN\n",
+                    "sending ENETDOWN\n") == "18\n"
     r.stop()
 
 

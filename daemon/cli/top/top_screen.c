@@ -105,7 +105,9 @@ int top_screen_key(int wait_ms)
     case ERR: return isatty(STDIN_FILENO) ? TOP_KEY_NONE : TOP_KEY_END;
     case KEY_UP: return TOP_KEY_UP;
     case KEY_DOWN: return TOP_KEY_DOWN;
-    case KEY_RESIZE: return TOP_KEY_RESIZE;
+    case KEY_RESIZE:
+        (void)clearok(curscr, TRUE); /* the terminal may have moved what it shows */
+        return TOP_KEY_RESIZE;
     case '\n':
     case '\r':
     case KEY_ENTER: return TOP_KEY_ENTER;
