@@ -35,8 +35,9 @@ uint64_t due_tick(const cw_bus *bus, const release_plan *plan, const cfg *config
     const cw_frame *frame = release_first(plan, &node);
     if (!frame || config->dbitrate_bps > 0 || !will_queue(bus, node, frame))
         return release; /* with a data rate not all bits have one length */
-    /* it is the next frame on the bus if no other one is under way or comes with it */
-    bool first = next == CW_NEVER && cw_bus_pending(bus) == 0 &&
+    /* it is the next frame on the bus if no other one is under way or comes with it; a counter
+     * changes its stuff bits */
+    bool first = next == CW_NEVER && cw_bus_pending(bus) == 0 && release_is_as_written(plan) &&
                  release_is_alone(plan, release + cw_rate_ticks(config->rate, 2));
     unsigned bits = first ? cw_frame_wire_bits(frame) : FRAME_BITS_MIN;
     return least(next, reception(config, release, bits));

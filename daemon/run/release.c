@@ -482,6 +482,13 @@ bool release_is_alone(const release_plan *plan, uint64_t before)
     return plan->heap[0]->traffic->kind == CFG_TRAFFIC_SEND;
 }
 
+bool release_is_as_written(const release_plan *plan)
+{
+    assert(plan->count > 0);
+    const cfg_traffic *traffic = plan->heap[0]->traffic;
+    return traffic->kind == CFG_TRAFFIC_SEND && !cfg_is_protected(traffic);
+}
+
 /* Moves the first source to its next release, or removes it. */
 static void go_on(release_plan *plan)
 {

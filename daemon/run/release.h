@@ -53,6 +53,10 @@ const cw_frame *release_first(const release_plan *plan, unsigned *node);
  * release must exist. */
 bool release_is_alone(const release_plan *plan, uint64_t before);
 
+/* Returns true when the next release hands in its frame without a new counter or checksum. A
+ * release must exist. */
+bool release_is_as_written(const release_plan *plan);
+
 /* Hands the next release to its node. Returns the status of cw_node_send(); on CW_FULL nothing has
  * changed. A release must exist. */
 cw_status release_hand_in(release_plan *plan, cw_bus *bus);

@@ -111,6 +111,19 @@ def write_buses(folder, *buses, gateways=""):
     return folder / "rig.yaml"
 
 
+def test_a_frame_whose_checksum_changes_its_length(tmp_path):
+    """The zeros of the file would have many stuff bits more than what is sent."""
+    traffic = ("{ send: '123#0000000000000000', offset: 5ms, every: 7ms, count: 3, "
+               "counter: { at: 1.0, bits: 4, start: 5 }, "
+               "checksum: { kind: p1, at: 0, data-id: 0x1234, data-id-mode: both } }")
+    file = write_buses(tmp_path, ("a", 500000, traffic, ""), ("b", 500000, "", ""),
+                       gateways="  - { name: g, between: [ 'a:n1', 'b:n1' ], "
+                                "rules: [ { delay: 1us } ] }\n")
+    fast, slow = (outcome(file, "--until", "40ms", *step) for step in ([], ["--step"]))
+    assert fast == slow
+    assert fast[1]["buses"][1]["bus"]["frames"] == 3
+
+
 def test_more_frames_than_a_bus_can_hold_are_lost_one_by_one(tmp_path):
     """Six rules have room for 6144 frames in their delay, but the far bus only for 1024."""
     rules = ", ".join(f"{{ filter: '10{i}', delay: 200ms, queue: 1024, direction: forward }}"
