@@ -89,6 +89,14 @@ bool cw_rule_is_for(const cw_rule_state *s, const cw_protected *made_by)
                                                : made_by->what.checksum.kind != CW_CHECKSUM_NONE;
 }
 
+/* Returns true when a counter counts on in the place of another one. */
+static bool goes_on(const cw_protected *p, const cw_protected *was)
+{
+    const uint32_t max = p->what.counter.max;
+    return was->what.counter.bits > 0 && was->what.counter.bits == p->what.counter.bits &&
+           was->what.counter.bit == p->what.counter.bit && was->next <= max && was->value <= max;
+}
+
 void cw_rules_take_over_protections(cw_rule_set *set, const cw_rule_set *old, const uint8_t *from)
 {
     for (unsigned i = 0; i < set->protection_count; i++) {
@@ -96,7 +104,7 @@ void cw_rules_take_over_protections(cw_rule_set *set, const cw_rule_set *old, co
         const unsigned node = from[p->what.node];
         const cw_protected *was =
             node == CW_NO_NODE ? NULL : cw_rules_protection(old, node, p->what.id);
-        if (!was || was->next > p->what.counter.max || was->value > p->what.counter.max)
+        if (!was || !goes_on(p, was))
             continue;
         p->next = was->next;
         p->value = was->value;

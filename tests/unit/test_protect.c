@@ -249,7 +249,8 @@ static void frames_without_a_counter_are_no_matches(void **state)
 
 /* ---- Reload ---------------------------------------------------------------------------------- */
 
-static void check_take_over(uint8_t from, uint32_t max, unsigned expected)
+static void check_take_over_of(const cw_protection *before, uint8_t from, uint32_t max,
+                               unsigned expected)
 {
     rig *old = counting(), *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 2);
@@ -258,6 +259,7 @@ static void check_take_over(uint8_t from, uint32_t max, unsigned expected)
     memset(nodes, CW_NO_NODE, sizeof nodes);
     nodes[0] = from;
     again.counter.max = max;
+    old->config.protections = before;
     r->config.protections = &again;
     r->config.protection_count = 1;
     rig_start(old);
@@ -271,6 +273,24 @@ static void check_take_over(uint8_t from, uint32_t max, unsigned expected)
     check_sent(r, (char[]){(char)('0' + expected), '\0'});
     rig_free(old);
     rig_free(r);
+}
+
+static void check_take_over(uint8_t from, uint32_t max, unsigned expected)
+{
+    check_take_over_of(&counted, from, max, expected);
+}
+
+/* A checksum has no counter that could go on. */
+static void a_counter_that_joins_a_checksum_begins_at_its_start(void **state)
+{
+    (void)state;
+    cw_protection before = counted;
+    before.counter = (cw_counter){.bits = 0};
+    before.checksum = (cw_checksum){.kind = CW_CHECKSUM_XOR, .at = 1};
+    check_take_over_of(&before, 0, 4, 1);
+    before = counted;
+    before.counter.bit = 8;
+    check_take_over_of(&before, 0, 4, 1);
 }
 
 static void counters_go_on_on_another_bus(void **state)
@@ -292,6 +312,7 @@ int main(void)
         cmocka_unit_test(faults_change_the_counter),
         cmocka_unit_test(frames_without_a_counter_are_no_matches),
         cmocka_unit_test(counters_go_on_on_another_bus),
+        cmocka_unit_test(a_counter_that_joins_a_checksum_begins_at_its_start),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
