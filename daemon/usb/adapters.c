@@ -40,6 +40,7 @@ typedef struct adapter {
     unsigned rest; /* ticks until it is tried again */
     bool settled;  /* it has its name, or could not have it */
     bool named;    /* since it was plugged in */
+    bool unnamed;  /* there was no process to name it: it is tried again */
     int told;      /* the errno that the log has */
     bool wanted;
 } adapter;
@@ -100,8 +101,10 @@ static _Noreturn void run_server(const adapters *all, const adapter *a, int kern
 static void start_namer(adapter *a)
 {
     const pid_t parent = getpid();
-    a->namer = fork();
-    if (a->namer != 0)
+    const pid_t namer = fork();
+    a->namer = namer > 0 ? namer : 0;
+    a->unnamed = namer < 0;
+    if (namer != 0)
         return;
     begin_child(parent);
     _exit(name_interface(a->port, a->name, *a->netns ? a->netns : NULL) ? EXIT_SUCCESS
@@ -230,7 +233,8 @@ static void look_at_beat(adapter *a)
     char signs[64];
     const ssize_t count = read(a->beat, signs, sizeof signs);
     a->silent = count > 0 ? 0 : a->silent + 1;
-    if (count > 0 && memchr(signs, SERVE_CLAIMED, (size_t)count) && a->namer == 0)
+    const bool claimed = count > 0 && memchr(signs, SERVE_CLAIMED, (size_t)count);
+    if ((claimed || a->unnamed) && a->namer == 0)
         start_namer(a);
 }
 
