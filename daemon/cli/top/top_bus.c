@@ -57,6 +57,8 @@ bool top_bus_send(top_bus *b, json_t *request)
         return false;
     }
     json_t *reply = client_ask(&b->connection, request);
+    if (!reply)
+        disconnect(b); /* or the next answer would be the late one */
     json_decref(reply);
     return reply != NULL;
 }
