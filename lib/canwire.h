@@ -1320,7 +1320,8 @@ typedef struct cw_event {
     uint64_t from;  /* RX, TX: the sender; several when their frames were the same on the wire; 0: a
                        node that cw_bus_take_over() has left behind. IMPROPER: where the lower
                        identifier was pending */
-    uint64_t handed_in; /* RX, TX: tick at which the (first) sender's host handed it in */
+    uint64_t handed_in; /* RX, TX: tick at which the (first) sender's host handed it in; CW_NEVER:
+                           the sender has left the bus before the receivers had the frame */
     union {
         uint64_t ticks;      /* SKIP: the time skipped */
         uint64_t late;       /* TX of a trigger: ticks from the trigger to the begin of the frame */

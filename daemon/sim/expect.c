@@ -162,9 +162,12 @@ static void count(tally *t, unsigned place, uint64_t tick)
         t->first[place] = tick;
 }
 
+/* The sender of a frame may have left the bus before its end: then nobody knows the delay. */
 static void note_delay(tally *t, const cfg_expect *e, const cw_event *event)
 {
-    uint64_t delay = event->tick - event->handed_in;
+    if (event->handed_in == CW_NEVER)
+        return;
+    const uint64_t delay = event->tick - event->handed_in;
     t->total++;
     if (delay > t->worst) {
         t->worst = delay;

@@ -262,6 +262,29 @@ static void runs_are_judged(void **state)
     }
 }
 
+/* Its sender has left the bus before its end. */
+static void a_frame_of_unknown_age_has_no_delay(void **state)
+{
+    (void)state;
+    const cw_event events[] = {{.kind = CW_EVENT_RX,
+                                .tick = 10 * MS,
+                                .nodes = B,
+                                .handed_in = CW_NEVER,
+                                FRAME(0x123)},
+                               {.kind = CW_EVENT_RX,
+                                .tick = 20 * MS,
+                                .nodes = B,
+                                .from = A,
+                                .handed_in = 18 * MS,
+                                FRAME(0x123)}};
+    cfg *config = load("{ delay: 2ms, to: b }");
+    expect_report report = judge(config, events, COUNT(events));
+    assert_true(report.outcomes[0].met);
+    assert_string_equal(report.outcomes[0].got, "at most 2ms (at 20ms), of 1");
+    expect_report_free(&report);
+    cfg_free(config);
+}
+
 /* The rate of a frame is that of its data field: only BRS of a CAN FD frame switches it (D10). */
 static void frames_have_a_rate(void **state)
 {
@@ -431,6 +454,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(runs_are_judged),
+        cmocka_unit_test(a_frame_of_unknown_age_has_no_delay),
         cmocka_unit_test(frames_have_a_rate),
         cmocka_unit_test(outcomes_say_how_long_they_looked),
         cmocka_unit_test(the_text_has_a_line_for_each),
