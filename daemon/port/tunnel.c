@@ -293,16 +293,27 @@ static bool is_peer(const tunnel *t, const struct sockaddr_storage *from)
                   &((const struct sockaddr_in6 *)&peer)->sin6_addr, sizeof(struct in6_addr)) == 0;
 }
 
+/* Returns whether bytes of the peer wait in the kernel. */
+static bool bytes_wait(const tunnel *t)
+{
+    char byte;
+    return recv(t->link, &byte, sizeof byte, MSG_PEEK | MSG_DONTWAIT) > 0;
+}
+
+/* Returns whether the peer has gone before its greeting was read. It may wait with frames. */
+static bool has_gone_early(const tunnel *t)
+{
+    return t->state == GREETING && peer_has_gone(t);
+}
+
 /* Returns whether the connection that is there leaves its place to the next one. It does when its
  * peer has not greeted for some time, like a program that looks for open ports. It also does when
  * its peer has gone, and what that has sent has waited for some time. */
 static bool gives_way(const tunnel *t)
 {
     const int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
-    char byte;
     if (t->state == GREETING)
-        return now_ns - t->greeted_ns >= GREETING_NS &&
-               recv(t->link, &byte, sizeof byte, MSG_PEEK | MSG_DONTWAIT) <= 0;
+        return now_ns - t->greeted_ns >= GREETING_NS && !bytes_wait(t);
     return t->state == LEFT && now_ns - t->left_ns >= LEFT_NS;
 }
 
@@ -340,9 +351,11 @@ static void take_connection(tunnel *t, int fd, const struct sockaddr_storage *fr
     }
     if (t->state == UP && peer_has_gone(t))
         note_left(t);
+    if (has_gone_early(t) && !bytes_wait(t))
+        disconnect(t);
     if (t->link < 0 && t->next < 0)
         begin_connection(t, fd);
-    else if (t->link < 0 || t->state == LEFT || gives_way(t))
+    else if (t->link < 0 || t->state == LEFT || has_gone_early(t) || gives_way(t))
         hold(t, fd);
     else
         refuse(t, fd);
@@ -566,11 +579,20 @@ static void lose_in(tunnel *t)
 }
 
 /* Gives the connection that waits the place of the one before. That one has left, and all that it
- * has sent has been read, or it gives way. */
+ * has sent has been read, or it gives way. If it has greeted after all, it stays. */
 static void admit_next(tunnel *t)
 {
-    if (t->next < 0 || (t->link >= 0 && !gives_way(t)))
+    if (t->next < 0)
         return;
+    if (t->state == UP && peer_has_gone(t))
+        note_left(t);
+    if (t->link >= 0 && !gives_way(t)) {
+        if (t->state != LEFT && !has_gone_early(t)) {
+            refuse(t, t->next);
+            t->next = -1;
+        }
+        return;
+    }
     if (t->state == LEFT)
         lose_in(t);
     if (t->link >= 0)
@@ -614,7 +636,7 @@ static void see_to_time(tunnel *t, bool more)
         connect_to_peer(t);
     wake_at(t, due_ns(t));
     wake_at(t, t->retry_ns);
-    wake_at(t, t->next >= 0 ? t->left_ns + LEFT_NS : 0);
+    wake_at(t, t->next >= 0 && t->state == LEFT ? t->left_ns + LEFT_NS : 0);
     wake_at(t, more ? now_ns : 0);
 }
 

@@ -318,6 +318,25 @@ def test_a_peer_that_connects_again_at_once_comes_in(rig):
     r.stop()
 
 
+@pytest.mark.parametrize("ids", [[], [0x100, 0x101]])
+def test_a_peer_that_goes_at_once_keeps_nobody_out(rig, ids):
+    port = free_port()
+    r = rig(f"tcp,listen={port}")
+    lamp = r.lamp()
+    r.process.send_signal(signal.SIGSTOP)
+    before = socket.create_connection(("127.0.0.1", port))
+    if ids:
+        before.sendall(b"CANNELLONIv1" + b"".join(pack(i) for i in ids))
+    before.close()
+    after = socket.create_connection(("127.0.0.1", port))
+    after.sendall(b"CANNELLONIv1" + pack(0x102))
+    r.process.send_signal(signal.SIGCONT)  # and finds both, the first one with its end
+    assert [lamp.receive().can_id for _ in (*ids, 0)] == [*ids, 0x102]
+    assert r.node()["interface"]["refused"] == 0
+    after.close()
+    r.stop()
+
+
 def stuck(rig, more=""):
     """Returns a bus, its port and a peer that has gone, whose 1000 frames wait since nobody
     acknowledges."""
