@@ -490,3 +490,40 @@ def test_the_library_ends_no_program_and_has_no_global_state():
 
 def test_the_version_is_that_of_the_tool():
     assert _library.library().version().decode() in tool("--version").stdout
+
+
+def test_a_closed_bus_refuses_all_calls():
+    bus = Bus.from_yaml(EMPTY)
+    node = bus["a"]
+    bus.close()
+    bus.close()
+    for call in (bus.run, bus.events, bus.stats, bus.reset, bus.rules, bus.check, node.restart,
+                 node.recv, node.listen, node.detach, lambda: node.status, lambda: bus.now,
+                 lambda: node.room, lambda: bus.buses, lambda: bus.name, lambda: node.send("123#"),
+                 lambda: bus.inject("{}"), lambda: bus.send("a", "123#", at="1ms")):
+        with pytest.raises(Error, match="the bus is closed"):
+            call()
+
+
+def test_threads_may_use_one_bus_and_close_it():
+    bus = Bus.from_yaml(EMPTY)
+
+    def work():
+        try:
+            while True:
+                bus.send("a", "123#")
+                bus.run(duration="1ms")
+                bus.events()
+        except Error as problem:
+            ended.append(str(problem))
+
+    ended = []
+    threads = [threading.Thread(target=work) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    while bus.now < 0.01:
+        pass
+    bus.close()
+    for thread in threads:
+        thread.join(60)
+    assert ended == ["the bus is closed"] * 3

@@ -11,8 +11,11 @@ import ctypes
 import ctypes.util
 import os
 import pathlib
+from collections.abc import Callable
 from ctypes import (POINTER, Structure, c_char_p, c_int, c_int32, c_int64, c_size_t, c_uint8,
                     c_uint16, c_uint32, c_uint64, c_void_p)
+from threading import RLock  # the one of real time
+from typing import Any
 
 ABI = 1
 NEVER = 2**63 - 1
@@ -138,6 +141,35 @@ class Library:
     def told(self, messages: c_void_p) -> str:
         """Takes messages; without any they are empty."""
         return self.text(messages.value).rstrip("\n") if messages.value else ""
+
+
+class Guarded:
+    """The functions for one bus: one thread at a time, and none when it is closed."""
+
+    def __init__(self, library: Library, refuse: Callable[[], Exception]):
+        self._library, self._refuse = library, refuse
+        self._lock = RLock()  # ctypes lets other threads run meanwhile
+        self.text, self.told = library.text, library.told
+        self._freed = False
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        function = getattr(self._library, name)
+
+        def call(*arguments: Any) -> Any:
+            with self._lock:
+                if self._freed:
+                    raise self._refuse()
+                return function(*arguments)
+
+        setattr(self, name, call)
+        return call
+
+    def release(self, sim: int) -> None:
+        """Frees the bus when no thread is in a function of it."""
+        with self._lock:
+            if not self._freed:
+                self._freed = True
+                self._library.free(sim)
 
 
 _loaded: Library | None = None

@@ -49,6 +49,10 @@ class ExpectationError(Error, AssertionError):
         self.failed = failed
 
 
+def _closed_error() -> Error:
+    return Error("the bus is closed")
+
+
 class Stop(Enum):
     """Why a run has ended."""
 
@@ -192,6 +196,9 @@ class Bus:
 
     _observer: Callable[..., None] | None = None  # sees inputs, to record them
     _clock: Any = None  # the VirtualTime whose threads use the bus
+    _handle: int | None = None  # of the library
+    _closed = False
+    _kept = False  # it is freed by its owner, who reads it once more
 
     def __init__(self, file: str | os.PathLike[str], *, seed: int | None = None,
                  listen: bool = True, events: str = "all"):
@@ -202,7 +209,8 @@ class Bus:
 
     def _open(self, sim: int | None, told: str, seed: int | None, listen: bool,
               events: str) -> None:
-        self._sim = sim
+        self._handle = sim
+        self._library: Any = _library.Guarded(self._library, _closed_error)
         self._events: list[dict[str, Any]] = []
         self._inboxes: dict[int, deque[Frame]] = defaultdict(deque)
         if not sim:
@@ -250,13 +258,20 @@ class Bus:
 
     def close(self) -> None:
         """Frees the bus. It cannot be used afterwards."""
-        if self._sim:
-            self._library.free(self._sim)
-            self._sim = None
+        self._closed = True
+        if not self._kept and self._handle:
+            self._library.release(self._handle)
+            self._handle = None
+
+    @property
+    def _sim(self) -> int:
+        if self._closed or not self._handle:
+            raise _closed_error()
+        return self._handle
 
     def __del__(self) -> None:
-        if getattr(self, "_sim", None):
-            self.close()
+        self._kept = False
+        self.close()
 
     def __enter__(self) -> Bus:
         return self
