@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: MIT
 """The interface `canwire` of python-can, by its own tests and at a running bus."""
 
+import configparser
 import json
 import subprocess
 import threading
+import tomllib
 
 import can
 import pytest
 
+from canwire.pythoncan import Wire
 from simtool import CANWIRED, ROOT, canwire as tool, kill_all, listens
 from test_record import wait_until
 from upstream import Suite
 
 PATIENCE_S = 60
-# It tells Python of the entry point, as an installation does.
+# It tells Python of the entry points, as an installation does.
 INSTALLED = ROOT / "tests/python/installed/canwire-0.dist-info/entry_points.txt"
 
 # These look into the queues of `virtual`, or want its name or time stamps that programs choose.
@@ -71,10 +74,12 @@ def content(got):
 # ---- Its own tests -------------------------------------------------------------------------------
 
 
-def test_the_entry_point_is_that_of_the_package():
-    text = (ROOT / "lib/python/pyproject.toml").read_text()
-    wanted = text.split('"can.interface"]\n')[1].split("\n")[0].replace('"', "")
-    assert INSTALLED.read_text().splitlines()[1] == wanted
+def test_the_entry_points_are_those_of_the_package():
+    project = tomllib.loads((ROOT / "lib/python/pyproject.toml").read_text())["project"]
+    installed = configparser.ConfigParser()
+    installed.read(INSTALLED)
+    assert {name: dict(installed[name]) for name in installed.sections()} == \
+        project["entry-points"]
 
 
 def test_python_can_tests_two_buses(tmp_path):
@@ -267,3 +272,23 @@ def test_a_running_bus_needs_a_node_with_a_socket(running, opened):
         opened(channel="unix:/nowhere/x.sock")
     port = running.replace("running.sock", "dash.sock")
     assert opened(channel=f"unix:{port}").recv(0) is None
+
+
+@pytest.mark.parametrize("virtual", [False, True])
+def test_a_bus_that_is_closed_refuses(virtual):
+    bus = can.Bus(interface="canwire", channel="closing", virtual_time=virtual, private=True)
+    bus.shutdown()
+    for call in (lambda: bus.recv(0), lambda: bus.send(message()), lambda: bus.simulation,
+                 lambda: bus.state, lambda: bus.send_periodic(message(), 0.1)):
+        with pytest.raises(can.CanOperationError):
+            call()
+
+
+def test_a_bus_stays_while_a_program_comes_to_it(opened):
+    first = can.Bus(interface="canwire", channel="coming", private=True)
+    wire = Wire.open("coming", pytest.fail, False)  # the other program has no node yet
+    first.shutdown()
+    number = wire.take_node(None)
+    wire.coming -= 1
+    assert opened("coming", private=True).simulation is wire.bus
+    wire.give_back(number)

@@ -7,9 +7,11 @@ import queue
 import threading
 import time
 
+import can
 import pytest
 
 from canwire import Bus, Deadlock, VirtualTime
+from canwire.nodebus import NodeBus
 
 BUS = "bus: { name: x, bitrate: 500000 }\nnodes: [ { name: engine }, { name: dash } ]"
 LOADED = ("bus: { name: x, bitrate: 500000 }\nnodes: [ { name: engine, traffic: "
@@ -189,3 +191,12 @@ def test_all_is_as_before_behind_it():
     late.join()
     clock.bus.run("6s")
     assert clock.bus.now == 6
+
+
+def test_a_node_whose_time_is_over_refuses():
+    with VirtualTime(Bus.from_yaml(BUS)):
+        bus = NodeBus("engine")
+    for call in (lambda: bus.recv(0), lambda: bus.send(can.Message()), lambda: bus.state):
+        with pytest.raises(can.CanOperationError, match="over"):
+            call()
+    bus.shutdown()

@@ -81,11 +81,18 @@ class NodeBus(can.BusABC):
         self.channel = channel
         super().__init__(channel, can_filters=can_filters, **kwargs)
 
+    def _check_open(self) -> None:
+        if self._is_shutdown:
+            raise can.CanOperationError("the bus is closed")
+        if self.clock.is_over:
+            raise can.CanOperationError("the virtual time of the bus is over")
+
     def _next(self) -> tuple[Frame, bool] | None:
         self._host.pump()
         return self.inbox.popleft() if self.inbox else None
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        self._check_open()
         found = self.clock.wait(self._next, timeout, self._host.node.number)
         if not found:
             return None, False
@@ -94,8 +101,7 @@ class NodeBus(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Hands a frame to the node. When its queue is full, this waits; without a time-out it
         fails at once."""
-        if self._is_shutdown:
-            raise can.CanOperationError("the bus is closed")
+        self._check_open()
         node = self._host.node
         if not node.room and not self.clock.wait(lambda: node.room, timeout or 0, node.number):
             raise can.CanOperationError(f"the queue of {node.name} is full")
@@ -105,6 +111,7 @@ class NodeBus(can.BusABC):
 
     @property
     def state(self) -> can.BusState:
+        self._check_open()
         return STATES.get(self._host.node.state, can.BusState.ERROR)
 
     def shutdown(self) -> None:

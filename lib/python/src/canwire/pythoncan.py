@@ -81,6 +81,7 @@ class Wire:
         self.changed = threading.Condition(threading.RLock())
         self.start_ns, self.epoch = time.monotonic_ns(), time.time()
         self.used: set[int] = set()
+        self.coming = 0  # programs that have the bus, but no node yet
         self.leaving: set[int] = set()
         self.tasks: list[VirtualTask] = []
 
@@ -94,7 +95,15 @@ class Wire:
             if wire.virtual != virtual:
                 time_of = "virtual" if wire.virtual else "real"
                 raise _refuse(f"channel {key!r} is in use in {time_of} time")
+            wire.coming += 1
             return wire
+
+    def end_unused(self) -> None:
+        """Ends the bus when no program has it."""
+        with self.lock:
+            if not self.used and not self.coming and self.all.get(self.key) is self:
+                del self.all[self.key]
+                self.bus.close()
 
     def names(self) -> list[str]:
         """Returns the names of nodes for programs."""
@@ -146,9 +155,7 @@ class Wire:
             if node.name.startswith("guest-"):
                 self.leaving.add(number)
             self.changed.notify_all()
-            if not self.used and self.all.get(self.key) is self:
-                del self.all[self.key]
-                self.bus.close()
+            self.end_unused()
 
     # ---- time -------------------------------------------------------------------------------
 
@@ -212,6 +219,8 @@ class Wire:
                 self.wait(rest)
 
     def receive_virtually(self, number: int, timeout: float | None) -> Frame | None:
+        if number not in self.used:
+            raise can.CanOperationError("canwire: the bus is closed")
         frame = self.bus._take(number)
         if frame or timeout == 0:
             return frame
@@ -222,6 +231,8 @@ class Wire:
             due = self.bus._library.next(self.bus._sim)
             if due == _library.NEVER and not self.tasks:
                 self.changed.wait()  # for another thread
+                if number not in self.used:
+                    raise can.CanOperationError("canwire: the bus is closed")
             else:
                 self.run_to(self.bus.now_ns + 1_000_000, number)
         return frame
@@ -303,12 +314,10 @@ class Inside:
         self.wire = Wire.open(key, make, virtual)
         try:
             self.number = self.wire.take_node(name)
-        except can.CanInitializationError:
+        finally:
             with Wire.lock:
-                if not self.wire.used and Wire.all.get(key) is self.wire:
-                    del Wire.all[key]
-                    self.wire.bus.close()
-            raise
+                self.wire.coming -= 1
+                self.wire.end_unused()
         self.node = self.wire.bus.nodes[self.number]
         while self.wire.bus._take(self.number):
             pass  # of an earlier user
@@ -601,6 +610,7 @@ class CanwireBus(can.BusABC):
     @property
     def simulation(self) -> Bus:
         """The canwire.Bus in this process, to inject faults and read its statistics."""
+        self._check_open()
         if not isinstance(self._end, Inside):
             raise can.CanOperationError("canwire: this bus runs outside of this process")
         return self._end.wire.bus
@@ -610,6 +620,7 @@ class CanwireBus(can.BusABC):
             raise can.CanOperationError("canwire: the bus is closed")
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
+        self._check_open()
         if not self._virtual:
             return super().recv(timeout)
         end = None if timeout is None else self._now() + timeout
@@ -632,6 +643,7 @@ class CanwireBus(can.BusABC):
 
     def _send_periodic_internal(self, msgs: Any, period: float, duration: float | None = None,
                                 autostart: bool = True, modifier_callback: Any = None) -> Any:
+        self._check_open()
         if not self._virtual:
             return super()._send_periodic_internal(msgs, period, duration, autostart,
                                                    modifier_callback)

@@ -109,6 +109,11 @@ class VirtualTime:
         return self.now_ns / NS
 
     @property
+    def is_over(self):
+        """True when it has been left."""
+        return self._over
+
+    @property
     def now_ns(self):
         """... in nanoseconds."""
         return max(self.bus.now_ns, self._reached)
