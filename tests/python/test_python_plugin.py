@@ -59,6 +59,11 @@ def test_has_two(canwire_sim):
     one.run("1ms")
     assert one["engine"].state == other.nodes[0].state
 
+def test_closes_its_bus(canwire_sim):
+    with canwire_sim(BUS) as bus:
+        bus.send("engine", "321#")
+        assert bus.run("1ms") is None
+
 @settings(database=None, deadline=None, derandomize=True)
 @given(scenario=scenarios(nodes=["engine", "dash"]))
 def test_no_node_goes_off(scenario):
@@ -69,11 +74,12 @@ def test_no_node_goes_off(scenario):
 
 def run_pytest(folder, *words):
     """Runs a pytest with the plugin; its output."""
-    path = os.pathsep.join([str(ROOT / "lib/python/src"), *filter(None, sys.path)])
+    path = os.pathsep.join([str(ROOT / "lib/python/src"), str(ROOT / "tests/python/installed"),
+                            *filter(None, sys.path)])
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "canwire.pytest_plugin", "-p",
-         "no:cacheprovider", *words], cwd=folder, capture_output=True, text=True,
-        timeout=TIMEOUT_S, check=False, env={**os.environ, "PYTHONPATH": path, "CANWIRE": CANWIRE})
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *words], cwd=folder,
+        capture_output=True, text=True, timeout=TIMEOUT_S, check=False,
+        env={**os.environ, "PYTHONPATH": path, "CANWIRE": CANWIRE})
     return done.stdout + done.stderr
 
 
@@ -90,14 +96,21 @@ def fixture_done(tmp_path_factory):
 
 def test_a_test_that_fails_shows_what_was_on_the_bus(done):
     folder, output = done
-    assert "3 failed, 2 passed" in output, output
+    assert "4 failed, 2 passed" in output, output
     section = output.split("canwire: powertrain")[1]
     assert '"event":"fault","rule":"bad","hit":1}' in section
     assert "does not" not in section.split("canwire: ")[0]
     files = sorted(path.name for path in (folder / "out/test_ecu.py_test_fails").iterdir())
     assert files == ["bus.yaml", "events.jsonl", "scenario.yaml", "wire.svg", "wire.vcd"]
     assert sorted(path.name for path in (folder / "out").iterdir()) == [
-        "test_ecu.py_test_fails", "test_ecu.py_test_has_two", "test_ecu.py_test_has_two-2"]
+        "test_ecu.py_test_closes_its_bus", "test_ecu.py_test_fails",
+        "test_ecu.py_test_has_two", "test_ecu.py_test_has_two-2"]
+
+
+def test_a_bus_that_is_closed_is_reported(done):
+    folder = done[0] / "out/test_ecu.py_test_closes_its_bus"
+    assert '"frame":"321#"' in (folder / "events.jsonl").read_text()
+    assert (folder / "scenario.yaml").exists() and (folder / "wire.svg").exists()
 
 
 def test_its_scenario_repeats_the_test(done):

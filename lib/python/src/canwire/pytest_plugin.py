@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+# pylint: disable=protected-access
 """The plugin of pytest: buses for tests, and what was on the wire when a test fails.
 
 `canwire_sim(source)` makes a bus in virtual time, any number of them. `canwire_bus` is one, with
@@ -67,10 +68,12 @@ def canwire_sim(request: pytest.FixtureRequest) -> Any:
         source = _find(request, source)
         make_bus = Bus.from_dict if isinstance(source, dict) else Bus.from_yaml
         recordings.append(Recording(make_bus(source, **options), source))
+        recordings[-1].bus._kept = True  # a report reads it after a test has closed it
         return recordings[-1].bus
 
     yield make
     for recording in recordings:
+        recording.bus._kept = False
         recording.bus.close()
     recordings.clear()
 
@@ -111,10 +114,12 @@ def pytest_runtest_makereport(item: pytest.Item) -> Any:
     for number, recording in enumerate(recordings):
         name = re.sub(r"[^\w.-]+", "_", item.nodeid).strip("_")
         folder = top / (name if not number else f"{name}-{number + 1}")
-        story = Story(recording, folder)
-        report.sections.append((f"canwire: {recording.bus.name}", story.text))
+        closed, recording.bus._closed = recording.bus._closed, False
+        story, bus = Story(recording, folder), recording.bus.name
+        recording.bus._closed = closed
+        report.sections.append((f"canwire: {bus}", story.text))
         for file in story.files:
-            entry = (f"canwire.{recording.bus.name}.{file.name}", str(file))
+            entry = (f"canwire.{bus}.{file.name}", str(file))
             item.user_properties.append(entry)
             report.user_properties.append(entry)
 
