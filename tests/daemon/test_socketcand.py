@@ -500,8 +500,8 @@ def test_when_all_places_are_taken_one_that_has_gone_leaves_it(rig):
     r = rig(engine=", clients: 63, queue: 4", dash=LISTENS, lamp=LISTENS)
     lamp = r.lamp()
     count, each, more = 63, 7, 5
-    for i in range(count):
-        t = r.talk(mode=None)  # the port reads no more commands soon
+    # all before the first frame: when the queue is full the port reads no more commands
+    for i, t in enumerate([r.talk(mode=None) for _ in range(count)]):
         t.send(*(f"send {i * each + k:X} 0" for k in range(each)))
         t.close()
     r.wait(lambda node: node["pushing_back"], "a full queue, as nobody acknowledges")
