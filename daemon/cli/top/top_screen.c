@@ -8,6 +8,7 @@
 #include <ncurses.h>
 #include <stdlib.h>
 #include <term.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #define ESCAPE 27
@@ -96,8 +97,23 @@ void top_screen_show(const top_line *text, unsigned count)
     (void)refresh();
 }
 
+/* Follows the size of the terminal, also when ncurses has missed the signal or goes by COLUMNS of
+ * the environment. Returns true when it has changed. */
+static bool follow_size(void)
+{
+    struct winsize size;
+    if (ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) != 0 || size.ws_row == 0 || size.ws_col == 0 ||
+        (getmaxy(stdscr) == size.ws_row && getmaxx(stdscr) == size.ws_col))
+        return false;
+    (void)resizeterm(size.ws_row, size.ws_col);
+    (void)clearok(curscr, TRUE);
+    return true;
+}
+
 int top_screen_key(int wait_ms)
 {
+    if (follow_size())
+        return TOP_KEY_RESIZE;
     timeout(wait_ms);
     errno = 0;
     const int key = getch();
