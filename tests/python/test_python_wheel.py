@@ -30,7 +30,8 @@ print(sorted(line.split("/")[-1].strip() for line in open("/proc/self/maps")
 @pytest.fixture(name="made", scope="module")
 def fixture_made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
-    subprocess.run(["make", "-s", "build/release/wheel/libcanwire-sim.so"], cwd=ROOT, check=True)
+    subprocess.run(["flock", "build", "make", "-s", "build/release/wheel/libcanwire-sim.so"],
+                   cwd=ROOT, check=True)  # another process may have the same wish
     done = subprocess.run([ROOT / "scripts/wheel", VERSION,
                            ROOT / "build/release/wheel/libcanwire-sim.so", folder], check=True,
                           capture_output=True, text=True)
