@@ -461,25 +461,12 @@ static void read_root(schema *self, yaml_node_t *root)
 static bool read_text(expects_owner *owner, cfg_walk *walk, diag *errors, const char *text,
                       size_t size)
 {
-    yaml_document_t document;
-    schema self = {
-        .errors = errors,
-        .arena = &owner->arena,
-        .document = &document,
-        .user = walk,
-    };
-
-    if (!yaml_text_load(&document, text, size, &yaml_text_limits, errors))
+    if (!cfg_read_text(&owner->arena, walk, errors, text, size, read_root,
+                       "there is no expectation"))
         return false;
-    yaml_node_t *root = yaml_document_get_root_node(&document);
-    if (root)
-        read_root(&self, root);
-    else
-        diag_add(errors, 1, 1, "there is no expectation");
-    yaml_document_delete(&document);
     owner->expects.expects = walk->config->expects;
     owner->expects.count = walk->config->expect_count;
-    return errors->errors == 0;
+    return true;
 }
 
 cfg_expects *cfg_load_expects(const char *text, size_t size, const char *name, const cfg *config,

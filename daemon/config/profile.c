@@ -534,23 +534,8 @@ static void read_root(schema *self, yaml_node_t *root)
 static bool read_text(rules_owner *owner, cfg_walk *walk, diag *errors, const char *text,
                       size_t size)
 {
-    yaml_document_t document;
-    schema self = {
-        .errors = errors,
-        .arena = &owner->arena,
-        .document = &document,
-        .user = walk,
-    };
-
-    if (!yaml_text_load(&document, text, size, &yaml_text_limits, errors))
-        return false;
-    yaml_node_t *root = yaml_document_get_root_node(&document);
-    if (root)
-        read_root(&self, root);
-    else
-        diag_add(errors, 1, 1, "there is no rule");
-    yaml_document_delete(&document);
-    return errors->errors == 0 && put_in_order(owner, walk, errors);
+    return cfg_read_text(&owner->arena, walk, errors, text, size, read_root, "there is no rule") &&
+           put_in_order(owner, walk, errors);
 }
 
 /* Moves a rule behind the placed ones; from then on `after` counts by places. */

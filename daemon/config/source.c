@@ -94,3 +94,27 @@ bool cfg_keep_warnings(const char **warnings, arena *memory, diag *found)
         diag_add(found, 0, 0, "out of memory");
     return *warnings != NULL;
 }
+
+/* ---- Texts ----------------------------------------------------------------------------------- */
+
+bool cfg_read_text(arena *memory, cfg_walk *walk, diag *errors, const char *text, size_t size,
+                   cfg_root_reader *read, const char *nothing)
+{
+    yaml_document_t document;
+    schema self = {
+        .errors = errors,
+        .arena = memory,
+        .document = &document,
+        .user = walk,
+    };
+
+    if (!yaml_text_load(&document, text, size, &yaml_text_limits, errors))
+        return false;
+    yaml_node_t *root = yaml_document_get_root_node(&document);
+    if (root)
+        read(&self, root);
+    else
+        diag_add(errors, 1, 1, "%s", nothing);
+    yaml_document_delete(&document);
+    return errors->errors == 0;
+}

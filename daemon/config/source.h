@@ -18,4 +18,12 @@ bool cfg_load_file(schema *self, yaml_document_t *document, const char *file);
 /* Moves the warnings of a file without errors into its memory; returns false after a complaint. */
 bool cfg_keep_warnings(const char **warnings, arena *memory, diag *found);
 
+/* Reads the root of a text. */
+typedef void cfg_root_reader(schema *self, yaml_node_t *root);
+
+/* Reads a text that is one document, into memory of an arena. Without a root there is `nothing`, an
+ * error. Returns false after errors. */
+bool cfg_read_text(arena *memory, cfg_walk *walk, diag *errors, const char *text, size_t size,
+                   cfg_root_reader *read, const char *nothing);
+
 #endif

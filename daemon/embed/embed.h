@@ -112,6 +112,21 @@ bool embed_judge_add(embed_bus *bus, cfg_expects *own);
 /* Ends all of this. */
 void embed_judge_end(embed_bus *bus);
 
+/* ---- Messages -------------------------------------------------------------------------------- */
+
+/* Collects the messages of a call, for its caller. */
+typedef struct embed_told {
+    FILE *out;
+    char *text;
+    size_t size;
+} embed_told;
+
+/* Returns false without memory; embed_tell_end() is called in any case. */
+bool embed_tell_begin(embed_told *t);
+
+/* Hands the messages over: NULL when there are none. `messages` may be NULL. */
+void embed_tell_end(embed_told *t, char **messages);
+
 /* ---- Texts ----------------------------------------------------------------------------------- */
 
 /* Begins a text of this thread. */

@@ -21,32 +21,6 @@ void canwire_sim_free_text(char *text)
     free(text);
 }
 
-/* ---- Messages -------------------------------------------------------------------------------- */
-
-/* Collects the messages of a call, for its caller. */
-typedef struct told {
-    FILE *out;
-    char *text;
-    size_t size;
-} told;
-
-static bool tell_begin(told *t)
-{
-    *t = (told){.out = open_memstream(&t->text, &t->size)};
-    return t->out;
-}
-
-/* Hands the messages over. */
-static void tell_end(told *t, char **messages)
-{
-    if (t->out)
-        (void)fclose(t->out);
-    if (messages)
-        *messages = t->size > 0 ? t->text : NULL;
-    if (!messages || t->size == 0)
-        free(t->text);
-}
-
 /* ---- Buses ----------------------------------------------------------------------------------- */
 
 static void drain(void *user)
@@ -169,9 +143,9 @@ static canwire_sim *load(const cfg_file *file, FILE *out)
 
 static canwire_sim *load_telling(const cfg_file *file, char **messages)
 {
-    told t;
-    canwire_sim *sim = tell_begin(&t) ? load(file, t.out) : NULL;
-    tell_end(&t, messages);
+    embed_told t;
+    canwire_sim *sim = embed_tell_begin(&t) ? load(file, t.out) : NULL;
+    embed_tell_end(&t, messages);
     return sim;
 }
 

@@ -6,79 +6,69 @@
 
 #include "run/settings.h"
 
-#include <stdlib.h>
 #include <string.h>
 
-/* Collects messages for a caller. Returns false without memory. */
-static bool tell_begin(canwire_sim *sim, FILE **out, char **text, size_t *size)
+/* Does something with a text at a bus, and tells of it. Returns false when the text is wrong. */
+typedef bool use_text(embed_bus *b, const char *text, size_t size, const char *name, FILE *told);
+
+/* Uses a text. An error is told, and noted. */
+static int take_text(canwire_sim *sim, int bus, use_text *use, const char *text, size_t size,
+                     const char *name, char **messages)
 {
-    *text = NULL;
-    *size = 0;
-    *out = open_memstream(text, size);
-    if (!*out)
-        (void)embed_fail(sim, CANWIRE_SIM_NO_MEMORY, "out of memory");
-    return *out;
+    embed_told t;
+    embed_bus *b = embed_find_bus(sim, bus);
+    int status = CANWIRE_SIM_OK;
+    if (messages)
+        *messages = NULL;
+    if (!b)
+        return CANWIRE_SIM_INVALID;
+    if (!embed_tell_begin(&t)) {
+        embed_tell_end(&t, messages);
+        return embed_fail(sim, CANWIRE_SIM_NO_MEMORY, "out of memory");
+    }
+    const bool good = use(b, text, size, name, t.out);
+    (void)fflush(t.out);
+    if (!good)
+        status = t.size > 0 ? embed_fail(sim, CANWIRE_SIM_INVALID, "%.*s", (int)(t.size - 1),
+                                         t.text)
+                            : CANWIRE_SIM_INVALID;
+    embed_tell_end(&t, messages);
+    return status;
 }
 
-/* Hands the messages over. An error is noted, too. */
-static int tell_end(canwire_sim *sim, FILE *out, char *const *text, const size_t *size, bool good,
-                    char **messages)
+static bool inject(embed_bus *b, const char *text, size_t size, const char *name, FILE *told)
 {
-    (void)fclose(out);
-    const bool any = *text && *size > 0;
-    if (!good && any)
-        (void)embed_fail(sim, CANWIRE_SIM_INVALID, "%.*s", (int)(*size - 1), *text);
-    if (messages)
-        *messages = any ? *text : NULL;
-    if (!messages || !any)
-        free(*text);
-    return good ? CANWIRE_SIM_OK : CANWIRE_SIM_INVALID;
+    cfg_rules *rules = inputs_inject(&b->in, text, size, name, told);
+    const bool good = rules;
+    if (rules)
+        fputs(rules->warnings, told);
+    cfg_free_rules(rules);
+    return good;
 }
 
 int canwire_sim_inject(canwire_sim *sim, int bus, const char *text, size_t size, const char *name,
                        char **messages)
 {
-    FILE *out;
-    char *told;
-    size_t told_size;
-    embed_bus *b = embed_find_bus(sim, bus);
-    if (messages)
-        *messages = NULL;
-    if (!b)
-        return CANWIRE_SIM_INVALID;
-    if (!tell_begin(sim, &out, &told, &told_size))
-        return CANWIRE_SIM_NO_MEMORY;
-    cfg_rules *rules = inputs_inject(&b->in, text, size, name, out);
-    const bool good = rules;
-    if (rules)
-        fputs(rules->warnings, out);
-    cfg_free_rules(rules);
-    return tell_end(sim, out, &told, &told_size, good, messages);
+    return take_text(sim, bus, inject, text, size, name, messages);
+}
+
+static bool judge(embed_bus *b, const char *text, size_t size, const char *name, FILE *told)
+{
+    cfg_expects *own = cfg_load_expects(text, size, name, b->config, told);
+    if (!own)
+        return false;
+    fputs(own->warnings, told);
+    if (embed_judge_add(b, own))
+        return true;
+    fputs("out of memory\n", told);
+    cfg_free_expects(own);
+    return false;
 }
 
 int canwire_sim_expect(canwire_sim *sim, int bus, const char *text, size_t size, const char *name,
                        char **messages)
 {
-    FILE *out;
-    char *told;
-    size_t told_size;
-    embed_bus *b = embed_find_bus(sim, bus);
-    if (messages)
-        *messages = NULL;
-    if (!b)
-        return CANWIRE_SIM_INVALID;
-    if (!tell_begin(sim, &out, &told, &told_size))
-        return CANWIRE_SIM_NO_MEMORY;
-    cfg_expects *own = cfg_load_expects(text, size, name, b->config, out);
-    bool good = own;
-    if (own)
-        fputs(own->warnings, out);
-    if (own && !embed_judge_add(b, own)) {
-        fputs("out of memory\n", out);
-        cfg_free_expects(own);
-        good = false;
-    }
-    return tell_end(sim, out, &told, &told_size, good, messages);
+    return take_text(sim, bus, judge, text, size, name, messages);
 }
 
 static int find_rule(canwire_sim *sim, const embed_bus *b, unsigned *index, const char *rule)
