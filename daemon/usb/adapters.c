@@ -227,13 +227,15 @@ static void look_at_namer(adapters *all, adapter *a)
 }
 
 /* Takes the signs. A driver that is bound again makes a new interface, with a name of its own, as
- * is after a suspend of the device. At the first time its name is being given already. */
+ * is after a suspend of the device. A process that is naming may have seen the one before. */
 static void look_at_beat(adapter *a)
 {
     char signs[64];
     const ssize_t count = read(a->beat, signs, sizeof signs);
     a->silent = count > 0 ? 0 : a->silent + 1;
     const bool claimed = count > 0 && memchr(signs, SERVE_CLAIMED, (size_t)count);
+    if (claimed)
+        stop_process(&a->namer);
     if ((claimed || a->unnamed) && a->namer == 0)
         start_namer(a);
 }

@@ -57,11 +57,17 @@ static bool write_sign(int beat, char sign)
     return write(beat, &sign, 1) == 1;
 }
 
-/* Gives a sign of life when it is time. A full pipe means that nobody looks. */
-static void give_signs(int beat, int64_t *next_ms, wire *w, usb_device *d)
+/* Tells that a driver has taken the adapter, before the driver gets its answer. So the sign comes
+ * before the interface that the driver makes. A full pipe means that nobody looks. */
+static void tell_claim(int beat, usb_device *d)
 {
     if (d->claimed && write_sign(beat, SERVE_CLAIMED))
         d->claimed = false;
+}
+
+/* Gives a sign of life when it is time. */
+static void give_signs(int beat, int64_t *next_ms, wire *w)
+{
     const int64_t now = now_ms();
     if (now < *next_ms)
         return;
@@ -70,7 +76,7 @@ static void give_signs(int beat, int64_t *next_ms, wire *w, usb_device *d)
     wire_connect(w);
 }
 
-static bool go_on(int kernel, usb_device *d, wire *w, bool *good)
+static bool go_on(int kernel, int beat, usb_device *d, wire *w, bool *good)
 {
     struct pollfd watched[WATCHED] = {
         [KERNEL] = {.fd = kernel, .events = POLLIN},
@@ -84,6 +90,7 @@ static bool go_on(int kernel, usb_device *d, wire *w, bool *good)
         return false;
     if (watched[NODE].revents && watched[NODE].fd == w->fd)
         wire_read(w);
+    tell_claim(beat, d);
     return write_kernel(kernel, d);
 }
 
@@ -97,8 +104,8 @@ bool serve(int kernel, int beat, const usb_identity *who, const char *path)
     wire w = {.path = path, .name = who->serial, .device = d, .fd = -1};
     device_init(d, who, &wire_calls, &w);
     do
-        give_signs(beat, &next_ms, &w, d);
-    while (go_on(kernel, d, &w, &good));
+        give_signs(beat, &next_ms, &w);
+    while (go_on(kernel, beat, d, &w, &good));
     if (!good)
         log_node_error(who->serial, "the kernel sends what no USB device understands");
     wire_close(&w);
