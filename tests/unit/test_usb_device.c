@@ -5,10 +5,13 @@
 #include "rig.h"
 
 #include "usb/device.h"
+#include "usb/serve.h"
 
 #include <arpa/inet.h>
 #include <errno.h>
 #include <linux/can/error.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #define HEAD_BYTES 48u
 #define COMMANDS 1u
@@ -215,6 +218,25 @@ static void a_driver_that_goes_has_not_come(void **state)
     control(h, 2, lamp, 16);
     expect(h, 3, 2, 0, 16);
     assert_false(h->device.claimed);
+}
+
+/* The driver makes its interface when it has its answer. All goes through one socket here. */
+static void the_sign_of_a_driver_comes_before_its_answer(void **state)
+{
+    static const usb_identity who = {.serial = "engine.can0"};
+    static const unsigned char claim[HEAD_BYTES + 16] = {
+        [3] = 1, [7] = 1, [27] = 16, [40] = 0x43, [41] = 2, [42] = 5, [46] = 16, [49] = 1};
+    unsigned char got[256];
+    int ends[2];
+    (void)state;
+    assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM, 0, ends), 0);
+    assert_int_equal(write(ends[0], claim, sizeof claim), sizeof claim);
+    assert_int_equal(shutdown(ends[0], SHUT_WR), 0);
+    assert_true(serve(ends[1], ends[1], &who, "/nowhere"));
+    assert_int_equal(close(ends[1]), 0);
+    assert_int_equal(recv(ends[0], got, sizeof got, MSG_DONTWAIT), 2 + HEAD_BYTES);
+    assert_memory_equal(got, ((const char[]){SERVE_ALIVE, SERVE_CLAIMED, 0, 0, 0, 3}), 6);
+    assert_int_equal(close(ends[0]), 0);
 }
 
 static void the_node_gets_the_timing_when_it_goes_on(void **state)
@@ -471,6 +493,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(a_driver_that_goes_has_not_come, set_up, tear_down),
+        cmocka_unit_test(the_sign_of_a_driver_comes_before_its_answer),
         cmocka_unit_test_setup_teardown(it_says_who_it_is, set_up, tear_down),
         cmocka_unit_test_setup_teardown(the_node_gets_the_timing_when_it_goes_on, set_up,
                                         tear_down),
