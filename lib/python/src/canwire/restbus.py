@@ -4,14 +4,21 @@
 
 import argparse
 import difflib
+import fractions
 import itertools
+import json
+import math
+import os
 import pathlib
 import re
 import sys
+import xml.etree.ElementTree
 
 BITRATE, DBITRATE = 500000, 2000000
 NAME_MAX = 32  # characters of a node
-VARIANTS_MAX = 256  # of one multiplexed message
+TRAFFIC_MAX = 4096  # entries of one node
+FLOAT_MAX = {16: 65504, 32: (2 ** 24 - 1) << 104, 64: (2 ** 53 - 1) << 971}
+NEAR = 1e-14  # of a number: tools write 15 digits of numbers of 64 bits
 FD_LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)
 KEYS = ("dbc", "message", "signals")  # of an entry to be resolved
 OTHERS = ("every", "offset", "jitter", "count", "counter", "checksum")
@@ -19,6 +26,10 @@ OTHERS = ("every", "offset", "jitter", "count", "counter", "checksum")
 
 class Problem(Exception):
     """A message for the user."""
+
+
+class PlacedProblem(Problem):
+    """A message that begins with its place in a file."""
 
 
 def packages():
@@ -47,9 +58,11 @@ def load(path):
     except OSError as problem:
         raise Problem(f"{path}: {problem.strerror}") from None
     except Exception as problem:  # each format has errors of its own
-        raise Problem(f"{path}: {problem}") from None
+        text = " ".join(str(problem).split()) or type(problem).__name__
+        raise Problem(f"{path}: {text}") from None
     if not hasattr(database, "messages"):
         raise Problem(f"{path}: this is no database of messages")
+    add_protection_places(database, path)
     return database
 
 
@@ -61,6 +74,11 @@ def attribute(message, name, default=None):
 def sender_of(message):
     """Returns the node that sends the message, or None."""
     return next((s for s in message.senders if s and s != "Vector__XXX"), None)
+
+
+def plain(text):
+    """Returns a text as a comment has it: on one line."""
+    return " ".join(str(text).split())
 
 
 def identifier(message):
@@ -79,52 +97,259 @@ def frame_text(message, data):
 # ---- Content of messages -------------------------------------------------------------------------
 
 
-def variants(tree):
-    """Returns the variants of a tree of signals of cantools, as pairs: the values of its
-    multiplexers, and the names of the other signals."""
-    parts = []
+def names_in(tree):
+    """Returns the names of all signals of a tree of cantools, with the multiplexers."""
+    found = set()
     for item in tree:
         if isinstance(item, str):
-            parts.append([({}, [item])])
+            found.add(item)
+        else:
+            found.update(item)
+            found.update(*(names_in(below) for c in item.values() for below in c.values()))
+    return found
+
+
+def count_variants(tree):
+    """Returns how many variants a tree of signals has."""
+    return math.prod(sum(count_variants(below) for below in choices.values())
+                     for item in tree if not isinstance(item, str) for choices in item.values())
+
+
+def variants(tree):
+    """Yields the variants of a tree of signals, as pairs: the values of its multiplexers, and the
+    names of the other signals."""
+    plain_names = [item for item in tree if isinstance(item, str)]
+    parts = [(selector, choices) for item in tree if not isinstance(item, str)
+             for selector, choices in item.items()]
+
+    def combine(rest, selectors, names):
+        if not rest:
+            yield selectors, names
+            return
+        (selector, choices), *others = rest
+        for value, below in choices.items():
+            for more, found in variants(below):
+                yield from combine(others, {**selectors, selector: value, **more}, names + found)
+
+    yield from combine(parts, {}, plain_names)
+
+
+def choose(selector, choices, raw, start):
+    """Returns the page of one multiplexer, or None: the one with all signals of `raw`, and of
+    several the one with which the message begins."""
+    wanted = raw.keys() & names_in([{selector: choices}])
+    for value in sorted(choices, key=lambda value: value != start.get(selector)):
+        if raw.get(selector, value) != value:
+            continue
+        found = find_variant(choices[value], raw, start)
+        if found is not None and wanted <= {selector, *found[0], *found[1]}:
+            return {selector: value, **found[0]}, found[1]
+    return None
+
+
+def find_variant(tree, raw, start):
+    """Returns the variant of a tree that has all signals of `raw`, or None."""
+    selectors, names = {}, []
+    for item in tree:
+        if isinstance(item, str):
+            names.append(item)
             continue
         for selector, choices in item.items():
-            parts.append([({selector: value, **more}, names)
-                          for value, below in choices.items() for more, names in variants(below)])
-    return [({key: value for chosen, _ in combination for key, value in chosen.items()},
-             [name for _, names in combination for name in names])
-            for combination in itertools.islice(itertools.product(*parts), VARIANTS_MAX)]
+            found = choose(selector, choices, raw, start)
+            if found is None:
+                return None
+            selectors.update(found[0])
+            names += found[1]
+    return selectors, names
 
 
-def initial(signal):
+def limits_of(signal):
+    """Returns the least and the greatest raw value of a signal that is no float."""
+    if signal.is_signed:
+        return -(1 << (signal.length - 1)), (1 << (signal.length - 1)) - 1
+    return 0, (1 << signal.length) - 1
+
+
+def fitting(signal, value):
+    """Returns a raw value as the signal can have it, or None."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    if signal.is_float:
+        return float(value)
+    if not math.isfinite(value) or value != int(value):
+        return None
+    low, high = limits_of(signal)
+    raw = int(value)
+    if isinstance(value, float) and high < raw <= high * (1 + NEAR):
+        return high
+    return raw if low <= raw <= high else None
+
+
+def initial(message, signal):
     """Returns the raw value with which a signal begins."""
-    return signal.raw_initial if signal.raw_initial is not None else 0
+    if signal.raw_initial is not None:
+        raw = fitting(signal, signal.raw_initial)
+        if raw is None:
+            warn(f"{message.name} ({identifier(message)}): {signal.name} cannot begin with "
+                 f"{signal.raw_initial}, and begins with 0")
+        return raw or 0
+    known = signal.dbc.attribute_definitions.get("GenSigStartValue") if signal.dbc else None
+    return fitting(signal, known.default_value) or 0 if known else 0
 
 
-def encode(message, selectors, names, values):
-    """Returns the data of a message, of raw values; those that are not given are the first ones."""
-    raw = {name: initial(message.get_signal_by_name(name)) for name in names}
+def beginning(message):
+    """Returns the raw values with which all signals of a message begin."""
+    return {signal.name: initial(message, signal) for signal in message.signals}
+
+
+def encode(message, variant, values):
+    """Returns the data of a variant of a message, of raw values."""
+    selectors, names = variant
+    raw = {name: values[name] for name in names}
     raw.update(selectors)
-    raw.update(values)
-    return bytes(message.encode(raw, scaling=False, padding=False, strict=False))
+    try:
+        return bytes(message.encode(raw, scaling=False, padding=False, strict=False))
+    except Exception as problem:  # of cantools and bitstruct
+        raise Problem(f"{message.name} ({identifier(message)}) cannot be encoded: "
+                      f"{plain(problem) or type(problem).__name__}") from None
 
 
 def contents(message):
-    """Returns the data of each variant of a message."""
-    return [encode(message, selectors, names, {})
-            for selectors, names in variants(message.signal_tree)]
+    """Returns the data of each variant of a message; the one with which it begins is the first."""
+    start = beginning(message)
+    first = find_variant(message.signal_tree, {}, start)
+    total = count_variants(message.signal_tree)
+    rest = itertools.islice((v for v in variants(message.signal_tree) if v[0] != first[0]),
+                            TRAFFIC_MAX - 1)
+    if total > TRAFFIC_MAX:
+        warn(f"{message.name} ({identifier(message)}) has {total} pages; {TRAFFIC_MAX} are sent")
+    return [encode(message, variant, start) for variant in (first, *rest)]
+
+
+# ---- End-to-end protection -----------------------------------------------------------------------
+
+PLACES = {"DATA-OFFSET": 0, "OFFSET": 0, "CRC-OFFSET": 0, "COUNTER-OFFSET": None,
+          "DATA-ID-NIBBLE-OFFSET": None, "DATA-ID-MODE": None, "DATA-LENGTH": None}
+MODES = {"ALL-16-BIT": "both", "ALTERNATING-8-BIT": "alt", "LOWER-8-BIT": "low",
+         "LOWER-12-BIT": "nibble", "0": "both", "1": "alt", "2": "low", "3": "nibble"}
+
+
+def local(element):
+    """Returns the name of an element of XML without its namespace."""
+    return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
+
+
+def places_in(element):
+    """Returns what an element of ARXML says of the places of a profile."""
+    return {local(child): (child.text or "").strip() for child in element.iter()
+            if local(child) in PLACES and (child.text or "").strip()}
+
+
+def by_path(root):
+    """Returns the elements of an ARXML file by their paths."""
+    found = {}
+
+    def walk(element, path):
+        name = next((e.text for e in element if local(e) == "SHORT-NAME"), None)
+        if name:
+            path = f"{path}/{name.strip()}"
+            found[path] = element
+        for child in element:
+            walk(child, path)
+
+    walk(root, "")
+    return found
+
+
+def references(element, name):
+    """Returns the paths in an element of ARXML of the references of that name."""
+    return [(e.text or "").strip() for e in element.iter() if local(e) == name]
+
+
+def protections_of(root):
+    """Yields the path of each protected PDU of an ARXML file, and the places of its profile.
+    cantools does not tell them. Either a set of protections has them, or a transformer."""
+    elements = by_path(root)
+    for protection in root.iter():
+        if local(protection) == "END-TO-END-PROTECTION":
+            profile = next((e for e in protection if local(e) == "END-TO-END-PROFILE"), None)
+            places = {} if profile is None else places_in(profile)
+            for pdu in protection.iter():
+                if local(pdu) == "END-TO-END-PROTECTION-I-SIGNAL-I-PDU":
+                    for path in references(pdu, "I-SIGNAL-I-PDU-REF"):
+                        yield path, {**places, **places_in(pdu)}
+    for path, pdu in elements.items():
+        for group in references(pdu, "I-SIGNAL-GROUP-REF") if local(pdu).endswith("PDU") else []:
+            properties = [e for e in elements.get(group, ())
+                          if local(e) == "TRANSFORMATION-I-SIGNAL-PROPSS"]
+            for transformer in [t for e in properties for t in references(e, "TRANSFORMER-REF")]:
+                if transformer in elements:
+                    yield path, {**places_in(elements[transformer]), **places_in(properties[0])}
+
+
+def add_protection_places(database, path):
+    """Notes where the protections of messages lie, as `canwire_places` of their properties."""
+    protected = {path: message.autosar.e2e for message in database.messages
+                 if message.autosar and message.autosar.e2e for path in message.autosar.pdu_paths}
+    if not protected:
+        return
+    for pdu, places in protections_of(xml.etree.ElementTree.parse(path).getroot()):
+        if pdu in protected:
+            protected[pdu].canwire_places = places
+
+
+def bit_text(bits):
+    """Returns the place of a half of a byte: AUTOSAR counts from the least significant bit."""
+    return f'"{bits // 8}.{0 if bits % 8 >= 4 else 4}"'
+
+
+def profile_keys(message, profile, ids):
+    """Returns the keys of a profile; raises ValueError with what canwire does not have."""
+    e2e = message.autosar.e2e
+    said = {**PLACES, **getattr(e2e, "canwire_places", {})}
+    start, header, crc = (int(said[key], 0) if said[key] else 0
+                          for key in ("DATA-OFFSET", "OFFSET", "CRC-OFFSET"))
+    length = int(said["DATA-LENGTH"] or "0", 0) // 8
+    if start or {length, e2e.payload_length} - {0, message.length}:
+        raise ValueError("only a part of its data is protected")
+    place = header + (crc if profile in (1, 11) else 0)
+    if place % 8:
+        raise ValueError(f"its checksum is at bit {place}")
+    keys = [f"kind: e2e-p{profile}", f"at: {place // 8}",
+            f"data-id: {ids if profile in (2, 22) else ids[0]}"]
+    if profile not in (1, 11):
+        return [f"checksum: {{ {', '.join(keys)} }}"]
+    mode = MODES.get(re.sub("[_ ]", "-", said["DATA-ID-MODE"] or "0").upper())
+    if mode is None:
+        raise ValueError(f"its mode is {said['DATA-ID-MODE']}")
+    if mode != "both":
+        keys.append(f"data-id-mode: {mode}")
+    if mode == "nibble" and said["DATA-ID-NIBBLE-OFFSET"]:
+        keys.append(f"data-id-nibble: {bit_text(int(said['DATA-ID-NIBBLE-OFFSET'], 0))}")
+    result = [f"checksum: {{ {', '.join(keys)} }}"]
+    if said["COUNTER-OFFSET"]:
+        result.insert(0, f"counter: {{ at: {bit_text(int(said['COUNTER-OFFSET'], 0) + header)} }}")
+    return result
 
 
 def protection(message):
-    """Returns the key `checksum` for a message with a profile of AUTOSAR that canwire has."""
+    """Returns the keys `counter` and `checksum` for a message with a profile that canwire has."""
     e2e = message.autosar.e2e if message.autosar else None
-    found = re.search(r"(\d+)", str(e2e.category)) if e2e and e2e.category else None
+    if e2e is None or not e2e.category or str(e2e.category).upper() == "NONE":
+        return ""
+    found = re.search(r"(\d+)", str(e2e.category))
     profile = int(found[1]) if found else None
-    ids = list(e2e.data_ids or []) if e2e else []
-    if profile in (2, 22) and len(ids) == 16:
-        return f", checksum: {{ kind: e2e-p{profile}, at: 0, data-id: {ids} }}"
-    if profile in (1, 5, 11) and len(ids) == 1:
-        return f", checksum: {{ kind: e2e-p{profile}, at: 0, data-id: {ids[0]} }}"
-    return ""
+    ids = list(e2e.data_ids or [])
+    try:
+        if profile not in (1, 2, 5, 11, 22):
+            raise ValueError("canwire has the profiles 1, 2, 5, 11 and 22")
+        if len(ids) != (16 if profile in (2, 22) else 1):
+            raise ValueError(f"it has {len(ids)} Data IDs")
+        return "".join(f", {key}" for key in profile_keys(message, profile, ids))
+    except ValueError as problem:
+        warn(f"{message.name} ({identifier(message)}) is sent without its protection "
+             f"{plain(e2e.category)}: {plain(problem)}")
+        return ""
 
 
 # ---- The rest of a bus ---------------------------------------------------------------------------
@@ -133,30 +358,40 @@ def protection(message):
 def entries(message):
     """Yields the lines of `traffic` for a message, and comments for what is not sent."""
     cycle = message.cycle_time
+    name = plain(message.name)
     if message.length > (64 if message.is_fd else 8) or getattr(message, "is_container", False):
-        warn(f"{message.name} ({identifier(message)}) is no single frame and is left out")
-        yield f"# {message.name}: no single frame"
+        warn(f"{name} ({identifier(message)}) is no single frame and is left out")
+        yield f"# {name}: no single frame"
         return
     frames = [frame_text(message, data) for data in contents(message)]
-    if not cycle:
-        yield f"# {{ send: {frames[0]} }} # {message.name}: no cycle time"
+    if not cycle or cycle < 0:
+        yield f"# {{ send: {frames[0]} }} # {name}: no cycle time"
         return
+    protected = protection(message)
     for i, frame in enumerate(frames):
         every = f"every: {cycle * len(frames):.12g}ms"
         offset = f", offset: {cycle * i:.12g}ms" if i else ""
-        yield f"- {{ send: {frame}, {every}{offset}{protection(message)} }} # {message.name}"
+        yield f"- {{ send: {frame}, {every}{offset}{protected} }} # {name}"
 
 
 def node_names(senders):
     """Returns names of nodes: what canwire does not allow is replaced, and long ones are cut."""
     names = {}
     for sender in senders:
-        plain = re.sub(r"[^A-Za-z0-9_.-]", "_", sender)[:NAME_MAX] or "node"
-        name, number = plain, 2
+        allowed = re.sub(r"[^A-Za-z0-9_.-]", "_", sender)[:NAME_MAX] or "node"
+        name, number = allowed, 2
         while name in names.values():
-            name, number = f"{plain[:NAME_MAX - 3]}-{number}", number + 1
+            end = f"-{number}"
+            name, number = f"{allowed[:NAME_MAX - len(end)]}{end}", number + 1
         names[sender] = name
     return names
+
+
+def scalar(name):
+    """Returns a name as YAML has it: in quotes where it would be read as something else."""
+    harmless = re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", name) and \
+        name.lower() not in ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
+    return name if harmless else f'"{name}"'
 
 
 def find_senders(database, path, without, only):
@@ -182,7 +417,7 @@ def rates(database, options, fd):
     """Returns the line of the configuration about the bus."""
     bus = next(iter(database.buses), None)
     bitrate = options.bitrate or (bus and bus.baudrate) or BITRATE
-    text = f"bus: {{ name: {options.name}, bitrate: {bitrate}"
+    text = f"bus: {{ name: {scalar(options.name)}, bitrate: {bitrate}"
     if fd:
         text += f", dbitrate: {options.dbitrate or (bus and bus.fd_baudrate) or DBITRATE}"
     return text + " }"
@@ -199,20 +434,100 @@ def restbus(options):
         options.name = re.sub(r"[^A-Za-z0-9_.-]", "_", pathlib.Path(path).stem)[:NAME_MAX] or "bus"
     names = node_names(found)
     fd = any(message.is_fd for messages in found.values() for message in messages)
-    lines = [f"# {pathlib.Path(path).name}, by canwire-restbus", rates(database, options, fd),
-             "nodes:"]
+    lines = [f"# {plain(pathlib.Path(path).name)}, by canwire-restbus",
+             rates(database, options, fd), "nodes:"]
     lines += [f"  # - {{ name: {name}, port: vcan0 }} # the ECU itself"
-              for name in options.without]
+              for name in node_names(options.without).values()]
     for sender, messages in found.items():
-        lines += [f"  - name: {names[sender]}"]
+        lines += [f"  - name: {scalar(names[sender])}"]
         sent = [line for message in messages for line in entries(message)]
+        if sum(line.startswith("-") for line in sent) > TRAFFIC_MAX:
+            raise Problem(f"{path}: {sender} sends more than the {TRAFFIC_MAX} entries that the "
+                          f"traffic of a node can have")
         if any(line.startswith("-") for line in sent):
             lines += ["    traffic:"]
         lines += [f"      {line}" for line in sent]
     return "\n".join(lines) + "\n"
 
 
+# ---- Documents -----------------------------------------------------------------------------------
+
+
+class Alias:
+    """An alias in a document, such as *rpm, and the node that it stands for."""
+
+    def __init__(self, event, target):
+        self.start_mark, self.end_mark, self.target = event.start_mark, event.end_mark, target
+
+
+def target_of(node):
+    return node.target if isinstance(node, Alias) else node
+
+
+def placed(file, mark, text):
+    return PlacedProblem(f"{file}:{mark.line + 1}:{mark.column + 1}: {text}")
+
+
+def compose(text, file):
+    """Returns the root of a document, in which aliases are nodes of their own; and the aliases."""
+    _, yaml = packages()
+    aliases = []
+
+    class Loader(yaml.BaseLoader):
+        def compose_node(self, parent, index):
+            if not self.check_event(yaml.AliasEvent):
+                self.open_nodes = [*getattr(self, "open_nodes", []), self.peek_event().anchor]
+                node = super().compose_node(parent, index)
+                self.open_nodes = self.open_nodes[:-1]
+                return node
+            event = self.peek_event()
+            if event.anchor in self.open_nodes:
+                name = event.anchor
+                raise placed(file, event.start_mark, f"*{name} is inside of &{name}")
+            aliases.append(Alias(event, target_of(super().compose_node(parent, index))))
+            return aliases[-1]
+
+    try:
+        return yaml.compose(text, Loader=Loader), aliases
+    except yaml.MarkedYAMLError as problem:
+        raise placed(file, problem.problem_mark, problem.problem) from None
+    except yaml.reader.ReaderError as problem:
+        line = text.count("\n", 0, problem.position) + 1
+        column = problem.position - text.rfind("\n", 0, problem.position)
+        raise PlacedProblem(f"{file}:{line}:{column}: this character is not allowed") from None
+    except RecursionError:
+        raise Problem(f"{file}: values are too deep in others") from None
+
+
+def flow(node):
+    """Returns a node on one line, without anchors and aliases."""
+    node = target_of(node)
+    if node.id == "mapping":
+        return "{ " + ", ".join(f"{flow(k)}: {flow(v)}" for k, v in node.value) + " }"
+    if node.id == "sequence":
+        return "[" + ", ".join(map(flow, node.value)) + "]"
+    harmless = not node.style and re.fullmatch(r"[\w.+/~#-]+( [\w.+/~-]+)*", node.value)
+    return node.value if harmless else json.dumps(node.value, ensure_ascii=False)
+
+
+def end_of(node):
+    """Returns the index of the end of a node's text, without what follows a block."""
+    if isinstance(node, Alias) or node.id == "scalar" or node.flow_style or not node.value:
+        return node.end_mark.index
+    last = node.value[-1]
+    return end_of(last[1] if isinstance(last, tuple) else last)
+
+
 # ---- Entries of a configuration ------------------------------------------------------------------
+
+
+def exact(text):
+    """Returns the number of a text, as a whole number or a fraction; or None."""
+    if re.fullmatch(r"[-+]?0x[0-9a-fA-F]{1,32}", text):
+        return int(text, 16)
+    if re.fullmatch(r"[-+]?(\d{1,400}\.?\d{0,400}|\.\d{1,400})([eE][-+]?\d{1,3})?", text):
+        return fractions.Fraction(text)
+    return None
 
 
 class Entry:
@@ -222,22 +537,25 @@ class Entry:
         self.file, self.node = file, node
         self.values = {}
         for key, value in node.value:
-            self.values[key.value] = value
-            if key.value not in KEYS + OTHERS:
-                self.fail(key, f"traffic: unknown key '{key.value}'; allowed: "
-                               f"{', '.join(KEYS + OTHERS)}")
+            name = target_of(key).value
+            if not isinstance(name, str) or name not in KEYS + OTHERS:
+                self.fail(key, f"traffic: unknown key '{name if isinstance(name, str) else '?'}'; "
+                               f"allowed: {', '.join(KEYS + OTHERS)}")
+            if name in self.values:
+                self.fail(key, f"traffic: the key '{name}' is there twice")
+            self.values[name] = value
 
     def fail(self, node, text):
-        mark = node.start_mark
-        raise Problem(f"{self.file}:{mark.line + 1}:{mark.column + 1}: {text}")
+        raise placed(self.file, node.start_mark, text)
 
     def text(self, key):
         value = self.values.get(key)
         if value is None:
             self.fail(self.node, f"traffic: the key '{key}' is missing")
-        if not isinstance(value.value, str) or not value.value:
+        text = target_of(value).value
+        if not isinstance(text, str) or not text:
             self.fail(value, f"{key}: expected a text")
-        return value.value
+        return text
 
     def message(self, databases):
         path = self.file.parent / self.text("dbc")
@@ -257,120 +575,159 @@ class Entry:
 
     def raw(self, message):
         """Returns the raw values of the signals that the entry gives."""
-        node = self.values.get("signals")
-        if node is None:
+        at = self.values.get("signals")
+        if at is None:
             return {}
-        if not isinstance(node.value, list) or node.id != "mapping":
-            self.fail(node, "signals: expected a map such as { rpm: 2000 }")
+        node = target_of(at)
+        if node.id != "mapping":
+            self.fail(at, "signals: expected a map such as { rpm: 2000 }")
         known = {signal.name: signal for signal in message.signals}
         result = {}
         for key, value in node.value:
-            if key.value not in known:
-                near = difflib.get_close_matches(key.value, known, 1)
+            name = target_of(key).value
+            if not isinstance(name, str) or name not in known:
+                name = name if isinstance(name, str) else "?"
+                near = difflib.get_close_matches(name, known, 1)
                 guess = f" (did you mean '{near[0]}'?)" if near else ""
-                self.fail(key, f"signals: {message.name} has no '{key.value}'{guess}; it has "
+                self.fail(key, f"signals: {message.name} has no '{name}'{guess}; it has "
                                f"{', '.join(known)}")
-            result[key.value] = self.raw_of(known[key.value], value)
+            if name in result:
+                self.fail(key, f"signals: '{name}' is there twice")
+            result[name] = self.raw_of(known[name], value)
         return result
 
     def raw_of(self, signal, node):
         """Returns the raw value of a number, or of one of a signal's words."""
         words = {str(word): number for number, word in (signal.choices or {}).items()}
-        if node.value in words:
-            return words[node.value]
-        try:
-            value = float(node.value)
-        except (TypeError, ValueError):
+        text = target_of(node).value
+        if not isinstance(text, str):
+            text = ""
+        if text in words:
+            return words[text]
+        value = exact(text)
+        if value is None:
             expected = f"a number or one of {', '.join(words)}" if words else "a number"
             self.fail(node, f"{signal.name}: expected {expected}")
-        raw = signal.conversion.numeric_scaled_to_raw(value)
-        raw = raw if signal.is_float else round(raw)
-        low = -(1 << (signal.length - 1)) if signal.is_signed else 0
-        high = (1 << (signal.length - (1 if signal.is_signed else 0))) - 1
-        limits = [limit for limit in (signal.minimum, signal.maximum) if limit is not None]
-        outside = len(limits) == 2 and limits[0] < limits[1] and \
-            not limits[0] <= value <= limits[1]
-        if outside or (not signal.is_float and not low <= raw <= high):
-            unit = f" {signal.unit}" if signal.unit else ""
-            least = signal.minimum if outside else signal.conversion.raw_to_scaled(low, False)
-            most = signal.maximum if outside else signal.conversion.raw_to_scaled(high, False)
-            self.fail(node, f"{signal.name}: {node.value} is not {least}..{most}{unit}")
-        return raw
+        factor, offset = (fractions.Fraction(str(number))
+                          for number in (signal.conversion.scale, signal.conversion.offset))
+        if not factor:
+            self.fail(node, f"{signal.name}: its factor is 0 in the database")
+        self.check_limits(signal, node, text, value, (value - offset) / factor)
+        raw = (value - offset) / factor
+        return float(raw) if signal.is_float else round(raw)
+
+    def check_limits(self, signal, node, text, value, raw):
+        limits = [fractions.Fraction(str(limit)) for limit in (signal.minimum, signal.maximum)
+                  if limit is not None and math.isfinite(limit)]
+        low, high = limits_of(signal)
+        unit = f" {signal.unit}" if signal.unit else ""
+        if len(limits) == 2 and limits[0] < limits[1] and not limits[0] <= value <= limits[1]:
+            self.fail(node, f"{signal.name}: {text} is not "
+                            f"{signal.minimum}..{signal.maximum}{unit}")
+        if signal.is_float and abs(raw) > FLOAT_MAX.get(signal.length, FLOAT_MAX[64]):
+            self.fail(node, f"{signal.name}: {text} is too great for {signal.length} bits")
+        if not signal.is_float and not low <= round(raw) <= high:
+            least, most = (signal.conversion.raw_to_scaled(end, False) for end in (low, high))
+            self.fail(node, f"{signal.name}: {text} is not {least}..{most}{unit}")
 
     def frame(self, message):
         """Returns the frame: of the variant with all signals that are given."""
         raw = self.raw(message)
-        all_variants = variants(message.signal_tree)
-        for selectors, names in all_variants:
-            if all(name in names or raw[name] == selectors.get(name) for name in raw):
-                return frame_text(message, encode(message, selectors, names, raw))
-        return self.fail(self.values["signals"],
-                         f"signals: {message.name} is multiplexed, and has no frame with all of "
-                         f"these")
+        start = beginning(message)
+        variant = find_variant(message.signal_tree, raw, start)
+        if variant is None:
+            self.fail(self.values["signals"], f"signals: {message.name} is multiplexed, and has no "
+                                              f"frame with all of these")
+        try:
+            return frame_text(message, encode(message, variant, {**start, **raw}))
+        except Problem as problem:
+            return self.fail(self.values["message"], f"message: {problem}")
 
-    def end(self, node):
-        """Returns the index of the end of a node's text, without what follows a block."""
-        if node.id == "scalar" or node.flow_style:
-            return node.end_mark.index
-        last = node.value[-1] if node.value else None
-        if last is None:
-            return node.end_mark.index
-        return self.end(last[1] if isinstance(last, tuple) else last)
+    def check_single(self, message):
+        if message.length > (64 if message.is_fd else 8) or \
+                getattr(message, "is_container", False):
+            self.fail(self.values["message"],
+                      f"message: {message.name} ({identifier(message)}) is no single frame")
 
-    def resolved(self, text, databases):
-        """Returns begin and end of the entry in the text, and what replaces it."""
+    def resolved(self, databases):
+        """Returns what replaces the entry."""
         message = self.message(databases)
+        self.check_single(message)
         parts = [f"send: {self.frame(message)}"]
         if "every" not in self.values and message.cycle_time:
             parts.append(f"every: {message.cycle_time:.12g}ms")
-        for key, value in self.node.value:
-            if key.value in OTHERS:
-                kept = text[value.start_mark.index:self.end(value)]
-                parts.append(f"{key.value}: {flow(value) if chr(10) in kept else kept}")
-        end = self.end(self.node)
-        return self.node.start_mark.index, end, "{ " + ", ".join(parts) + " }"
+        parts += [f"{key}: {flow(self.values[key])}" for key in self.values if key in OTHERS]
+        return "{ " + ", ".join(parts) + " }"
 
 
-def flow(node):
-    """Returns a node on one line."""
-    if node.id == "mapping":
-        return "{ " + ", ".join(f"{flow(k)}: {flow(v)}" for k, v in node.value) + " }"
-    if node.id == "sequence":
-        return "[" + ", ".join(map(flow, node.value)) + "]"
-    return f'"{node.value}"' if node.style else node.value
+def find_entries(file, root):
+    """Returns the entries of all lists `traffic` that name a database, in the order of the text.
+    An entry that aliases repeat is found once."""
+    found, seen = {}, set()
+
+    def walk(node, in_traffic):
+        node = target_of(node)
+        if (id(node), in_traffic) in seen:
+            return
+        seen.add((id(node), in_traffic))
+        names_database = node.id == "mapping" and \
+            any(target_of(key).value == "dbc" for key, _ in node.value)
+        if in_traffic and names_database:
+            found[id(node)] = Entry(file, node)
+            return
+        for child in node.value if node.id == "sequence" else []:
+            walk(child, False)
+        for key, value in node.value if node.id == "mapping" else []:
+            items = target_of(value)
+            if target_of(key).value == "traffic" and items.id == "sequence":
+                for item in items.value:
+                    walk(item, True)
+            else:
+                walk(value, False)
+
+    if root is not None:
+        walk(root, False)
+    return sorted(found.values(), key=lambda entry: entry.node.start_mark.index)
 
 
-def find_entries(file, node):
-    """Yields the entries of all lists `traffic` that name a database."""
-    for child in node.value if node.id == "sequence" else []:
-        yield from find_entries(file, child)
-    for key, value in node.value if node.id == "mapping" else []:
-        if key.value == "traffic" and value.id == "sequence":
-            for item in value.value:
-                if item.id == "mapping" and any(k.value == "dbc" for k, _ in item.value):
-                    yield Entry(file, item)
-        else:
-            yield from find_entries(file, value)
+def read_text(file):
+    """Returns the text of a file as it is; its lines may end with CR LF."""
+    try:
+        raw = file.read_bytes()
+        return raw.decode("utf-8")
+    except OSError as problem:
+        raise Problem(f"{file}: {problem.strerror}") from None
+    except UnicodeDecodeError as problem:
+        line = raw.count(b"\n", 0, problem.start) + 1
+        column = problem.start - raw.rfind(b"\n", 0, problem.start)
+        raise PlacedProblem(f"{file}:{line}:{column}: this is not UTF-8") from None
+
+
+def replacements(entries, aliases, databases):
+    """Yields begin, end and text of all that is replaced. Anchors in entries go with these, so
+    aliases of such anchors give way to what they stand for."""
+    texts = {id(entry.node): entry.resolved(databases) for entry in entries}
+    spans = [(entry.node.start_mark.index, end_of(entry.node)) for entry in entries]
+    for (begin, end), text in zip(spans, texts.values()):
+        yield begin, end, text
+    for alias in aliases:
+        here, there = alias.start_mark.index, alias.target.start_mark.index
+        inside = any(begin <= here < end for begin, end in spans)
+        if not inside and any(begin <= there < end for begin, end in spans):
+            yield here, alias.end_mark.index, texts.get(id(alias.target)) or flow(alias.target)
 
 
 def resolve(options):
-    """Returns a configuration in which frames stand for messages; all else stays as it is."""
-    _, yaml = packages()
+    """Returns a configuration in which frames stand for messages; all else stays as it is, in its
+    line."""
     file = pathlib.Path(options.file)
-    try:
-        text = file.read_text(encoding="utf-8")
-        root = yaml.compose(text, Loader=yaml.BaseLoader)
-    except OSError as problem:
-        raise Problem(f"{file}: {problem.strerror}") from None
-    except yaml.MarkedYAMLError as problem:
-        mark = problem.problem_mark
-        raise Problem(f"{file}:{mark.line + 1}:{mark.column + 1}: {problem.problem}") from None
-    databases = {}
-    found = list(find_entries(file, root)) if root is not None else []
-    if not found:
+    text = read_text(file)
+    root, aliases = compose(text, file)
+    entries = find_entries(file, root)
+    if not entries:
         warn(f"{file}: no traffic names a database ('dbc')")
-    for begin, end, entry in reversed([e.resolved(text, databases) for e in found]):
-        text = text[:begin] + entry + text[end:]
+    for begin, end, new in sorted(replacements(entries, aliases, {}), reverse=True):
+        text = text[:begin] + new + "\n" * text.count("\n", begin, end) + text[end:]
     return text
 
 
@@ -405,6 +762,9 @@ that are not named have their initial values. Without `every` the cycle time is 
     parser.add_argument("--dbitrate", type=int, metavar="N",
                         help="that of the data phase of CAN FD; by default 2000000")
     options = parser.parse_args(argv)
+    if options.name is not None and not re.fullmatch(f"[A-Za-z0-9_.-]{{1,{NAME_MAX}}}",
+                                                     options.name):
+        parser.error(f"--name: 1 to {NAME_MAX} letters, digits, '_', '.' or '-'")
     if options.file.endswith((".yaml", ".yml")) and (options.without or options.only):
         parser.error("--without and --only are for databases")
     return options
@@ -415,10 +775,20 @@ def main(argv=None):
     options = arguments(argv)
     try:
         is_yaml = options.file.endswith((".yaml", ".yml"))
-        sys.stdout.write(resolve(options) if is_yaml else restbus(options))
+        text = resolve(options) if is_yaml else restbus(options)
+        sys.stdout.buffer.write(text.encode("utf-8", "surrogateescape"))
+        sys.stdout.flush()
+    except PlacedProblem as problem:
+        print(problem, file=sys.stderr)
+        return 1
     except Problem as problem:
-        warn(problem) if not re.match(r".*:\d+:\d+: ", str(problem)) else \
-            print(problem, file=sys.stderr)
+        warn(problem)
+        return 1
+    except BrokenPipeError:  # a reader such as head has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as problem:
+        warn(f"standard output: {problem.strerror}")
         return 1
     return 0
 
