@@ -131,6 +131,7 @@ def simulated(path, time):
     return json.loads(result.stdout)
 
 
+@pytest.mark.figures
 def test_no_simulated_message_is_later_than_its_bound(tmp_path):
     bounded = 0
     for seed in range(60):
@@ -420,6 +421,7 @@ def random_schedules(rng):
     return text
 
 
+@pytest.mark.figures
 def test_no_bus_with_schedules_is_later_than_its_bounds(tmp_path):
     bounded = {True: 0, False: 0}
     close = 0

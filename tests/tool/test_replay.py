@@ -80,6 +80,7 @@ def test_jitter_delays_within_its_bounds_and_keeps_the_grid(write):
     assert 300_000 < sum(delays) / 200 < 400_000
 
 
+@pytest.mark.figures
 def test_jitter_depends_on_the_seed_and_on_nothing_else(write):
     path = write(bus(JITTER))
     first = transmissions(path)
@@ -91,6 +92,7 @@ def test_jitter_depends_on_the_seed_and_on_nothing_else(write):
     assert [t for t in transmissions(more) if t[1].startswith("123")] == first
 
 
+@pytest.mark.figures
 def test_equal_entries_have_jitter_of_their_own(write):
     starts = [t for t, _ in transmissions(write(bus(JITTER, JITTER.replace("5ms", "305ms"))))]
     assert [t - 300_000_000 for t in starts[200:]] != starts[:200]

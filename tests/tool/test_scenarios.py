@@ -8,6 +8,7 @@ build/release/canwire.
 """
 
 import difflib
+import functools
 from pathlib import Path
 
 import pytest
@@ -73,8 +74,13 @@ def test_every_trace_has_its_scenario():
 
 
 def scenario(name):
-    path = ROOT / "tests/scenarios" / f"{name}.yaml"
-    return path, *arguments_of(path)
+    return ROOT / "tests/scenarios" / f"{name}.yaml"
+
+
+@functools.cache
+def stats_of(path):
+    """A process of pytest counts a scenario once: equal runs have equal results."""
+    return stats(path, *arguments_of(path))
 
 
 # Expected statistics of scenarios: (scenario, node or None for the bus, key, value).
@@ -128,15 +134,15 @@ COUNTED = [
 
 @pytest.mark.parametrize("name, node, key, value", COUNTED)
 def test_statistics_of_scenarios(name, node, key, value):
-    report = stats(*scenario(name))
+    report = stats_of(scenario(name))
     assert (node_stats(report, node) if node else report["bus"])[key] == value
 
 
 def test_drops_by_reason():
-    faulty = node_stats(stats(*scenario("bus-off-restart")), "faulty")
+    faulty = node_stats(stats_of(scenario("bus-off-restart")), "faulty")
     assert faulty["dropped"]["bus-off"] == 4  # two queued, two handed in meanwhile
     assert faulty["errors"]["bit"] == faulty["bus_errors"] == 32
-    assert node_stats(stats(*scenario("queue-full")), "a")["dropped"]["queue-full"] == 2
+    assert node_stats(stats_of(scenario("queue-full")), "a")["dropped"]["queue-full"] == 2
 
 
 # ---- When a run ends -----------------------------------------------------------------------------
@@ -331,7 +337,7 @@ def assert_balance(node):
 
 @pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
 def test_no_frame_is_unaccounted_for(path):
-    for node in stats(path, *arguments_of(path))["nodes"]:
+    for node in stats_of(path)["nodes"]:
         assert_balance(node)
 
 

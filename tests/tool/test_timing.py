@@ -317,6 +317,7 @@ needs_calculator = pytest.mark.skipif(shutil.which("can-calc-bit-timing") is Non
                                       reason="can-calc-bit-timing of can-utils is not installed")
 
 
+@pytest.mark.figures
 @needs_calculator
 def test_segments_are_those_of_can_utils():
     assert compare() >= 150
@@ -328,6 +329,7 @@ def test_at_other_bit_rates_too(bitrate):
     assert compare("-b", str(bitrate)) >= 5
 
 
+@pytest.mark.figures
 @needs_calculator
 @pytest.mark.parametrize("clock", [8000000, 12000000, 25000000, 40000000, 48000000, 59970000,
                                    80000000])
@@ -335,6 +337,7 @@ def test_with_other_clocks_too(clock):
     assert compare("-c", str(clock)) >= 50
 
 
+@pytest.mark.figures
 @needs_calculator
 @pytest.mark.parametrize("permille", [500, 612, 700, 750, 800, 900])
 def test_at_wished_sample_points_too(permille):
