@@ -96,9 +96,9 @@ _canwire_place() {
         word=${COMP_WORDS[i]}
         case ${COMP_WORDS[i - 1]} in
         --format | --size | --files | --with | --until | --simulate | --error-every | \
-            --error-rate | --until-event | --seed | --from | --to | --events | --log | --pcapng | \
-            --stats | --vcd | --svg | --junit | --journal | --config | --pid | --bus | --as | \
-            --interface | --interval) continue ;;
+            --error-rate | --until-event | --seed | --seeds | --jobs | --from | --to | --events | \
+            --log | --pcapng | --stats | --vcd | --svg | --junit | --journal | --config | --pid | \
+            --bus | --as | --interface | --interval) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word

@@ -12,8 +12,8 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 CANWIRE = pathlib.Path(os.environ.get("CANWIRE", ROOT / "build/release/canwire"))
 SCHEMA = json.loads((ROOT / "config/schema/canwire.schema.json").read_text())["$defs"]
-PAGES = ["canwire.1", "canwire.yaml.5", "canwire-faults.7", "canwire-lcm.7", "canwire-operation.7",
-         "canwire-restbus.1", "canwire-run.7", "canwired.8", "canwire-usb.8"]
+PAGES = ["canwire.1", "canwire.yaml.5", "canwire-campaign.7", "canwire-faults.7", "canwire-lcm.7",
+         "canwire-operation.7", "canwire-restbus.1", "canwire-run.7", "canwired.8", "canwire-usb.8"]
 WIDE = "width=500"
 
 

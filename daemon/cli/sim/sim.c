@@ -10,6 +10,7 @@
 #include "cli/sim/sim_progress.h"
 #include "cli/sim/sim_rig.h"
 #include "cli/sim/sim_scout.h"
+#include "cli/sim/sim_seeds.h"
 #include "cli/sim/sim_trace.h"
 #include "cli/sim/summary.h"
 #include "config/files.h"
@@ -48,6 +49,9 @@ typedef struct sim_options {
     bool step;
     bool sync;
     bool captures;
+    bool has_seeds;
+    bool has_jobs;
+    sim_seeds_options seeds;
 } sim_options;
 
 typedef struct sim {
@@ -67,7 +71,8 @@ static const char usage[] =
     "usage: canwire sim FILE [--until TIME] [--until-event EVENT] [--seed N] [--events F]\n"
     "       [--log F] [--pcapng F] [--stats F] [--vcd F] [--svg F] [--from TIME] [--to TIME]\n"
     "       [--sync] [--captures] [--step] [--junit F]\n"
-    "       canwire sim --journal FILE ...\n";
+    "       canwire sim --journal FILE ...\n"
+    "       canwire sim FILE --seeds A..B [--jobs J] [--until TIME] [--step]\n";
 
 static const char help[] =
     "\n"
@@ -101,6 +106,9 @@ static const char help[] =
     "  --to TIME      ... up to this one\n"
     "  --junit F      what has become of the expectations in FILE, as JUnit XML\n"
     "  --step         simulate every node in every bit: slower, the same results\n"
+    "  --seeds A..B   run FILE with each of these seeds; a line of JSON for each: outcome,\n"
+    "                 expectations, first error, counters, and the command that repeats it\n"
+    "  --jobs J       ... in so many processes, by default one a processor\n"
     "\n"
     "F may be - for standard output. Without any output a summary is printed. Expectations are\n"
     "reported in any case, on standard error when an F is standard output. Ctrl-C ends a run at\n"
@@ -383,6 +391,14 @@ static bool take_seed(sim_options *o, const char *text)
     return false;
 }
 
+static bool take_seeds(sim_options *o, int option)
+{
+    o->has_seeds = o->has_seeds || option == 'R';
+    o->has_jobs = o->has_jobs || option == 'j';
+    return option == 'R' ? sim_seeds_parse(&o->seeds, optarg)
+                         : sim_seeds_parse_jobs(&o->seeds.jobs, "canwire sim", optarg);
+}
+
 #define OPTION_OUTPUT 256 /* first value of the outputs for getopt */
 
 /* Returns false after a message about a bad value. */
@@ -402,6 +418,8 @@ static bool take_option(sim_options *o, int option)
         o->until_event = optarg;
     else if (option == 'J')
         o->journal = optarg;
+    else if (option == 'R' || option == 'j')
+        return take_seeds(o, option);
     else if (option == 'y')
         o->sync = true;
     else if (option == 'c')
@@ -415,6 +433,10 @@ static bool take_option(sim_options *o, int option)
 static int check_options(const sim_options *o)
 {
     const char *shared = shared_output(o);
+    if (o->has_seeds && (o->journal || o->has_seed || o->until_event || wants_output(o)))
+        return refuse("--seeds", "it has no journal, no other seed, no event and no outputs");
+    if (o->has_jobs && !o->has_seeds)
+        return refuse("--jobs", "it is for --seeds");
     if (o->journal && o->has_seed)
         return refuse("--seed", "it is in the journal");
     if ((o->from.text || o->to.text) && !o->outputs[OUT_VCD] && !o->outputs[OUT_SVG])
@@ -435,6 +457,8 @@ static int parse_options(sim_options *o, int argc, char **argv)
         {"until", required_argument, NULL, 'u'},
         {"until-event", required_argument, NULL, 'E'},
         {"seed", required_argument, NULL, 's'},
+        {"seeds", required_argument, NULL, 'R'},
+        {"jobs", required_argument, NULL, 'j'},
         {"journal", required_argument, NULL, 'J'},
         {"from", required_argument, NULL, 'f'},
         {"to", required_argument, NULL, 'o'},
@@ -503,12 +527,24 @@ static int run_rig(const sim_options *o)
     return sim_rig_main(&options);
 }
 
+static int run_seeds(const sim_options *o)
+{
+    sim_seeds_options seeds = o->seeds;
+    seeds.file = o->file;
+    seeds.until_text = o->until.text;
+    seeds.until = o->until.time;
+    seeds.step = o->step;
+    return sim_seeds_main(&seeds);
+}
+
 int cli_sim(int argc, char **argv)
 {
     sim_options options = {.file = NULL};
     int status = parse_options(&options, argc, argv);
     if (status >= 0)
         return status;
+    if (options.has_seeds)
+        return run_seeds(&options);
     if (options.journal ? journal_is_of_rig(options.journal) : rig_is_rig(options.file))
         return run_rig(&options);
     sim s = {.judge.to_stderr = writes_to_stdout(&options)};

@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * observe.c - what the events of a run tell beside the counters of its end.
+ */
+#include "campaign/observe.h"
+
+static void raise_to(uint16_t *most, uint16_t value)
+{
+    *most = value > *most ? value : *most;
+}
+
+static void note_counters(observation *seen, const cw_event *event)
+{
+    for (uint64_t rest = event->nodes; rest; rest &= rest - 1) {
+        const unsigned node = (unsigned)__builtin_ctzll(rest);
+        raise_to(&seen->tec_max[node], event->tec);
+        raise_to(&seen->rec_max[node], event->rec);
+    }
+}
+
+void observe_event(observation *seen, const cw_event *event)
+{
+    if (event->kind == CW_EVENT_FAULT && !seen->has_fault) {
+        seen->has_fault = true;
+        seen->fault_tick = event->tick;
+    }
+    if (event->kind == CW_EVENT_ERROR && !seen->has_error) {
+        seen->has_error = true;
+        seen->error_tick = event->tick;
+        seen->error_nodes = event->nodes;
+        seen->error = event->error;
+    }
+    if (event->kind == CW_EVENT_ERROR || event->kind == CW_EVENT_STATE)
+        note_counters(seen, event);
+}
+
+void observe_end(observation *seen, const cw_bus *bus, unsigned node_count)
+{
+    for (unsigned i = 0; i < node_count; i++) {
+        cw_node_stats stats;
+        if (cw_node_get_stats(bus, i, &stats) != CW_OK)
+            continue;
+        raise_to(&seen->tec_max[i], stats.tec);
+        raise_to(&seen->rec_max[i], stats.rec);
+    }
+}

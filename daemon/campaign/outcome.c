@@ -1,0 +1,202 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * outcome.c - what has become of one scenario, as a part of its row.
+ */
+#include "campaign/outcome.h"
+
+#include <stdio.h>
+
+const char *outcome_name(outcome o)
+{
+    static const char *const names[OUTCOME_COUNT] = {
+        [OUTCOME_PASSED] = "passed",   [OUTCOME_FAILED] = "failed",
+        [OUTCOME_INVALID] = "invalid", [OUTCOME_BROKEN] = "broken",
+        [OUTCOME_CRASHED] = "crashed", [OUTCOME_TIMEOUT] = "time-out",
+    };
+    return names[o];
+}
+
+/* ---- Expectations ---------------------------------------------------------------------------- */
+
+static void write_failed(rowtext *row, const expect_outcome *e)
+{
+    rowtext_put(row, row->bytes.data[row->bytes.end - 1] == '}' ? ",{" : "{");
+    rowtext_string(row, "name", e->name);
+    rowtext_string(row, "got", e->got);
+    rowtext_put(row, "}");
+}
+
+static void write_expectations(rowtext *row, const expect_report *report)
+{
+    rowtext_key(row, "expectations");
+    rowtext_put(row, "{");
+    rowtext_number(row, "met", report->count - report->failed);
+    rowtext_key(row, "failed");
+    rowtext_put(row, "[");
+    for (size_t i = 0; i < report->count && report->failed > 0; i++)
+        if (!report->outcomes[i].met)
+            write_failed(row, &report->outcomes[i]);
+    rowtext_put(row, "]}");
+}
+
+/* ---- The bus --------------------------------------------------------------------------------- */
+
+static cw_bus_stats sum_of_buses(const scenario *s)
+{
+    cw_bus_stats sum = {.bits = 0};
+    for (size_t i = 0; i < s->count; i++) {
+        cw_bus_stats one;
+        cw_bus_get_stats(s->buses[i].run.bus, &one);
+        sum.frames += one.frames;
+        sum.error_frames += one.error_frames;
+        sum.faults += one.faults;
+        sum.undetected_errors += one.undetected_errors;
+    }
+    return sum;
+}
+
+static void write_bus(rowtext *row, const scenario *s)
+{
+    const cw_bus_stats sum = sum_of_buses(s);
+    rowtext_seconds(row, "t", scenario_now(s));
+    rowtext_number(row, "frames", sum.frames);
+    rowtext_number(row, "error_frames", sum.error_frames);
+    rowtext_number(row, "undetected_errors", sum.undetected_errors);
+    rowtext_number(row, "faults", sum.faults);
+}
+
+/* ---- The first error ------------------------------------------------------------------------- */
+
+/* Returns the bus with the first error, or NULL. */
+static const scenario_bus *find_first_error(const scenario *s)
+{
+    const scenario_bus *first = NULL;
+    for (size_t i = 0; i < s->count; i++) {
+        const scenario_bus *b = &s->buses[i];
+        if (b->seen.has_error && (!first || b->seen.error_tick < first->seen.error_tick))
+            first = b;
+    }
+    return first;
+}
+
+/* Returns the tick of the first hit of a rule, or CW_NEVER. */
+static uint64_t find_first_fault(const scenario *s)
+{
+    uint64_t first = CW_NEVER;
+    for (size_t i = 0; i < s->count; i++)
+        if (s->buses[i].seen.has_fault && s->buses[i].seen.fault_tick < first)
+            first = s->buses[i].seen.fault_tick;
+    return first;
+}
+
+static void write_error(rowtext *row, const scenario_bus *b)
+{
+    const observation *seen = &b->seen;
+    const unsigned node = (unsigned)__builtin_ctzll(seen->error_nodes);
+    rowtext_put(row, "{");
+    rowtext_seconds(row, "t", seen->error_tick);
+    if (b->all->rig)
+        rowtext_string(row, "bus", b->config->bus_name);
+    rowtext_string(row, "node", b->config->nodes[node].name);
+    rowtext_string(row, "role", seen->error.role == CW_ROLE_TRANSMITTER ? "tx" : "rx");
+    rowtext_string(row, "type", cw_error_type_name(seen->error.type));
+    rowtext_string(row, "field", cw_field_name(seen->error.place.field));
+    rowtext_number(row, "index", seen->error.place.index);
+    if (seen->error.place.stuff) {
+        rowtext_key(row, "stuff");
+        rowtext_put(row, "true");
+    }
+    rowtext_put(row, "}");
+}
+
+/* The latency is the time from the first hit of a rule to the first error after it. */
+static void write_first_error(rowtext *row, const scenario *s)
+{
+    const scenario_bus *b = find_first_error(s);
+    const uint64_t fault = find_first_fault(s);
+    rowtext_key(row, "first_error");
+    if (b)
+        write_error(row, b);
+    else
+        rowtext_put(row, "null");
+    if (b && fault <= b->seen.error_tick) {
+        rowtext_seconds(row, "latency", b->seen.error_tick - fault);
+        return;
+    }
+    rowtext_key(row, "latency");
+    rowtext_put(row, "null");
+}
+
+/* ---- Nodes ----------------------------------------------------------------------------------- */
+
+static uint64_t sum_of(const uint64_t *counters, unsigned count)
+{
+    uint64_t sum = 0;
+    for (unsigned i = 0; i < count; i++)
+        sum += counters[i];
+    return sum;
+}
+
+static void write_counters(rowtext *row, const cw_node_stats *n, const observation *seen,
+                           unsigned node)
+{
+    rowtext_put(row, "{");
+    rowtext_string(row, "state", cw_state_name(n->state));
+    rowtext_number(row, "tec", n->tec);
+    rowtext_number(row, "rec", n->rec);
+    rowtext_number(row, "tec_max", seen->tec_max[node]);
+    rowtext_number(row, "rec_max", seen->rec_max[node]);
+    rowtext_number(row, "tx_frames", n->tx_frames);
+    rowtext_number(row, "rx_frames", n->rx_frames);
+    rowtext_number(row, "retransmissions", n->retransmissions);
+    rowtext_number(row, "bus_errors", sum_of(n->errors, CW_ERROR_COUNT));
+    rowtext_number(row, "undetected_errors", n->undetected_errors);
+    rowtext_number(row, "dropped", sum_of(n->dropped, CW_DROP_COUNT));
+    rowtext_number(row, "rx_dropped", sum_of(n->rx_dropped, CW_DROP_COUNT));
+    rowtext_number(row, "error_passive", n->error_passive);
+    rowtext_number(row, "bus_off", n->bus_off);
+    rowtext_number(row, "restarts", n->restarts);
+    rowtext_put(row, "}");
+}
+
+static void write_node(rowtext *row, const scenario_bus *b, unsigned node)
+{
+    cw_node_stats stats;
+    char key[2 * CFG_NODE_NAME_MAX + 2];
+    if (cw_node_get_stats(b->run.bus, node, &stats) != CW_OK)
+        return;
+    if (b->all->rig)
+        (void)snprintf(key, sizeof key, "%s:%s", b->config->bus_name, b->config->nodes[node].name);
+    rowtext_key(row, b->all->rig ? key : b->config->nodes[node].name);
+    write_counters(row, &stats, &b->seen, node);
+}
+
+static void write_nodes(rowtext *row, const scenario *s)
+{
+    rowtext_key(row, "nodes");
+    rowtext_put(row, "{");
+    for (size_t i = 0; i < s->count; i++)
+        for (unsigned node = 0; node < s->buses[i].config->node_count; node++)
+            write_node(row, &s->buses[i], node);
+    rowtext_put(row, "}");
+}
+
+/* ---- All of it ------------------------------------------------------------------------------- */
+
+outcome outcome_write(rowtext *row, const scenario *s)
+{
+    const outcome o = s->report.failed > 0 ? OUTCOME_FAILED : OUTCOME_PASSED;
+    rowtext_string(row, "outcome", outcome_name(o));
+    write_expectations(row, &s->report);
+    write_bus(row, s);
+    write_first_error(row, s);
+    write_nodes(row, s);
+    return o;
+}
+
+void outcome_write_none(rowtext *row, outcome o, const char *why)
+{
+    rowtext_string(row, "outcome", outcome_name(o));
+    if (*why)
+        rowtext_string(row, "why", why);
+}

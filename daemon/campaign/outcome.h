@@ -1,0 +1,32 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * outcome.h - what has become of one scenario, as a part of its row.
+ */
+#ifndef CANWIRE_CAMPAIGN_OUTCOME_H
+#define CANWIRE_CAMPAIGN_OUTCOME_H
+
+#include "campaign/rowtext.h"
+#include "campaign/scenario.h"
+
+/* The outcomes of a scenario. */
+typedef enum outcome {
+    OUTCOME_PASSED = 0, /* all expectations are met */
+    OUTCOME_FAILED,     /* some are not */
+    OUTCOME_INVALID,    /* the values of its factors make no configuration */
+    OUTCOME_BROKEN,     /* a file of traffic could not be read */
+    OUTCOME_CRASHED,    /* its process has ended */
+    OUTCOME_TIMEOUT,    /* it took too long */
+    OUTCOME_COUNT
+} outcome;
+
+/* Returns the word of a row for it. */
+const char *outcome_name(outcome o);
+
+/* Writes the keys of the last run of a scenario, from `outcome` on. Returns its outcome. */
+outcome outcome_write(rowtext *row, const scenario *s);
+
+/* Writes the same keys as far as there are any for a scenario that has no result. `why` says what
+ * has happened, and may be "". */
+void outcome_write_none(rowtext *row, outcome o, const char *why);
+
+#endif

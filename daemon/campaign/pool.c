@@ -1,0 +1,348 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pool.c - makes numbered lines in several processes, and hands them on in the order of numbers.
+ */
+#include "campaign/pool.h"
+
+#include "campaign/pool_worker.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#define CHUNK_MAX 256u    /* lines that a process makes at a time */
+#define CHUNKS_A_JOB 16u  /* at least, so that all processes end at about the same time */
+#define AHEAD_A_JOB 4u    /* chunks that wait for earlier ones */
+#define LOOK_MS 200
+#define READ_BYTES (64u << 10)
+
+/* Numbers that one process gets at a time. */
+typedef struct chunk {
+    uint64_t first;
+    uint64_t count;
+    uint64_t made; /* lines that have come */
+    buffer lines;  /* as processes give them */
+} chunk;
+
+typedef struct worker {
+    pid_t pid; /* 0: there is none */
+    int fd;
+    chunk *chunk; /* NULL: it has nothing to do */
+    bool singly;
+    bool late;
+    int64_t since_ms; /* the last sign of it */
+    buffer part;      /* of a line */
+} worker;
+
+typedef struct pool {
+    const pool_work *work;
+    worker workers[POOL_JOBS_MAX];
+    chunk *chunks; /* a ring */
+    size_t chunk_room;
+    uint64_t chunk_size;
+    uint64_t opened; /* chunks that have been given out */
+    uint64_t closed; /* chunks whose lines have been taken */
+    uint64_t made;
+    int64_t looked_ms;
+    rowtext line;
+    int error; /* errno */
+} pool;
+
+static int64_t wall_ms(void)
+{
+    struct timespec t;
+    (void)clock_gettime(CLOCK_MONOTONIC, &t);
+    return t.tv_sec * INT64_C(1000) + t.tv_nsec / 1000000;
+}
+
+static bool fail(pool *p, int error)
+{
+    p->error = p->error ? p->error : error;
+    return false;
+}
+
+/* ---- Processes ------------------------------------------------------------------------------- */
+
+/* A process keeps no end of another one's socket: that one ends when this program does. */
+_Noreturn static void be_worker(pool *p, const int ends[2])
+{
+    for (unsigned i = 0; i < p->work->jobs; i++)
+        if (p->workers[i].pid > 0)
+            (void)close(p->workers[i].fd);
+    (void)close(ends[0]);
+    pool_worker(p->work, ends[1]);
+}
+
+static bool start(pool *p, worker *w)
+{
+    int ends[2];
+    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
+        return fail(p, errno);
+    (void)fflush(NULL); /* nothing is written twice */
+    const pid_t pid = fork();
+    if (pid == 0)
+        be_worker(p, ends);
+    const int error = errno;
+    (void)close(ends[1]);
+    if (pid < 0) {
+        (void)close(ends[0]);
+        return fail(p, error);
+    }
+    w->pid = pid;
+    w->fd = ends[0];
+    w->late = false;
+    return true;
+}
+
+/* Ends a process and returns its status. */
+static int stop(worker *w)
+{
+    int status = 0;
+    (void)close(w->fd);
+    while (waitpid(w->pid, &status, 0) < 0 && errno == EINTR)
+        continue;
+    w->pid = 0;
+    buffer_free(&w->part);
+    return status;
+}
+
+static bool order(pool *p, worker *w)
+{
+    const pool_order o = {.first = w->chunk->first + w->chunk->made,
+                          .count = w->chunk->count - w->chunk->made,
+                          .singly = w->singly};
+    if (w->pid == 0 && !start(p, w))
+        return false;
+    w->since_ms = wall_ms();
+    /* small enough for the socket; one that has just ended is found by its end */
+    (void)send(w->fd, &o, sizeof o, MSG_NOSIGNAL);
+    return true;
+}
+
+/* ---- Chunks ---------------------------------------------------------------------------------- */
+
+static chunk *chunk_at(const pool *p, uint64_t number)
+{
+    return &p->chunks[number % p->chunk_room];
+}
+
+static bool is_all_opened(const pool *p)
+{
+    return p->opened * p->chunk_size >= p->work->count;
+}
+
+/* Gives processes that wait the next chunks. */
+static bool give_out(pool *p)
+{
+    for (unsigned i = 0; i < p->work->jobs; i++) {
+        worker *w = &p->workers[i];
+        if (w->chunk || is_all_opened(p) || p->opened - p->closed == p->chunk_room)
+            continue;
+        const uint64_t begin = p->opened * p->chunk_size;
+        const uint64_t rest = p->work->count - begin;
+        w->chunk = chunk_at(p, p->opened++);
+        w->chunk->first = p->work->first + begin;
+        w->chunk->count = rest < p->chunk_size ? rest : p->chunk_size;
+        w->chunk->made = 0;
+        w->singly = false;
+        if (!order(p, w))
+            return false;
+    }
+    return true;
+}
+
+/* Hands the lines of a whole chunk on. */
+static bool hand_on(pool *p, chunk *c)
+{
+    for (uint64_t i = 0; i < c->count; i++) {
+        uint32_t length;
+        const char *head = buffer_first(&c->lines);
+        memcpy(&length, head + 1, sizeof length);
+        if (!p->work->calls->take(p->work->user, (unsigned char)head[0], head + POOL_HEAD_BYTES,
+                                  length))
+            return false;
+        buffer_take(&c->lines, POOL_HEAD_BYTES + length);
+    }
+    return true;
+}
+
+static bool take_chunks(pool *p)
+{
+    while (p->closed < p->opened) {
+        chunk *c = chunk_at(p, p->closed);
+        if (c->made < c->count)
+            break;
+        if (!hand_on(p, c))
+            return false;
+        p->closed++;
+    }
+    return true;
+}
+
+/* ---- Lines ----------------------------------------------------------------------------------- */
+
+static void count_line(pool *p, worker *w)
+{
+    p->made++;
+    if (++w->chunk->made == w->chunk->count)
+        w->chunk = NULL;
+}
+
+/* Moves whole lines to the chunk. */
+static bool sort_lines(pool *p, worker *w)
+{
+    while (w->chunk && buffer_length(&w->part) >= POOL_HEAD_BYTES) {
+        uint32_t length;
+        memcpy(&length, buffer_first(&w->part) + 1, sizeof length);
+        const size_t size = POOL_HEAD_BYTES + (size_t)length;
+        if (buffer_length(&w->part) < size)
+            break;
+        if (!buffer_append(&w->chunk->lines, buffer_first(&w->part), size))
+            return fail(p, ENOMEM);
+        buffer_take(&w->part, size);
+        count_line(p, w);
+    }
+    return true;
+}
+
+/* A line is lost that its process has tried alone. */
+static bool lose_line(pool *p, worker *w, int status)
+{
+    const pool_loss loss = {.timeout = w->late, .status = status};
+    char head[POOL_HEAD_BYTES];
+    rowtext_clear(&p->line);
+    head[0] = (char)p->work->calls->lose(p->work->user, w->chunk->first + w->chunk->made, &loss,
+                                         &p->line);
+    const uint32_t length = (uint32_t)buffer_length(&p->line.bytes);
+    memcpy(head + 1, &length, sizeof length);
+    if (p->line.no_memory || !buffer_append(&w->chunk->lines, head, sizeof head) ||
+        !buffer_append(&w->chunk->lines, buffer_first(&p->line.bytes), length))
+        return fail(p, ENOMEM);
+    count_line(p, w);
+    return true;
+}
+
+/* The process has ended: another one goes on with the first line that has not come. */
+static bool replace(pool *p, worker *w)
+{
+    const int status = stop(w);
+    if (!w->chunk)
+        return true;
+    if (w->singly && !lose_line(p, w, status))
+        return false;
+    w->singly = true;
+    return !w->chunk || order(p, w);
+}
+
+static bool listen_to(pool *p, worker *w)
+{
+    if (!buffer_reserve(&w->part, READ_BYTES))
+        return fail(p, ENOMEM);
+    const ssize_t count = read(w->fd, w->part.data + w->part.end, READ_BYTES);
+    if (count < 0 && errno == EINTR)
+        return true;
+    if (count <= 0)
+        return replace(p, w);
+    w->part.end += (size_t)count;
+    w->since_ms = wall_ms();
+    return sort_lines(p, w);
+}
+
+/* ---- The work -------------------------------------------------------------------------------- */
+
+/* Ends processes that take too long; their ends come as those of others. */
+static void end_late(pool *p, int64_t now)
+{
+    for (unsigned i = 0; i < p->work->jobs && p->work->limit_ms > 0; i++) {
+        worker *w = &p->workers[i];
+        if (!w->chunk || w->late || now - w->since_ms < p->work->limit_ms)
+            continue;
+        w->late = true;
+        (void)kill(w->pid, SIGKILL);
+    }
+}
+
+static void look(pool *p, int64_t now)
+{
+    if (!p->work->calls->look || now - p->looked_ms < LOOK_MS)
+        return;
+    p->looked_ms = now;
+    p->work->calls->look(p->work->user, p->made);
+}
+
+static bool wait_for_lines(pool *p)
+{
+    struct pollfd polled[POOL_JOBS_MAX];
+    const unsigned jobs = p->work->jobs;
+    for (unsigned i = 0; i < jobs; i++) {
+        const worker *w = &p->workers[i];
+        polled[i] = (struct pollfd){.fd = w->pid > 0 ? w->fd : -1, .events = POLLIN};
+    }
+    const int ready = poll(polled, jobs, LOOK_MS);
+    if (ready < 0 && errno != EINTR)
+        return fail(p, errno);
+    bool good = true;
+    for (unsigned i = 0; i < jobs && ready > 0 && good; i++)
+        if (polled[i].revents)
+            good = listen_to(p, &p->workers[i]);
+    const int64_t now = wall_ms();
+    end_late(p, now);
+    look(p, now);
+    return good;
+}
+
+static bool set_up(pool *p)
+{
+    const uint64_t chunks = (uint64_t)p->work->jobs * CHUNKS_A_JOB;
+    const uint64_t size = p->work->count / chunks + 1;
+    p->chunk_size = size < CHUNK_MAX ? size : CHUNK_MAX;
+    p->chunk_room = p->work->jobs * AHEAD_A_JOB;
+    p->chunks = calloc(p->chunk_room, sizeof *p->chunks);
+    return p->chunks || fail(p, ENOMEM);
+}
+
+static void tear_down(pool *p)
+{
+    for (unsigned i = 0; i < p->work->jobs; i++) {
+        worker *w = &p->workers[i];
+        if (w->pid > 0 && w->chunk)
+            (void)kill(w->pid, SIGKILL);
+        if (w->pid > 0)
+            (void)stop(w);
+    }
+    for (uint64_t i = 0; p->chunks && i < p->chunk_room; i++)
+        buffer_free(&p->chunks[i].lines);
+    free(p->chunks);
+    rowtext_free(&p->line);
+}
+
+bool pool_run(const pool_work *work)
+{
+    pool *p = calloc(1, sizeof *p);
+    if (!p)
+        return false;
+    p->work = work;
+    p->looked_ms = wall_ms();
+    bool good = set_up(p);
+    while (good && !(is_all_opened(p) && p->closed == p->opened))
+        good = give_out(p) && wait_for_lines(p) && take_chunks(p);
+    tear_down(p);
+    errno = p->error;
+    free(p);
+    return good;
+}
+
+unsigned pool_jobs_default(void)
+{
+    cpu_set_t set;
+    const int count = sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : 1;
+    return count < 1 ? 1 : (unsigned)count > POOL_JOBS_MAX ? POOL_JOBS_MAX : (unsigned)count;
+}

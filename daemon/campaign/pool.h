@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pool.h - makes numbered lines in several processes, and hands them on in the order of numbers.
+ *
+ * The processes are forks of this one. A line whose process ends, or makes none in time, is made
+ * once more alone. If that fails, too, the caller says what the line is.
+ */
+#ifndef CANWIRE_CAMPAIGN_POOL_H
+#define CANWIRE_CAMPAIGN_POOL_H
+
+#include "campaign/rowtext.h"
+
+#define POOL_JOBS_MAX 256u
+
+/* Why a process has made no line. */
+typedef struct pool_loss {
+    bool timeout; /* it took too long, and was ended */
+    int status;   /* of waitpid() */
+} pool_loss;
+
+typedef struct pool_calls {
+    /* Writes a line with its end, in a process of the pool. The code is for `take`. */
+    unsigned char (*make)(void *user, uint64_t number, rowtext *line);
+    /* Does the same for a lost line, in the calling process. */
+    unsigned char (*lose)(void *user, uint64_t number, const pool_loss *loss, rowtext *line);
+    /* Takes the next line in the calling process. Returns false to end the work. */
+    bool (*take)(void *user, unsigned char code, const char *line, size_t length);
+    /* Is called a few times a second, with the number of lines that are made. NULL: it is not. */
+    void (*look)(void *user, uint64_t made);
+} pool_calls;
+
+typedef struct pool_work {
+    const pool_calls *calls;
+    void *user;
+    uint64_t first; /* the numbers are first to first + count - 1 */
+    uint64_t count;
+    unsigned jobs;    /* processes, 1 to POOL_JOBS_MAX */
+    int64_t limit_ms; /* of real time for a line; 0: none */
+} pool_work;
+
+/* Returns false with errno when the work could not be done, or `take` has ended it (errno 0). */
+bool pool_run(const pool_work *work);
+
+/* Returns the number of processors that this process may use, at most POOL_JOBS_MAX. */
+unsigned pool_jobs_default(void);
+
+#endif

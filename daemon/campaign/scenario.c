@@ -1,0 +1,174 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * scenario.c - a configuration that is run many times in one process, in the same memory.
+ */
+#include "campaign/scenario.h"
+
+#include "base/plain.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- Set-up ---------------------------------------------------------------------------------- */
+
+static void take_event(void *user, const cw_event *event)
+{
+    scenario_bus *b = user;
+    sim_group_note(&b->all->group, b->index, event);
+    observe_event(&b->seen, event);
+    if (b->judge)
+        expect_event(b->judge, event);
+}
+
+static bool open_bus(scenario *s, cfg *config, FILE *messages)
+{
+    scenario_bus *b = &s->buses[s->count];
+    sim_sink sink = {.user = b, .event = take_event, .kinds = OBSERVED_KINDS};
+    *b = (scenario_bus){.all = s, .index = s->count, .config = config, .seed = config->seed};
+    s->count++;
+    if (config->expect_count > 0)
+        sink.kinds |= CW_EVENTS_USUAL;
+    if (sim_group_wants(&s->group, b->index))
+        sink.kinds |= 1u << CW_EVENT_RX | 1u << CW_EVENT_DROP;
+    if (messages)
+        fputs(config->warnings, messages);
+    if (!sim_open(&b->run, config, messages))
+        return false;
+    b->run.messages = NULL; /* of one run of many */
+    sim_add_sink(&b->run, &sink);
+    s->group.runs[s->group.count++] = &b->run;
+    return true;
+}
+
+static bool open_buses(scenario *s, FILE *messages)
+{
+    const size_t count = s->rig ? s->rig->bus_count : 1;
+    bool good = sim_group_open(&s->group, s->rig);
+    for (size_t i = 0; i < count && good; i++)
+        good = open_bus(s, s->rig ? s->rig->buses[i] : s->alone, messages);
+    if (!good && messages)
+        plain_print(messages, "canwire: out of memory\n");
+    return good;
+}
+
+static bool load(scenario *s, const cfg_file *file, FILE *messages)
+{
+    const bool is_rig = file->text ? rig_is_rig_text(file) : rig_is_rig(file->name);
+    if (is_rig)
+        s->rig = file->text ? rig_load_text(file, messages) : rig_load(file->name, messages);
+    else
+        s->alone = file->text ? cfg_load_text(file, messages) : cfg_load(file->name, messages);
+    return s->rig || s->alone;
+}
+
+scenario *scenario_open(const cfg_file *file, FILE *messages)
+{
+    FILE *nowhere = messages ? NULL : fopen("/dev/null", "re");
+    scenario *s = calloc(1, sizeof *s);
+    if (s)
+        s->until = CW_NEVER;
+    const bool good = s && (messages || nowhere) &&
+                      load(s, file, messages ? messages : nowhere) && open_buses(s, messages);
+    if (nowhere)
+        (void)fclose(nowhere);
+    if (good)
+        return s;
+    scenario_close(s);
+    return NULL;
+}
+
+void scenario_close(scenario *s)
+{
+    if (!s)
+        return;
+    for (size_t i = 0; i < s->count; i++) {
+        expect_free(s->buses[i].judge);
+        sim_close(&s->buses[i].run);
+    }
+    sim_group_close(&s->group);
+    expect_report_free(&s->report);
+    cfg_free(s->alone);
+    rig_free(s->rig);
+    free(s);
+}
+
+/* ---- Ends ------------------------------------------------------------------------------------ */
+
+const char *scenario_set_until(scenario *s, cfg_time until)
+{
+    /* the last tick whose time in events, truncated to nanoseconds, is not after it */
+    const cfg_time beyond = {.ns = 1};
+    if (s->rig && until.bits > 0)
+        return "a rig has bits of several lengths; give a time such as 10ms";
+    s->until = text_time_ticks_sum(until, 1, beyond, s->buses[0].config->rate) - 1;
+    return NULL;
+}
+
+bool scenario_ends(const scenario *s, const char *advice, FILE *messages)
+{
+    for (size_t i = 0; i < s->count && s->until == CW_NEVER; i++) {
+        const cfg *config = s->buses[i].config;
+        const cfg_traffic *endless = cfg_find_endless(config);
+        const cfg_place *place = endless ? &endless->place : cfg_find_master(config);
+        if (!place)
+            continue;
+        plain_print(messages, "%s:%d:%d: %s never ends: %s\n", config->file, place->line,
+                    place->column, endless ? "traffic without `count`" : "this schedule", advice);
+        return false;
+    }
+    return true;
+}
+
+uint64_t scenario_now(const scenario *s)
+{
+    return sim_group_now(&s->group);
+}
+
+/* ---- Runs ------------------------------------------------------------------------------------ */
+
+/* Puts a bus to its start. */
+static bool prepare(const scenario *s, scenario_bus *b, const uint64_t *seed)
+{
+    static const cw_bus_stats start = {.bits = 0};
+    b->config->seed = seed ? *seed : b->seed;
+    memset(&b->seen, 0, sizeof b->seen);
+    b->run.until = s->until;
+    expect_free(b->judge);
+    b->judge = b->config->expect_count > 0 ? expect_start(b->config, &start) : NULL;
+    return b->judge || b->config->expect_count == 0;
+}
+
+static bool restart(scenario *s)
+{
+    return s->rig ? sim_group_restart(&s->group, s->rig) : sim_restart(&s->buses[0].run);
+}
+
+static bool conclude(scenario *s)
+{
+    bool good = !s->failed;
+    for (size_t i = 0; i < s->count; i++) {
+        scenario_bus *b = &s->buses[i];
+        observe_end(&b->seen, b->run.bus, (unsigned)b->config->node_count);
+        if (b->judge && !expect_conclude(b->judge, &s->report, b->run.bus))
+            good = false;
+    }
+    return good;
+}
+
+bool scenario_run(scenario *s, const uint64_t *seed)
+{
+    expect_report_free(&s->report);
+    s->report = (expect_report){.count = 0};
+    s->failed = false;
+    for (size_t i = 0; i < s->count; i++)
+        if (!prepare(s, &s->buses[i], seed))
+            return false;
+    if (!restart(s))
+        return false;
+    if (s->rig)
+        sim_group_simulate(&s->group);
+    else
+        (void)sim_go(&s->buses[0].run);
+    s->failed = sim_group_failed(&s->group);
+    return conclude(s);
+}

@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * scenario.h - a configuration that is run many times in one process, in the same memory.
+ */
+#ifndef CANWIRE_CAMPAIGN_SCENARIO_H
+#define CANWIRE_CAMPAIGN_SCENARIO_H
+
+#include "campaign/observe.h"
+#include "config/rig.h"
+#include "sim/expect.h"
+#include "sim/sim_group.h"
+
+/* A bus of the scenario. */
+typedef struct scenario_bus {
+    struct scenario *all;
+    size_t index;
+    cfg *config; /* of the scenario, or of its rig */
+    uint64_t seed; /* of the file */
+    sim_run run;
+    observation seen;
+    expect *judge; /* NULL: there are no expectations */
+} scenario_bus;
+
+typedef struct scenario {
+    cfg *alone; /* NULL: there is a rig */
+    rig *rig;
+    sim_group group;
+    size_t count; /* of buses */
+    scenario_bus buses[RIG_BUSES_MAX];
+    uint64_t until; /* tick up to which events are wanted; CW_NEVER: to the end of the traffic */
+    bool failed;    /* a file of traffic could not be read, or memory was short */
+    expect_report report; /* of the last run */
+} scenario;
+
+/* Reads a file, or a text with the name of one, and makes its buses. Warnings and errors go to
+ * `messages`, NULL: nowhere. Returns NULL after errors. */
+scenario *scenario_open(const cfg_file *file, FILE *messages);
+
+/* Frees it; NULL is allowed. */
+void scenario_close(scenario *s);
+
+/* Sets the time up to which it runs. Returns what is wrong with it, or NULL. */
+const char *scenario_set_until(scenario *s, cfg_time until);
+
+/* Returns false, after a message that begins with a place in the file and ends with `advice`, when
+ * the scenario has no end. */
+bool scenario_ends(const scenario *s, const char *advice, FILE *messages);
+
+/* Runs it from time 0 on, with its own seeds or with another one for all buses. Returns false when
+ * a file cannot be read, or without memory. */
+bool scenario_run(scenario *s, const uint64_t *seed);
+
+/* Returns the time at which the last run has ended. */
+uint64_t scenario_now(const scenario *s);
+
+#endif

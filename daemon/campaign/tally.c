@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * tally.c - counts the outcomes of scenarios.
+ */
+#include "campaign/tally.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/wait.h>
+
+uint64_t tally_total(const tally *t)
+{
+    uint64_t total = 0;
+    for (unsigned i = 0; i < OUTCOME_COUNT; i++)
+        total += t->count[i];
+    return total;
+}
+
+bool tally_has_bad(const tally *t)
+{
+    return t->count[OUTCOME_BROKEN] > 0 || t->count[OUTCOME_INVALID] > 0;
+}
+
+bool tally_all_passed(const tally *t)
+{
+    return t->count[OUTCOME_PASSED] == tally_total(t);
+}
+
+void tally_print(FILE *out, const tally *t)
+{
+    fprintf(out, "%" PRIu64 " %s", t->count[OUTCOME_PASSED], outcome_name(OUTCOME_PASSED));
+    for (unsigned i = OUTCOME_PASSED + 1; i < OUTCOME_COUNT; i++)
+        if (t->count[i] > 0)
+            fprintf(out, ", %" PRIu64 " %s", t->count[i], outcome_name((outcome)i));
+}
+
+outcome tally_lost(rowtext *row, const pool_loss *loss)
+{
+    char why[64] = "";
+    const outcome o = loss->timeout ? OUTCOME_TIMEOUT : OUTCOME_CRASHED;
+    if (!loss->timeout && WIFSIGNALED(loss->status))
+        (void)snprintf(why, sizeof why, "signal %s", sigabbrev_np(WTERMSIG(loss->status)));
+    else if (!loss->timeout)
+        (void)snprintf(why, sizeof why, "exit status %d", WEXITSTATUS(loss->status));
+    outcome_write_none(row, o, why);
+    return o;
+}

@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * tally.h - counts the outcomes of scenarios.
+ */
+#ifndef CANWIRE_CAMPAIGN_TALLY_H
+#define CANWIRE_CAMPAIGN_TALLY_H
+
+#include "campaign/outcome.h"
+#include "campaign/pool.h"
+
+/* All zeros has counted nothing. */
+typedef struct tally {
+    uint64_t count[OUTCOME_COUNT];
+} tally;
+
+/* Returns the number of outcomes. */
+uint64_t tally_total(const tally *t);
+
+/* Returns true when one could not be run at all: broken or invalid. */
+bool tally_has_bad(const tally *t);
+
+/* Returns true when all have passed. */
+bool tally_all_passed(const tally *t);
+
+/* Prints "97 passed, 3 failed". */
+void tally_print(FILE *out, const tally *t);
+
+/* Writes the outcome of a scenario whose process has ended. */
+outcome tally_lost(rowtext *row, const pool_loss *loss);
+
+#endif

@@ -1,0 +1,172 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sim_seeds.c - `canwire sim --seeds`: the same configuration with many seeds.
+ */
+#include "cli/sim/sim_seeds.h"
+
+#include "base/plain.h"
+#include "campaign/outcome.h"
+#include "campaign/pool.h"
+#include "campaign/shellword.h"
+#include "campaign/tally.h"
+#include "cli/cli.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <string.h>
+
+#define NUMBER_MAX 32 /* bytes of a seed as text */
+
+typedef struct seeds {
+    const sim_seeds_options *options;
+    scenario *scenario;
+    rowtext repeat;
+    tally tally;
+} seeds;
+
+/* ---- Rows ------------------------------------------------------------------------------------ */
+
+/* Writes the end of a row: the command that runs this seed alone. */
+static void write_repeat(seeds *s, rowtext *row, uint64_t seed)
+{
+    char number[NUMBER_MAX];
+    (void)snprintf(number, sizeof number, " --seed %" PRIu64, seed);
+    rowtext_clear(&s->repeat);
+    rowtext_put(&s->repeat, "canwire sim ");
+    shellword_put(&s->repeat, s->options->file);
+    rowtext_put(&s->repeat, number);
+    if (s->options->until_text) {
+        rowtext_put(&s->repeat, " --until ");
+        shellword_put(&s->repeat, s->options->until_text);
+    }
+    (void)buffer_append(&s->repeat.bytes, "", 1);
+    rowtext_string(row, "repeat", s->repeat.no_memory ? "" : buffer_first(&s->repeat.bytes));
+    rowtext_put(row, "}\n");
+}
+
+static unsigned char make(void *user, uint64_t seed, rowtext *row)
+{
+    seeds *s = user;
+    outcome o = OUTCOME_BROKEN;
+    rowtext_put(row, "{");
+    rowtext_number(row, "seed", seed);
+    if (scenario_run(s->scenario, &seed))
+        o = outcome_write(row, s->scenario);
+    else
+        outcome_write_none(row, o, "");
+    write_repeat(s, row, seed);
+    return (unsigned char)o;
+}
+
+static unsigned char lose(void *user, uint64_t seed, const pool_loss *loss, rowtext *row)
+{
+    seeds *s = user;
+    rowtext_put(row, "{");
+    rowtext_number(row, "seed", seed);
+    const outcome o = tally_lost(row, loss);
+    write_repeat(s, row, seed);
+    return (unsigned char)o;
+}
+
+static bool take(void *user, unsigned char code, const char *row, size_t length)
+{
+    seeds *s = user;
+    s->tally.count[code]++;
+    if (fwrite(row, 1, length, stdout) == length)
+        return true;
+    plain_print(stderr, "canwire sim: standard output: %s\n", strerror(errno));
+    return false;
+}
+
+/* ---- The run --------------------------------------------------------------------------------- */
+
+static bool open_scenario(seeds *s)
+{
+    const sim_seeds_options *o = s->options;
+    s->scenario = scenario_open(&(cfg_file){.name = o->file}, stderr);
+    if (!s->scenario)
+        return false;
+    const char *wrong = o->until_text ? scenario_set_until(s->scenario, o->until) : NULL;
+    if (wrong)
+        plain_print(stderr, "canwire sim: --until: %s\n", wrong);
+    for (size_t i = 0; i < s->scenario->count; i++)
+        s->scenario->buses[i].run.step = o->step;
+    return !wrong && scenario_ends(s->scenario, "give `count`, or --until TIME", stderr);
+}
+
+static bool run(seeds *s)
+{
+    static const pool_calls calls = {.make = make, .lose = lose, .take = take};
+    const sim_seeds_options *o = s->options;
+    const pool_work work = {.calls = &calls,
+                            .user = s,
+                            .first = o->first,
+                            .count = o->last - o->first + 1,
+                            .jobs = o->jobs > 0 ? o->jobs : pool_jobs_default()};
+    const bool good = pool_run(&work);
+    if (!good && errno != 0)
+        plain_print(stderr, "canwire sim: %s\n", strerror(errno));
+    return good;
+}
+
+static void print_sum(const seeds *s)
+{
+    fprintf(stderr, "canwire sim: %" PRIu64 " seeds: ", tally_total(&s->tally));
+    tally_print(stderr, &s->tally);
+    fputc('\n', stderr);
+}
+
+int sim_seeds_main(const sim_seeds_options *o)
+{
+    seeds s = {.options = o};
+    const bool good = open_scenario(&s) && run(&s);
+    scenario_close(s.scenario);
+    rowtext_free(&s.repeat);
+    if (!good)
+        return CLI_BAD_INPUT;
+    print_sum(&s);
+    if (tally_has_bad(&s.tally))
+        return CLI_BAD_INPUT;
+    return tally_all_passed(&s.tally) ? CLI_OK : CLI_EXPECTATION;
+}
+
+/* ---- Options --------------------------------------------------------------------------------- */
+
+/* Reads a number up to a "..", or to the end; *rest is then NULL. */
+static bool read_seed(uint64_t *out, const char *text, const char **rest)
+{
+    char number[NUMBER_MAX];
+    const char *dots = strstr(text, "..");
+    const size_t length = dots ? (size_t)(dots - text) : strlen(text);
+    *rest = dots ? dots + 2 : NULL;
+    if (length >= sizeof number)
+        return false;
+    memcpy(number, text, length);
+    number[length] = '\0';
+    return !text_parse_uint(out, number);
+}
+
+bool sim_seeds_parse(sim_seeds_options *o, const char *text)
+{
+    const char *rest = NULL;
+    bool good = read_seed(&o->first, text, &rest);
+    o->last = o->first;
+    if (good && rest)
+        good = read_seed(&o->last, rest, &rest) && !rest;
+    good = good && o->first <= o->last && o->last - o->first < UINT64_MAX;
+    if (!good)
+        plain_print(stderr, "canwire sim: --seeds %s: expected FIRST..LAST, such as 1..100\n",
+                    text);
+    return good;
+}
+
+bool sim_seeds_parse_jobs(unsigned *jobs, const char *command, const char *text)
+{
+    uint64_t number = 0;
+    const bool good = !text_parse_uint(&number, text) && number >= 1 && number <= POOL_JOBS_MAX;
+    *jobs = (unsigned)number;
+    if (!good)
+        plain_print(stderr, "%s: --jobs %s: a whole number from 1 to %u is expected\n", command,
+                    text, POOL_JOBS_MAX);
+    return good;
+}

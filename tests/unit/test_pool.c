@@ -1,0 +1,211 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_pool.c - lines of several processes come in order, whatever becomes of the processes.
+ */
+#include "campaign/pool.h"
+
+#include <errno.h>
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#define COUNT(array) (sizeof(array) / sizeof(array)[0])
+#define FIRST 1000u
+#define LINE_BYTES 64
+
+/* The end of the process that makes a line. */
+typedef enum fate { MADE = 'm', CRASHED = 'c', EXITED = 'e', LATE = 'l', SHAKY = 's' } fate;
+
+typedef struct lines {
+    fate (*fate_of)(uint64_t number);
+    pid_t parent;
+    int file; /* of a byte for each attempt at a line that is shaky */
+    char *text;
+    size_t size;
+    FILE *out;
+    uint64_t taken;
+    uint64_t stop_at; /* 0: never */
+    unsigned codes[256];
+} lines;
+
+static fate all_made(uint64_t number)
+{
+    (void)number;
+    return MADE;
+}
+
+static fate some_lost(uint64_t number)
+{
+    return number == FIRST + 7 ? CRASHED : number == FIRST + 8 ? EXITED : MADE;
+}
+
+static fate one_late(uint64_t number)
+{
+    return number == FIRST + 3 ? LATE : MADE;
+}
+
+static fate one_shaky(uint64_t number)
+{
+    return number == FIRST + 5 ? SHAKY : MADE;
+}
+
+static void put_line(rowtext *line, const char *word, uint64_t number)
+{
+    char text[LINE_BYTES];
+    (void)snprintf(text, sizeof text, "%s %u\n", word, (unsigned)number);
+    rowtext_put(line, text);
+}
+
+static unsigned char make(void *user, uint64_t number, rowtext *line)
+{
+    const lines *l = user;
+    const fate f = l->fate_of(number);
+    assert_int_not_equal(getpid(), l->parent);
+    if (f == CRASHED)
+        (void)raise(SIGKILL);
+    if (f == EXITED)
+        _exit(9);
+    while (f == LATE)
+        (void)pause();
+    if (f == SHAKY && lseek(l->file, 0, SEEK_END) == 0) {
+        (void)!write(l->file, "x", 1);
+        (void)raise(SIGKILL);
+    }
+    put_line(line, "made", number);
+    return MADE;
+}
+
+static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, rowtext *line)
+{
+    const lines *l = user;
+    assert_int_equal(getpid(), l->parent);
+    put_line(line, loss->timeout ? "late" : WIFSIGNALED(loss->status) ? "crashed" : "exited",
+             number);
+    return loss->timeout ? LATE : WIFSIGNALED(loss->status) ? CRASHED : EXITED;
+}
+
+static bool take(void *user, unsigned char code, const char *line, size_t length)
+{
+    lines *l = user;
+    if (l->stop_at && l->taken == l->stop_at)
+        return false;
+    l->taken++;
+    l->codes[code]++;
+    return fwrite(line, 1, length, l->out) == length;
+}
+
+static bool run(lines *l, uint64_t count, unsigned jobs, int64_t limit_ms)
+{
+    static const pool_calls calls = {.make = make, .lose = lose, .take = take};
+    const pool_work work = {.calls = &calls, .user = l, .first = FIRST, .count = count,
+                            .jobs = jobs, .limit_ms = limit_ms};
+    l->parent = getpid();
+    l->out = open_memstream(&l->text, &l->size);
+    assert_non_null(l->out);
+    const bool good = pool_run(&work);
+    assert_int_equal(fclose(l->out), 0);
+    return good;
+}
+
+/* Asserts that the lines are all there, with other words for those that are lost. */
+static void assert_lines(const lines *l, uint64_t count, const char *const words[],
+                         const uint64_t numbers[], size_t lost)
+{
+    const char *at = l->text;
+    assert_int_equal(l->taken, count);
+    for (uint64_t i = 0; i < count; i++) {
+        char expected[LINE_BYTES];
+        const char *word = "made";
+        for (size_t k = 0; k < lost; k++)
+            word = numbers[k] == i ? words[k] : word;
+        (void)snprintf(expected, sizeof expected, "%s %u\n", word, (unsigned)(FIRST + i));
+        assert_memory_equal(at, expected, strlen(expected));
+        at += strlen(expected);
+    }
+    assert_int_equal(at - l->text, l->size);
+}
+
+static void lines_are_in_order_for_any_number_of_processes(void **state)
+{
+    static const unsigned jobs[] = {1, 2, 3, 7};
+    static const uint64_t counts[] = {0, 1, 2, 100, 5000};
+    (void)state;
+    for (size_t i = 0; i < COUNT(jobs); i++) {
+        for (size_t k = 0; k < COUNT(counts); k++) {
+            lines l = {.fate_of = all_made};
+            assert_true(run(&l, counts[k], jobs[i], 0));
+            assert_lines(&l, counts[k], NULL, NULL, 0);
+            free(l.text);
+        }
+    }
+}
+
+static void a_process_that_ends_costs_its_line_alone(void **state)
+{
+    static const char *const words[] = {"crashed", "exited"};
+    static const uint64_t numbers[] = {7, 8};
+    (void)state;
+    for (unsigned jobs = 1; jobs <= 3; jobs++) {
+        lines l = {.fate_of = some_lost};
+        assert_true(run(&l, 400, jobs, 0));
+        assert_lines(&l, 400, words, numbers, COUNT(numbers));
+        assert_int_equal(l.codes[CRASHED], 1);
+        assert_int_equal(l.codes[EXITED], 1);
+        free(l.text);
+    }
+}
+
+static void a_process_that_hangs_is_ended(void **state)
+{
+    static const char *const words[] = {"late"};
+    static const uint64_t numbers[] = {3};
+    lines l = {.fate_of = one_late};
+    (void)state;
+    assert_true(run(&l, 40, 2, 2000));
+    assert_lines(&l, 40, words, numbers, COUNT(numbers));
+    free(l.text);
+}
+
+static void a_line_that_can_be_made_once_more_is_not_lost(void **state)
+{
+    char name[] = "/tmp/test_pool.XXXXXX";
+    lines l = {.fate_of = one_shaky, .file = mkstemp(name)};
+    (void)state;
+    assert_true(l.file >= 0);
+    assert_int_equal(unlink(name), 0);
+    assert_true(run(&l, 100, 2, 0));
+    assert_lines(&l, 100, NULL, NULL, 0);
+    assert_int_equal(lseek(l.file, 0, SEEK_END), 1);
+    assert_int_equal(close(l.file), 0);
+    free(l.text);
+}
+
+static void whoever_takes_the_lines_may_end_it(void **state)
+{
+    lines l = {.fate_of = all_made, .stop_at = 300};
+    (void)state;
+    assert_false(run(&l, 100000, 2, 0));
+    assert_int_equal(errno, 0);
+    assert_int_equal(l.taken, 300);
+    assert_int_equal(waitpid(-1, NULL, WNOHANG), -1); /* no process is left */
+    free(l.text);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(lines_are_in_order_for_any_number_of_processes),
+        cmocka_unit_test(a_process_that_ends_costs_its_line_alone),
+        cmocka_unit_test(a_process_that_hangs_is_ended),
+        cmocka_unit_test(a_line_that_can_be_made_once_more_is_not_lost),
+        cmocka_unit_test(whoever_takes_the_lines_may_end_it),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
