@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The interface `canwire` of python-can, by its own tests and at a running bus."""
+"""The interface `canwire` of python-can, in this process and at a running bus."""
 
 import configparser
 import json
@@ -13,16 +13,10 @@ import pytest
 from canwire.pythoncan import Wire
 from simtool import CANWIRED, ROOT, canwire as tool, kill_all, listens
 from test_record import wait_until
-from upstream import Suite
 
 PATIENCE_S = 60
 # It tells Python of the entry points, as an installation does.
 INSTALLED = ROOT / "tests/python/installed/canwire-0.dist-info/entry_points.txt"
-
-# These look into the queues of `virtual`, or want its name or time stamps that programs choose.
-OF_VIRTUAL = ["test_cycle_time", "test_restart_perodic_tasks"]
-# These have limits of time.
-TIMED = ["test_timestamp", "test_send_periodic_duration", "TestThreadSafeBus"]
 
 RUNNING = """
 bus: { name: running, bitrate: 500000, dbitrate: 2000000 }
@@ -71,7 +65,7 @@ def content(got):
     return got.arbitration_id, bytes(got.data), got.is_rx
 
 
-# ---- Its own tests -------------------------------------------------------------------------------
+# ---- The package ------------------------------------------------------------------------------------
 
 
 def test_the_entry_points_are_those_of_the_package():
@@ -80,28 +74,6 @@ def test_the_entry_points_are_those_of_the_package():
     installed.read(INSTALLED)
     assert {name: dict(installed[name]) for name in installed.sections()} == \
         project["entry-points"]
-
-
-def test_python_can_tests_two_buses(tmp_path):
-    attributes = [f'Back2BackTestCase.INTERFACE_{n}="canwire"' for n in (1, 2)]
-    suite = Suite("python_can", tmp_path,
-                  attributes=[*attributes, "Back2BackTestCase.TIMEOUT=0.5"])
-    suite_selection = [f"test/back2back_test.py::{name}"
-                       for name in ("Back2BackTestCase", "TestThreadSafeBus")]
-    found, texts = suite.results(suite_selection, (), TIMED, 3)
-    assert not found["failed"], texts
-    # python-can itself skips test_message_is_rx*
-    assert len(found["passed"]) == 30 and len(found["skipped"]) == 4
-
-
-def test_python_can_runs_on_canwire_in_place_of_virtual(tmp_path):
-    suite = Suite("python_can", tmp_path, plugins=["as_virtual"])
-    files = ["network_test", "notifier_test", "contextmanager_test", "zero_dlc_test",
-             "test_message_filtering", "simplecyclic_test", "test_bus"]
-    found, texts = suite.results([f"test/{name}.py" for name in files], OF_VIRTUAL,
-                                 ["ProducerConsumer", "test_stopping_perodic_tasks"], 3)
-    assert not found["failed"] and not found["skipped"], texts
-    assert len(found["passed"]) == 22
 
 
 # ---- In this process -----------------------------------------------------------------------------

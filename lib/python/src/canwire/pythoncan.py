@@ -673,10 +673,10 @@ class CanwireBus(can.BusABC):
         raise NotImplementedError("a bus in this process has no file")
 
     def shutdown(self) -> None:
-        if not self._is_shutdown:
-            super().shutdown()
-            if hasattr(self, "_end"):
-                self._end.close()
+        was_open = not self._is_shutdown
+        super().shutdown()
+        if was_open and hasattr(self, "_end"):
+            self._end.close()
 
     @staticmethod
     def _detect_available_configs() -> list[dict[str, Any]]:
