@@ -64,6 +64,54 @@ def test_closes_its_bus(canwire_sim):
         bus.send("engine", "321#")
         assert bus.run("1ms") is None
 
+@pytest.mark.canwire(BUS)
+@pytest.mark.parametrize("word", ["a/b", "a_b", "long" * 80])
+def test_has_words(canwire_bus, word):
+    canwire_bus.send("engine", f"{len(word):03X}#")
+    canwire_bus.run("1ms")
+    assert word is None
+
+@pytest.mark.canwire(BUS, events="tx")
+def test_keeps_some_events(canwire_bus):
+    canwire_bus.inject(name="bad", when={"count": 1, "frame": "123"},
+                       do={"flip": "crc[3]", "at": ["dash"]})
+    canwire_bus.send("engine", "123#DEADBEEF")
+    canwire_bus.run("1ms")
+    canwire_bus.keep_events("rx")
+    canwire_bus.send("dash", "124#")
+    canwire_bus.run("2ms")
+    assert not canwire_bus.events()
+
+RULES = BUS + """
+faults:
+  - { name: first, when: { frame: "100" }, do: { error-flag: [dash] } }
+  - { name: later, when: { time: 2ms.. }, do: { stuck: dominant, on: dash.tx } }
+  - { name: window, when: { time: 1ms..3ms }, do: { drop: rx, at: [dash] } }
+"""
+
+@pytest.mark.canwire(RULES)
+def test_clears_rules_of_the_file(canwire_bus):
+    canwire_bus.send("engine", "100#")
+    canwire_bus.run("500us")
+    canwire_bus.clear("first")
+    canwire_bus.inject(name="own", when={"frame": "100"}, do={"error-flag": ["dash"]})
+    canwire_bus.run("700us")
+    canwire_bus.clear()
+    canwire_bus.clear("later")
+    canwire_bus.run("2.5ms")
+    assert not canwire_bus.events()
+
+@pytest.mark.canwire(RULES)
+def test_clears_what_a_file_cannot_say(canwire_bus):
+    canwire_bus.clear("window")
+    canwire_bus.clear("first")
+    canwire_bus.inject(name="first", when={"frame": "100"}, do={"no-ack": ["dash"]})
+    canwire_bus.run("100us")
+    canwire_bus.inject(name="window", when={"frame": "100"}, do={"no-ack": ["dash"]})
+    canwire_bus.send("engine", "101#")
+    canwire_bus.run("2.5ms")
+    assert not canwire_bus.events()
+
 @settings(database=None, deadline=None, derandomize=True)
 @given(scenario=scenarios(nodes=["engine", "dash"]))
 def test_no_node_goes_off(scenario):
@@ -96,15 +144,52 @@ def fixture_done(tmp_path_factory):
 
 def test_a_test_that_fails_shows_what_was_on_the_bus(done):
     folder, output = done
-    assert "4 failed, 2 passed" in output, output
+    assert "10 failed, 2 passed" in output, output
     section = output.split("canwire: powertrain")[1]
     assert '"event":"fault","rule":"bad","hit":1}' in section
     assert "does not" not in section.split("canwire: ")[0]
     files = sorted(path.name for path in (folder / "out/test_ecu.py_test_fails").iterdir())
     assert files == ["bus.yaml", "events.jsonl", "scenario.yaml", "wire.svg", "wire.vcd"]
-    assert sorted(path.name for path in (folder / "out").iterdir()) == [
-        "test_ecu.py_test_closes_its_bus", "test_ecu.py_test_fails",
-        "test_ecu.py_test_has_two", "test_ecu.py_test_has_two-2"]
+    found = {path.name for path in (folder / "out").iterdir() if "words" not in path.name}
+    assert found == {f"test_ecu.py_test_{name}" for name in (
+        "clears_rules_of_the_file", "clears_what_a_file_cannot_say", "closes_its_bus", "fails",
+        "has_two", "has_two-2", "keeps_some_events")}
+
+
+def test_each_test_has_a_folder_of_its_own(done):
+    folders = sorted((done[0] / "out").glob("*words*"))
+    frames = {json.loads((folder / "events.jsonl").read_text().splitlines()[-1])["frame"]
+              for folder in folders}
+    assert frames == {"003#", "140#"} and len(folders) == 3
+    assert re.fullmatch(r"test_ecu.py_test_has_words_a_b-[0-9a-f]{8}", folders[0].name)
+    assert all(len(folder.name) < 120 and len(list(folder.iterdir())) == 5 for folder in folders)
+
+
+def report(done, name):
+    """Returns what the report of a test says of its bus."""
+    return re.search(rf"_ test_{name} _.*?- canwire: \w+ -+\n(.*?)\n(?:_____|=====)", done[1],
+                     re.S)[1]
+
+
+def test_a_test_that_keeps_some_events_has_a_scenario_and_a_picture(done):
+    text = report(done, "keeps_some_events")
+    assert "not all" not in text and "wire.svg" in text, text
+    events = (done[0] / "out/test_ecu.py_test_keeps_some_events/events.jsonl").read_text()
+    assert re.findall('"event":"([a-z]+)","frame":"([0-9A-F#]+)"', events) == [
+        ("tx", "123#DEADBEEF"), ("rx", "124#")]
+    text = (done[0] / "out/test_ecu.py_test_keeps_some_events/wire.vcd").read_text()
+    assert "error" in text  # the wire around the error, not the end
+
+
+def test_rules_of_the_file_that_were_cleared_are_in_the_scenario(done):
+    text = report(done, "clears_rules_of_the_file")
+    assert "not all" not in text, text
+    text = (done[0] / "out/test_ecu.py_test_clears_rules_of_the_file/scenario.yaml").read_text()
+    assert re.findall(r"time: \"?([^\s\",]+)", text) == [
+        "0s..500000ns", "1ms..3ms", "500000ns..700000ns"]
+    text = report(done, "clears_what_a_file_cannot_say")
+    assert "not all that the test did\n  clear window at 0.000000000 s\n" \
+        "  the rule window at 0.000100000 s\nfiles: " in text, text
 
 
 def test_a_bus_that_is_closed_is_reported(done):
@@ -150,6 +235,11 @@ def test_hypothesis_prints_the_smallest_scenario_as_yaml(done):
         "bus: { name: drawn, bitrate: 500000 }", "nodes:",
         '- { name: engine, traffic: [{ send: "000#", offset: 0 }] }', "- { name: dash }", "faults:",
         '- { name: rule-1, when: { frame: "0:0", count: 1 }, do: { bus-off: [engine] } }']
+    file = done[0] / "example.yaml"
+    file.write_text("\n".join(re.sub("^E? *", " " * 4 * line.lstrip("E ").startswith("-"), line)
+                              for line in example.splitlines()))
+    again = sim(file, "--until", "100ms", "--events", "-").stdout
+    assert '"node":"engine","event":"state","state":"bus-off"' in again
 
 
 def test_scenarios_shrink_to_what_matters():

@@ -500,6 +500,7 @@ class Bus:
     def keep_events(self, kinds: str) -> None:
         """Says which events are kept from now on, see Bus."""
         self._check(self._library.keep_events(self._sim, kinds.encode()))
+        self._note("keep_events", kinds)
 
     def take_lines(self) -> str:
         """Takes the new events as `canwire sim --events` writes them. Those that are taken as text

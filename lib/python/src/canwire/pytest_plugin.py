@@ -14,6 +14,8 @@ and shows the last events. In JUnit XML the files are properties.
 
 from __future__ import annotations
 
+import collections
+import hashlib
 import json
 import os
 import pathlib
@@ -26,14 +28,17 @@ import pytest
 
 from . import _library
 from .bus import Bus
-from .scenario import Recording, is_text, same_events
+from .scenario import Recording, is_text
 from .virtualtime import VirtualTime
 
 LAST_EVENTS = 12
 PICTURE_NS = 1_000_000  # of the wire before the last error, and half of it behind
 TOOL_S = 60
 
+NAME_BYTES = 100  # of a folder, whose name also has a hash when it is longer
+
 _recordings = pytest.StashKey[list]()
+_names = pytest.StashKey[dict]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -67,7 +72,8 @@ def canwire_sim(request: pytest.FixtureRequest) -> Any:
     def make(source: Any, **options: Any) -> Bus:
         source = _find(request, source)
         make_bus = Bus.from_dict if isinstance(source, dict) else Bus.from_yaml
-        recordings.append(Recording(make_bus(source, **options), source))
+        recordings.append(Recording(make_bus(source, **options), source,
+                                    options.get("events", "all")))
         recordings[-1].bus._kept = True  # a report reads it after a test has closed it
         return recordings[-1].bus
 
@@ -111,9 +117,8 @@ def pytest_runtest_makereport(item: pytest.Item) -> Any:
     top = pathlib.Path(item.config.getoption("canwire_out"))
     if not top.is_absolute():
         top = item.config.invocation_params.dir / top
-    for number, recording in enumerate(recordings):
-        name = re.sub(r"[^\w.-]+", "_", item.nodeid).strip("_")
-        folder = top / (name if not number else f"{name}-{number + 1}")
+    for number, recording in enumerate(recordings, 1):
+        folder = top / f"{folder_name(item)}{f'-{number}' if number > 1 else ''}"
         closed, recording.bus._closed = recording.bus._closed, False
         story, bus = Story(recording, folder), recording.bus.name
         recording.bus._closed = closed
@@ -124,6 +129,28 @@ def pytest_runtest_makereport(item: pytest.Item) -> Any:
             report.user_properties.append(entry)
 
 
+def folder_name(item: pytest.Item) -> str:
+    """Returns the name of a test's folder, which no other test of the session has. All processes of
+    pytest-xdist find the same."""
+    if _names not in item.session.stash:
+        plain = {one.nodeid: _plain(one.nodeid) for one in item.session.items}
+        count = collections.Counter(plain.values())
+        item.session.stash[_names] = {
+            nodeid: name if count[name] == 1 and len(name.encode()) <= NAME_BYTES
+            else _hashed(name, nodeid) for nodeid, name in plain.items()}
+    names = item.session.stash[_names]
+    return names.get(item.nodeid) or _hashed(_plain(item.nodeid), item.nodeid)
+
+
+def _plain(nodeid: str) -> str:
+    return re.sub(r"[^\w.-]+", "_", nodeid).strip("_")
+
+
+def _hashed(name: str, nodeid: str) -> str:
+    short = name.encode()[:NAME_BYTES].decode(errors="ignore")
+    return f"{short}-{hashlib.sha256(nodeid.encode()).hexdigest()[:8]}"
+
+
 class Story:
     """The run of a bus, as files and as a text."""
 
@@ -131,15 +158,19 @@ class Story:
         self.bus, self.folder = recording.bus, folder
         self.files: list[pathlib.Path] = []
         self.lines: list[str] = []
-        shutil.rmtree(folder, ignore_errors=True)  # of an earlier run
-        folder.mkdir(parents=True)
-        events = self.bus.events()
+        events = [json.dumps(event, separators=(",", ":")) for event in self.bus.events()]
         self.lines.append(f"{self.bus.now:.9f} s of bus time, {len(events)} events" +
                           (", the last ones:" if events else ""))
-        self.lines += [f"  {json.dumps(event, separators=(',', ':'))}"
-                       for event in events[-LAST_EVENTS:]]
-        self._write("events.jsonl", "".join(f"{json.dumps(event, separators=(',', ':'))}\n"
-                                            for event in events))
+        self.lines += [f"  {event}" for event in events[-LAST_EVENTS:]]
+        try:
+            self._write_files(recording, events)
+        except OSError as problem:  # the report of the test matters more
+            self.lines.append(f"files are missing: {problem}")
+
+    def _write_files(self, recording: Recording, events: list[str]) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)  # of an earlier run
+        self.folder.mkdir(parents=True)
+        self._write("events.jsonl", "".join(f"{event}\n" for event in events))
         source = recording.source
         if isinstance(source, dict):
             self._write("bus.yaml", json.dumps(source, indent=1) + "\n")
@@ -151,9 +182,8 @@ class Story:
         except ImportError:
             self.lines.append("no scenario.yaml: PyYAML is not installed")
         except Exception as problem:  # pylint: disable=broad-except
-            # the report of the test matters more
             self.lines.append(f"no scenario.yaml: {problem}")
-        self.lines.append(f"files: {folder}: {', '.join(file.name for file in self.files)}")
+        self.lines.append(f"files: {self.folder}: {', '.join(file.name for file in self.files)}")
 
     @property
     def text(self) -> str:
@@ -170,17 +200,17 @@ class Story:
         head = f"# canwire sim scenario.yaml --until {until} --events -\n"
         head += "".join(f"# not in it: {line}\n" for line in missing)
         file = self._write("scenario.yaml", head + made.yaml)
-        if missing or not same_events(made, self.bus):
+        if missing or not recording.same_events(made):
             self.lines.append("scenario.yaml has not all that the test did" +
                               "".join(f"\n  {line}" for line in missing))
-        self._draw(file, until)
+        self._draw(file, until, recording.errors(made))
 
-    def _draw(self, scenario: pathlib.Path, until: str) -> None:
+    def _draw(self, scenario: pathlib.Path, until: str, errors: list[int]) -> None:
         tool = find_tool()
         if tool is None:
             self.lines.append("no wire.svg, wire.vcd: there is no tool canwire in PATH")
             return
-        begin, end = self._window()
+        begin, end = self._window(errors)
         words = [tool, "sim", "scenario.yaml", "--until", until, "--from", f"{begin}ns",
                  "--to", f"{end}ns", "--svg", "wire.svg", "--vcd", "wire.vcd"]
         done = subprocess.run(words, cwd=self.folder, capture_output=True, text=True,
@@ -190,12 +220,11 @@ class Story:
             return
         self.files += [scenario.with_name("wire.svg"), scenario.with_name("wire.vcd")]
 
-    def _window(self) -> tuple[int, int]:
+    def _window(self, errors: list[int]) -> tuple[int, int]:
         """Returns the part of the wire that is drawn: the last error and its frame, or the end."""
-        errors = [event["t"] for event in self.bus.events() if event["event"] == "error"]
         bit_ns = 1_000_000_000 / self.bus.buses[0].bitrate
         width = round(min(PICTURE_NS * 500_000 / self.bus.buses[0].bitrate, 1900 * bit_ns))
-        centre = round(errors[-1] * 1e9) if errors else self.bus.now_ns - width // 2
+        centre = errors[-1] if errors else self.bus.now_ns - width // 2
         begin = max(centre - width // 2, 0)
         return begin, begin + width
 

@@ -10,7 +10,7 @@ import copy
 import json
 import pathlib
 import re
-from typing import Any
+from typing import Any, Callable
 
 from .bus import Bus
 
@@ -132,16 +132,21 @@ def _rules(text: str) -> list[dict[str, Any]]:
 
 
 class Recording:
-    """The inputs of a bus by a program, to make a scenario of them."""
+    """The inputs of a bus by a program, to make a scenario of them. events: those that the bus
+    keeps."""
 
-    def __init__(self, bus: Bus, source: Any):
+    def __init__(self, bus: Bus, source: Any, events: str = "all"):
         self.bus, self.source = bus, source
         self.inputs: list[tuple[int, str, tuple[Any, ...]]] = []
+        self.kept = [(0, events)]
         bus._observer = self._note
 
     def _note(self, what: str, *arguments: Any) -> None:
         if what == "reset":
             self.inputs.clear()
+            self.kept = [(0, self.kept[-1][1])]
+        elif what == "keep_events":
+            self.kept.append((self.bus.now_ns, *arguments))
         else:
             self.inputs.append((self.bus.now_ns, what, arguments))
 
@@ -152,14 +157,34 @@ class Recording:
         made = Scenario(self.source if isinstance(self.source, dict) else from_yaml(self.source))
         made.config.pop("expect", None)  # the test has its own
         made.config["seed"] = str(self.bus.buses[0].seed)
-        return made, _Repetition(made).repeat(self.inputs)
+        return made, _Repetition(made, self.bus._time_ns).repeat(self.inputs)
+
+    def same_events(self, made: Scenario) -> bool:
+        """Returns True when a scenario alone has the events of the bus up to now."""
+        with made.bus(listen=False) as again:
+            for ns, kinds in self.kept:
+                if ns:
+                    again.run(ns / 1e9)
+                again.keep_events(kinds)
+            again.run(self.bus.now)
+            return again.events() == self.bus.events()
+
+    def errors(self, made: Scenario) -> list[int]:
+        """Returns the times of errors, in ns; of a scenario alone where the bus does not keep
+        them."""
+        events = self.bus.events("error")
+        if not events and self.kept != [(0, "all")]:
+            with made.bus(listen=False, events="error") as again:
+                again.run(self.bus.now)
+                events = again.events()
+        return [round(event["t"] * 1e9) for event in events]
 
 
 class _Repetition:
-    """Puts inputs into a scenario."""
+    """Puts inputs into a scenario. time_ns: reads a time."""
 
-    def __init__(self, made: Scenario):
-        self.made = made
+    def __init__(self, made: Scenario, time_ns: Callable[[str], int]):
+        self.made, self.time_ns = made, time_ns
         self.missing: list[str] = []
         self.injected: dict[str, dict[str, Any]] = {}
 
@@ -181,6 +206,9 @@ class _Repetition:
     def _inject(self, ns: int, text: str) -> None:
         for rule in _rules(text):
             rule = copy.deepcopy(rule)
+            if self._in_file(rule["name"]):  # of a rule that is gone
+                self._miss(ns, "the rule", rule["name"])
+                continue
             when = dict(rule.get("when") or {})
             if ns and {"time", "after", "manual"} & set(when):
                 self._miss(ns, "the rule", rule["name"])  # it may have acted before
@@ -191,13 +219,31 @@ class _Repetition:
             self.injected[rule["name"]] = rule
             self.made.add_rule(rule)
 
+    def _in_file(self, name: str) -> dict[str, Any] | None:
+        """Returns the rule of that name; those of profiles are not in the file."""
+        return next((rule for rule in self.made.config.get("faults") or []
+                     if isinstance(rule, dict) and rule.get("name") == name), None)
+
     def _clear(self, ns: int, name: str | None) -> None:
-        for rule in [self.injected.pop(one) for one in list(self.injected) if name in (None, one)]:
-            begin = rule.setdefault("when", {}).get("time", "0s..")
-            if begin.endswith(".."):
-                rule["when"]["time"] = f"{begin}{ns}ns"
-            else:
-                self._miss(ns, "clear", rule["name"])
+        """Ends rules that were injected, or the one of that name."""
+        for one in [*self.injected] if name is None else [name]:
+            self.injected.pop(one, None)
+            rule = self._in_file(one)
+            if rule is None:
+                self._miss(ns, "clear", one)
+                continue
+            self._end(rule, ns)
+
+    def _end(self, rule: dict[str, Any], ns: int) -> None:
+        """Ends a rule of the file at a time."""
+        when = dict(rule.get("when") or {})
+        begin, dots, end = str(when.get("time", "0s..")).partition("..")
+        if not dots or end:  # a moment, or an end that may come before
+            self._miss(ns, "clear", rule["name"])
+        elif self.time_ns(begin) >= ns:
+            self.made.config["faults"].remove(rule)
+        else:
+            rule["when"] = {**when, "time": f"{begin}..{ns}ns"}
 
     def _restart(self, ns: int, node: str) -> None:
         self._act(ns, {"restart": node})
@@ -209,10 +255,3 @@ class _Repetition:
         name = f"by-hand-{len(self.made.config.get('faults', [])) + 1}"
         self.made.add_rule({"name": name, "when": {"time": _time(ns) if ns else "0s"},
                             "do": action})
-
-
-def same_events(made: Scenario, recorded: Bus) -> bool:
-    """Returns True when a scenario alone has the events of a bus up to its time."""
-    with made.bus(listen=False) as again:
-        again.run(recorded.now)
-        return again.events() == recorded.events()
