@@ -65,7 +65,7 @@ def content(got):
     return got.arbitration_id, bytes(got.data), got.is_rx
 
 
-# ---- The package ------------------------------------------------------------------------------------
+# ---- The package ---------------------------------------------------------------------------------
 
 
 def test_the_entry_points_are_those_of_the_package():
@@ -87,6 +87,15 @@ def test_buses_in_this_process_share_a_channel(opened):
     assert content(two.recv(PATIENCE_S)) == (0x123, b"\x11\x22", False)
     assert other.recv(0) is None and one.protocol is can.CanProtocol.CAN_FD
     assert {"interface": "canwire", "channel": "shared"} in can.detect_available_configs("canwire")
+
+
+@pytest.mark.parametrize("more", [(), (None,), (True, None)], ids=["4.1", "4.3", "4.4"])
+def test_versions_of_python_can_start_periodic_frames(opened, more):
+    one, two = (opened(channel="periodic", virtual_time=True) for _ in range(2))
+    task = one._send_periodic_internal([message()], 0.01, None, *more)
+    times = [two.recv(1).timestamp for _ in range(3)]
+    assert [round(b - a, 6) for a, b in zip(times, times[1:])] == [0.01, 0.01]
+    task.stop()
 
 
 def test_a_bus_ends_with_its_last_program_and_what_was_sent_arrives(opened):

@@ -77,12 +77,13 @@ class NodeBus(can.BusABC):
         self._host = hosts[channel]
         self._host.buses.append(self)
         self.channel_info = f"canwire node {channel}"
-        self._can_protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
+        if hasattr(can, "CanProtocol"):  # since python-can 4.3
+            self._can_protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
         self.channel = channel
         super().__init__(channel, can_filters=can_filters, **kwargs)
 
     def _check_open(self) -> None:
-        if self._is_shutdown:
+        if getattr(self, "_is_shutdown", False):  # python-can has it since 4.2
             raise can.CanOperationError("the bus is closed")
         if self.clock.is_over:
             raise can.CanOperationError("the virtual time of the bus is over")
@@ -116,5 +117,6 @@ class NodeBus(can.BusABC):
 
     def shutdown(self) -> None:
         super().shutdown()
+        self._is_shutdown = True
         if self in self._host.buses:
             self._host.buses.remove(self)

@@ -274,6 +274,7 @@ class VirtualTask(LimitedDurationCyclicSendTaskABC, ModifiableCyclicTaskABC,
                  modifier: Callable[[can.Message], None] | None):
         super().__init__(messages, period, duration)
         self.wire, self.number, self.modifier = wire, number, modifier
+        self.step_ns = round(period * 1e9)
         self.next_ns = self.end_ns = self.index = 0
         if autostart:
             self.start()
@@ -302,7 +303,7 @@ class VirtualTask(LimitedDurationCyclicSendTaskABC, ModifiableCyclicTaskABC,
             self.modifier(message)
         self.wire.bus.nodes[self.number].send(to_frame(message))
         self.index = (self.index + 1) % len(self.messages)
-        self.next_ns += self.period_ns
+        self.next_ns += self.step_ns
 
 
 class Inside:
@@ -592,7 +593,8 @@ class CanwireBus(can.BusABC):
                                lambda: make(where, config, bitrate, data_rate), virtual_time, own,
                                errors)
         self.channel_info = f"canwire: {self._end.text}"
-        self._can_protocol = can.CanProtocol.CAN_FD if self._end.fd else can.CanProtocol.CAN_20
+        if hasattr(can, "CanProtocol"):  # since python-can 4.3
+            self._can_protocol = can.CanProtocol.CAN_FD if self._end.fd else can.CanProtocol.CAN_20
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
 
     @staticmethod
@@ -616,7 +618,7 @@ class CanwireBus(can.BusABC):
         return self._end.wire.bus
 
     def _check_open(self) -> None:
-        if self._is_shutdown:
+        if getattr(self, "_is_shutdown", False):  # python-can has it since 4.2
             raise can.CanOperationError("canwire: the bus is closed")
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
@@ -642,14 +644,15 @@ class CanwireBus(can.BusABC):
         self._end.send(msg, timeout)
 
     def _send_periodic_internal(self, msgs: Any, period: float, duration: float | None = None,
-                                autostart: bool = True, modifier_callback: Any = None) -> Any:
+                                *more: Any) -> Any:
+        """more: nothing before python-can 4.3, [autostart before] modifier_callback since then."""
         self._check_open()
         if not self._virtual:
-            return super()._send_periodic_internal(msgs, period, duration, autostart,
-                                                   modifier_callback)
+            return super()._send_periodic_internal(msgs, period, duration, *more)
         msgs = [msgs] if isinstance(msgs, can.Message) else msgs
+        autostart = more[0] if len(more) > 1 else True
         return VirtualTask(self._end.wire, self._end.number, msgs,  # type: ignore[union-attr]
-                           period, duration, autostart, modifier_callback)
+                           period, duration, autostart, more[-1] if more else None)
 
     def _apply_filters(self, filters: Any) -> None:
         if isinstance(self._end, Outside):
@@ -673,8 +676,9 @@ class CanwireBus(can.BusABC):
         raise NotImplementedError("a bus in this process has no file")
 
     def shutdown(self) -> None:
-        was_open = not self._is_shutdown
+        was_open = not getattr(self, "_is_shutdown", False)
         super().shutdown()
+        self._is_shutdown = True
         if was_open and hasattr(self, "_end"):
             self._end.close()
 
