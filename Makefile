@@ -226,16 +226,14 @@ help: ## this list
 # scripts/test runs these targets: unit tests of one variant and compiler. The differential test
 # takes fewer bits where each costs more.
 DIFFERENTIAL_BITS_release := 5000000
-DIFFERENTIAL_BITS_san := 2000000
 DIFFERENTIAL_BITS_debug := 1000000
-DIFFERENTIAL_BITS := $(DIFFERENTIAL_BITS_$(VARIANT))
+DIFFERENTIAL_BITS := $(or $(DIFFERENTIAL_BITS_$(VARIANT)),2000000)
 
 # Of the configurations with something missing, one in so many. MUTANTS_EVERY=1 on the command line
 # takes all.
 MUTANTS_EVERY_release := 2
-MUTANTS_EVERY_san := 14
 MUTANTS_EVERY_debug := 28
-MUTANTS_EVERY := $(MUTANTS_EVERY_$(VARIANT))
+MUTANTS_EVERY := $(or $(MUTANTS_EVERY_$(VARIANT)),14)
 
 test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL) \
   $(DIFFERENTIAL) $(MUTANTS) $(BUILD)/bench $(BUILD)/bench_realtime
