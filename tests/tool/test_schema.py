@@ -27,7 +27,7 @@ GOOD = sorted([*CONFIG.glob("good/*.yaml"), *CONFIG.glob("profiles/[nt]*.yaml"),
                *ROOT.glob("config/profiles/*.yaml"), *ROOT.glob("config/*.yaml")])
 BAD = sorted(CONFIG.glob("bad/*.yaml"))
 SCHEMA = json.loads((ROOT / "config/schema/canwire.schema.json").read_text())
-MUTANTS_MAX = 250  # of one file; drawn with a fixed seed
+MUTANTS_MAX = 150  # of one file; drawn with a fixed seed
 DEPTH_MAX = 40
 
 # Errors that the loader finds and the schema cannot.
