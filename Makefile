@@ -212,7 +212,7 @@ deb: ## a Debian package in build/deb
 wheel: ## the Python package as a wheel and as sources, in build
 	@scripts/install-deps build
 	@$(MAKE) --no-print-directory $(WHEEL_SIM)
-	@scripts/wheel $(VERSION) $(WHEEL_SIM) build
+	@scripts/wheel $(WHEEL_SIM) build
 
 clean: ## remove all built files, the guest's image included
 	rm -rf build

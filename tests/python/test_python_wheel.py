@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""The wheel: it is installed without a network, and needs no compiler and no library."""
+"""The packages: they are installed without a network. The wheel needs no compiler and no library; the
+source package makes its library.
+"""
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -32,24 +35,32 @@ def fixture_made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
     subprocess.run(["flock", "build", "make", "-s", "build/release/wheel/libcanwire-sim.so"],
                    cwd=ROOT, check=True)  # another process may have the same wish
-    done = subprocess.run([ROOT / "scripts/wheel", VERSION,
-                           ROOT / "build/release/wheel/libcanwire-sim.so", folder], check=True,
+    done = subprocess.run([ROOT / "scripts/wheel", ROOT / "build/release/wheel/libcanwire-sim.so", folder], check=True,
                           capture_output=True, text=True)
     return done.stdout.split()
 
 
-def test_a_wheel_works_in_a_fresh_environment(made, tmp_path):
-    venv.create(tmp_path / "venv", with_pip=False)
-    python = tmp_path / "venv/bin/python"
-    environment = {key: value for key, value in os.environ.items()
-                   if key not in ("CANWIRE_SIM_LIBRARY", "PYTHONPATH")}
-    environment["HOME"] = str(tmp_path)
+def environment(folder, **more):
+    """Returns an environment without the library of the tests."""
+    plain = {key: value for key, value in os.environ.items()
+             if key not in ("CANWIRE_SIM_LIBRARY", "PYTHONPATH")}
+    return {**plain, "HOME": str(folder), **more}
+
+
+def install_and_run(folder, package, **more):
+    """Installs a package in a fresh environment; what PROGRAM prints there."""
+    venv.create(folder / "venv", with_pip=False)
+    python = folder / "venv/bin/python"
     subprocess.run([sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-index",
-                    "--disable-pip-version-check", made[0]], check=True, env=environment,
-                   cwd=tmp_path)
+                    "--no-build-isolation", "--no-cache-dir", "--disable-pip-version-check",
+                    package], check=True, cwd=folder, env=environment(folder, **more))
     done = subprocess.run([python, "-c", PROGRAM], capture_output=True, text=True, check=True,
-                          env=environment, cwd=tmp_path)
-    frame, points, own, loaded = done.stdout.splitlines()
+                          env=environment(folder, **more), cwd=folder)
+    return done.stdout.splitlines()
+
+
+def test_a_wheel_works_in_a_fresh_environment(made, tmp_path):
+    frame, points, own, loaded = install_and_run(tmp_path, made[0])
     assert frame == f"123#11 Stop.END {VERSION} 1" and points == "['canwire']" and own == "True"
     assert loaded == "['libcanwire-sim.so', 'libjansson.so.4', 'libyaml-0.so.2']"
 
@@ -59,15 +70,65 @@ def test_the_wheel_is_for_any_python_3_of_this_c_library(made):
     with zipfile.ZipFile(made[0]) as wheel:
         names = wheel.namelist()
         record = wheel.read(f"canwire-{VERSION}.dist-info/RECORD").decode().splitlines()
+        licences = {name.rpartition("/")[2]: wheel.read(name).decode()
+                    for name in names if "/licenses/" in name}
     assert "canwire/py.typed" in names
     assert [line.split(",")[0] for line in record] == names
+    # those of the libraries that are copied
+    assert sorted(licences) == ["LICENSE", "libjansson.txt", "libyaml-0.txt"]
+    assert all("Permission is hereby granted" in text for text in licences.values())
+    assert "Kirill Simonov" in licences["libyaml-0.txt"]
+    assert "Petri Lehtinen" in licences["libjansson.txt"]
 
 
-def test_the_source_package_has_all_of_the_package(made):
+def test_the_source_package_makes_its_library(made, tmp_path):
+    # without optimisation, and with the help of earlier runs
+    compiler = "ccache gcc" if shutil.which("ccache") else "gcc"
+    frame, points, own, loaded = install_and_run(
+        tmp_path, made[1], VARIANT="debug", CFLAGS="-g0", CC=compiler,
+        CCACHE_DIR=os.environ.get("CCACHE_DIR", os.path.expanduser("~/.cache/ccache")))
+    assert frame == f"123#11 Stop.END {VERSION} 1" and points == "['canwire']" and own == "True"
+    assert loaded == "['libcanwire-sim.so']"  # the others are those of the system
     with tarfile.open(made[1]) as sources:
         names = sources.getnames()
-    head = f"canwire-{VERSION}"
-    for wanted in ("PKG-INFO", "VERSION", "LICENSE", "README.md", "pyproject.toml",
-                   "src/canwire/bus.py"):
-        assert f"{head}/{wanted}" in names
     assert not [name for name in names if "__pycache__" in name or name.endswith(".so")]
+
+
+def build(folder, words="", **more):
+    """Runs the backend of pip, as pip does."""
+    code = f"import canwire_build as build{words}; print(build.build_wheel({str(folder)!r}))"
+    return subprocess.run([sys.executable, "-B", "-c", code], capture_output=True, text=True,
+                          cwd=ROOT / "lib/python", check=False,
+                          env=environment(folder, **more))
+
+
+def test_a_library_that_is_installed_is_used_when_it_is_named(tmp_path):
+    done = build(tmp_path, CANWIRE_SIM_LIBRARY=os.environ["CANWIRE_SIM_LIBRARY"])
+    assert done.stdout == f"canwire-{VERSION}-py3-none-any.whl\n", done.stderr
+    with zipfile.ZipFile(tmp_path / done.stdout.strip()) as wheel:
+        assert not [name for name in wheel.namelist() if name.endswith(".so")]
+    done = build(tmp_path, CANWIRE_SIM_LIBRARY="/none.so")
+    assert done.returncode == 1
+    assert done.stderr == "canwire: CANWIRE_SIM_LIBRARY=/none.so cannot be loaded\n"
+
+
+def test_what_is_missing_is_said_with_the_packages_that_have_it(tmp_path):
+    nothing = "; build.installed_library = lambda: None"
+    done = build(tmp_path, nothing, PATH="/none")
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert "without make, cc, and none is installed" in done.stderr
+    assert "sudo apt install make gcc\n" in done.stderr
+    compiler = tmp_path / "compiler"  # without headers of libraries
+    compiler.write_text("#!/bin/sh\nexit 1\n")
+    compiler.chmod(0o755)
+    done = build(tmp_path, nothing, CC=str(compiler))
+    assert "sudo apt install libyaml-dev libjansson-dev\n" in done.stderr
+
+
+def test_a_checkout_is_installed_for_editing(tmp_path):
+    library = os.environ["CANWIRE_SIM_LIBRARY"]
+    words = "; build.build_wheel = build.build_editable"
+    done = build(tmp_path, words, CANWIRE_SIM_LIBRARY=library)
+    with zipfile.ZipFile(tmp_path / done.stdout.strip()) as wheel:
+        assert wheel.read("canwire.pth").decode() == f"{ROOT}/lib/python/src\n"
+        assert f"canwire-{VERSION}.dist-info/entry_points.txt" in wheel.namelist()
