@@ -2,7 +2,7 @@
 """Builds the Python package: the backend of pip (PEP 517), which needs Python alone.
 
 The library is made with make and a C compiler: of the checkout, or of the sources that a source
-package has in `sources`. Where that is not possible, a library that is installed is used.
+package has in `sources`. Without these the package needs a library that is installed.
 `scripts/wheel` makes the wheel for others, which brings all libraries that it needs.
 """
 import base64
@@ -28,7 +28,7 @@ LICENCE = PACKAGE / "LICENSE" if IS_SDIST else ROOT / "LICENSE"
 BUILT = "build/release/libcanwire-sim.so"
 DATE = (1980, 1, 1, 0, 0, 0)  # the same sources make the same files
 HEADERS = {"yaml.h": "libyaml-dev", "jansson.h": "libjansson-dev"}
-# What the library is made of: the folders SIM_FOLDERS of the Makefile, and headers of others.
+# The library is made of these: the folders SIM_FOLDERS of the Makefile, and headers of others.
 SOURCES = ("Makefile", "lib/**/*.[ch]", "daemon/**/*.h",
            *(f"daemon/{folder}/*.c" for folder in ("base", "timing", "trace", "config", "run",
                                                    "record", "sim", "embed")))
@@ -46,14 +46,15 @@ def metadata(licences=("LICENSE",)):
     text = (PACKAGE / "pyproject.toml").read_text()
     value = {key: re.search(rf'^{key} = "(.*)"', text, re.M)[1]
              for key in ("name", "description", "requires-python")}
-    extras = re.findall(r'^(\w+) = \["([^"]+)"\]', text.split("optional-dependencies]")[1]
+    extras = re.findall(r"^(\w+) = \[(.*)\]", text.split("optional-dependencies]")[1]
                         .split("\n\n")[0], re.M)
     lines = ["Metadata-Version: 2.1", f"Name: {value['name']}", f"Version: {version()}",
              f"Summary: {value['description']}", "License: MIT",
              *(f"License-File: {name}" for name in licences),
              f"Requires-Python: {value['requires-python']}"]
     for extra, needed in extras:
-        lines += [f"Provides-Extra: {extra}", f'Requires-Dist: {needed} ; extra == "{extra}"']
+        lines += [f"Provides-Extra: {extra}", *(f'Requires-Dist: {one} ; extra == "{extra}"'
+                                                for one in re.findall('"([^"]+)"', needed))]
     lines += ["Description-Content-Type: text/markdown", "", README.read_text(encoding="utf-8")]
     return "\n".join(lines)
 

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: MIT
 """The interface `canwire` of python-can, in this process and at a running bus."""
 
+import asyncio
 import configparser
 import json
+import os
 import subprocess
 import threading
 import tomllib
@@ -251,8 +253,29 @@ def test_a_running_bus_needs_a_node_with_a_socket(running, opened):
         opened(channel=running, node="other")
     with pytest.raises(can.CanInitializationError, match="No such file"):
         opened(channel="unix:/nowhere/x.sock")
+    # no bus in this process takes the place of one that does not run
+    for path in ("/nowhere/x.sock", "x.sock", "./powertrain"):
+        with pytest.raises(can.CanInitializationError, match="there is no running bus"):
+            opened(channel=path)
     port = running.replace("running.sock", "dash.sock")
     assert opened(channel=f"unix:{port}").recv(0) is None
+
+
+def test_an_ordinary_user_finds_the_nodes_of_a_bus(running, opened, monkeypatch):
+    monkeypatch.setattr("canwire.pythoncan.RUN_FOLDER", os.path.dirname(running))
+    found = can.detect_available_configs("canwire")
+    assert found[:2] == [{"interface": "canwire", "channel": f"running:{node}"}
+                         for node in ("engine", "dash")]
+    engine, dash = (can.Bus(**config) for config in found[:2])
+
+    async def receive():
+        reader = can.AsyncBufferedReader()
+        with can.Notifier(dash, [reader], loop=asyncio.get_running_loop()):
+            engine.send(message())
+            return await asyncio.wait_for(reader.get_message(), PATIENCE_S)
+
+    with engine, dash:
+        assert content(asyncio.run(receive()))[:2] == (0x123, b"\x11\x22")
 
 
 @pytest.mark.parametrize("virtual", [False, True])

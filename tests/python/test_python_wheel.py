@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The packages: they are installed without a network. The wheel needs no compiler and no library; the
-source package makes its library.
+"""The packages: they are installed without a network. The wheel needs no compiler and no library.
+The source package makes its library.
 """
 
 import os
@@ -33,9 +33,10 @@ print(sorted(line.split("/")[-1].strip() for line in open("/proc/self/maps")
 @pytest.fixture(name="made", scope="module")
 def fixture_made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
-    subprocess.run(["flock", "build", "make", "-s", "build/release/wheel/libcanwire-sim.so"],
-                   cwd=ROOT, check=True)  # another process may have the same wish
-    done = subprocess.run([ROOT / "scripts/wheel", ROOT / "build/release/wheel/libcanwire-sim.so", folder], check=True,
+    library = "build/release/wheel/libcanwire-sim.so"
+    subprocess.run(["flock", "build", "make", "-s", library], cwd=ROOT,
+                   check=True)  # another process may have the same wish
+    done = subprocess.run([ROOT / "scripts/wheel", ROOT / library, folder], check=True,
                           capture_output=True, text=True)
     return done.stdout.split()
 

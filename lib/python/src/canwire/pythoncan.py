@@ -386,11 +386,16 @@ def ports_of(path: str) -> dict[str, str]:
     return found
 
 
+def is_socket_path(channel: Any) -> bool:
+    """Returns True for what names a socket, or a file, and no bus."""
+    return isinstance(channel, str) and ("/" in channel or channel.endswith(".sock"))
+
+
 def find_running(channel: Any) -> str | None:
     """Returns the control socket of the running bus that a channel names, or None."""
     if not isinstance(channel, str) or not channel:
         return None
-    path = channel if "/" in channel else f"{RUN_FOLDER}/{channel}.sock"
+    path = channel if is_socket_path(channel) else f"{RUN_FOLDER}/{channel}.sock"
     try:
         return path if pathlib.Path(path).is_socket() else None
     except OSError:
@@ -532,6 +537,11 @@ def split(channel: Any, node: str | None) -> tuple[Any, str | None]:
     return channel, node
 
 
+def is_configuration(channel: Any) -> bool:
+    """Returns True for the name of a file that describes a bus."""
+    return isinstance(channel, (str, os.PathLike)) and str(channel).endswith((".yaml", ".yml"))
+
+
 def make_default(key: Any, bitrate: int, data_bitrate: int) -> Bus:
     """Makes a bus whose nodes are programs."""
     return Bus.from_dict({
@@ -548,7 +558,7 @@ def make(channel: Any, config: Any, bitrate: int, data_bitrate: int) -> Bus:
             return Bus.from_dict(config, listen=False, events="none")
         if config is not None:
             return Bus.from_yaml(config, listen=False, events="none")
-        if isinstance(channel, (str, os.PathLike)) and str(channel).endswith((".yaml", ".yml")):
+        if is_configuration(channel):
             return Bus.from_yaml(channel, listen=False, events="none")
         return make_default(channel, bitrate, data_bitrate)
     except ConfigError as problem:
@@ -585,7 +595,8 @@ class CanwireBus(can.BusABC):
                                                   None, None)
         elif running:
             self._end = self._attach(channel, running, node, own, errors)
-        elif private is False:
+        elif private is False or (private is None and config is None and is_socket_path(where)
+                                  and not is_configuration(where)):
             raise _refuse(f"there is no running bus {where!r}")
         else:
             data_rate = data_bitrate or max(bitrate, min(4 * bitrate, 2_000_000))
