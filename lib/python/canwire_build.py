@@ -61,11 +61,12 @@ def metadata(licences=("LICENSE",)):
 
 def entry_points():
     """Returns entry_points.txt."""
-    text = (PACKAGE / "pyproject.toml").read_text()
+    text = (PACKAGE / "pyproject.toml").read_text() + "\n\n"
     parts = []
-    for group, lines in re.findall(r'\[project\.entry-points\.["\']?([\w.]+)["\']?\]\n(.*?)\n\n',
-                                   text + "\n\n", re.DOTALL):
-        parts += [f"[{group}]", *(line.replace('"', "") for line in lines.splitlines()), ""]
+    for name, group, lines in re.findall(
+            r'\[project\.(scripts|entry-points\.["\']?([\w.]+)["\']?)\]\n(.*?)\n\n', text, re.S):
+        parts += [f"[{group if name != 'scripts' else 'console_scripts'}]",
+                  *(line.replace('"', "") for line in lines.splitlines()), ""]
     return "\n".join(parts)
 
 

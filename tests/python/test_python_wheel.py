@@ -62,6 +62,9 @@ def install_and_run(folder, package, **more):
 
 def test_a_wheel_works_in_a_fresh_environment(made, tmp_path):
     frame, points, own, loaded = install_and_run(tmp_path, made[0])
+    done = subprocess.run([tmp_path / "venv/bin/canwire-restbus", "--help"], check=True,
+                          capture_output=True, text=True, env=environment(tmp_path))
+    assert done.stdout.startswith("usage: canwire-restbus ")
     assert frame == f"123#11 Stop.END {VERSION} 1" and points == "['canwire']" and own == "True"
     assert loaded == "['libcanwire-sim.so', 'libjansson.so.4', 'libyaml-0.so.2']"
 
@@ -111,6 +114,12 @@ def test_a_library_that_is_installed_is_used_when_it_is_named(tmp_path):
     done = build(tmp_path, CANWIRE_SIM_LIBRARY="/none.so")
     assert done.returncode == 1
     assert done.stderr == "canwire: CANWIRE_SIM_LIBRARY=/none.so cannot be loaded\n"
+    code = "import canwire; canwire.Bus('bus.yaml')"
+    done = subprocess.run([sys.executable, "-B", "-c", code], capture_output=True, text=True,
+                          check=False, env=environment(tmp_path, CANWIRE_SIM_LIBRARY="/none.so",
+                                                       PYTHONPATH=str(ROOT / "lib/python/src")))
+    assert "libcanwire-sim.so cannot be loaded: /none.so: cannot open" in done.stderr
+    assert "Install this package by pip, or canwire, or set CANWIRE_SIM_LIBRARY" in done.stderr
 
 
 def test_what_is_missing_is_said_with_the_packages_that_have_it(tmp_path):

@@ -186,5 +186,7 @@ def library() -> Library:
                 return _loaded
             except OSError as problem:
                 problems.append(str(problem))
-        raise ImportError("libcanwire-sim.so cannot be loaded: " + "; ".join(problems))
+        raise ImportError(f"libcanwire-sim.so cannot be loaded: {'; '.join(problems)}. Install "
+                          "this package by pip, or canwire, or set CANWIRE_SIM_LIBRARY to its "
+                          "path.")
     return _loaded
