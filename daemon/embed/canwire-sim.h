@@ -245,9 +245,10 @@ typedef struct canwire_sim_node {
     uint32_t inbox; /* frames for a later time */
     uint16_t tec;
     uint16_t rec;
-    uint8_t state;    /* CANWIRE_SIM_ERROR_ACTIVE ... */
-    uint8_t attached; /* 1: it is on the bus */
-    uint8_t reserved[2];
+    uint8_t state;       /* CANWIRE_SIM_ERROR_ACTIVE ... */
+    uint8_t attached;    /* 1: it is on the bus */
+    uint8_t fd;          /* 1: it knows CAN FD frames; else it drops them as bad frames */
+    uint8_t listen_only; /* 1: it only listens */
 } canwire_sim_node;
 
 CANWIRE_SIM_API int canwire_sim_get_node(const canwire_sim *sim, int node, canwire_sim_node *out);

@@ -146,12 +146,14 @@ char *canwire_sim_take_events(canwire_sim *sim, size_t *size)
 int canwire_sim_get_node(const canwire_sim *sim, int node, canwire_sim_node *out)
 {
     cw_node_stats s;
+    cw_settings settings;
     const int bus = canwire_sim_bus_of_node(sim, node);
     if (bus < 0)
         return CANWIRE_SIM_INVALID;
     const embed_bus *b = &sim->buses[bus];
     const unsigned number = (unsigned)(node - b->first_node);
     (void)cw_node_get_stats(b->run.bus, number, &s);
+    (void)cw_node_get_settings(b->run.bus, number, &settings);
     *out = (canwire_sim_node){.tx_frames = s.tx_frames,
                               .rx_frames = s.rx_frames,
                               .arbitration_lost = s.arbitration_lost,
@@ -169,7 +171,9 @@ int canwire_sim_get_node(const canwire_sim *sim, int node, canwire_sim_node *out
                               .tec = s.tec,
                               .rec = s.rec,
                               .state = (uint8_t)s.state,
-                              .attached = cw_node_attached(b->run.bus, number)};
+                              .attached = cw_node_attached(b->run.bus, number),
+                              .fd = cfg_knows_fd(b->config, &b->config->nodes[number]),
+                              .listen_only = (settings.modes & CW_MODE_LISTEN_ONLY) != 0};
     for (unsigned i = 0; i < CW_DROP_COUNT; i++) {
         out->dropped += s.dropped[i];
         out->rx_dropped += s.rx_dropped[i];

@@ -5,6 +5,7 @@ import asyncio
 import configparser
 import json
 import os
+import socket
 import subprocess
 import threading
 import tomllib
@@ -32,7 +33,11 @@ nodes:
 
 @pytest.fixture(name="running")
 def fixture_running(tmp_path):
-    (tmp_path / "b.yaml").write_text(RUNNING)
+    yield from start(tmp_path, RUNNING)
+
+
+def start(tmp_path, text):
+    (tmp_path / "b.yaml").write_text(text)
     with (tmp_path / "log").open("w") as log:
         process = subprocess.Popen([CANWIRED, "-c", "b.yaml"], cwd=tmp_path, stderr=log)
     path = tmp_path / "running.sock"
@@ -180,16 +185,20 @@ nodes:
         opened(channel="bad", config="{ bus: {}, nodes: [] }")
     with pytest.raises(can.CanInitializationError, match="there is no running bus 'x'"):
         opened(channel="x", private=False)
-    with pytest.raises(ValueError, match="error frames cannot be sent"):
+    with pytest.raises(can.CanOperationError, match="error frames cannot be sent"):
         engine.send(can.Message(is_error_frame=True))
 
 
 def test_a_full_queue_makes_a_sender_wait(opened):
-    one = opened(channel="slow", bitrate=10000)
-    opened(channel="slow")
+    one = opened(channel="slow")
+    one.simulation["listener"].detach()  # nobody acknowledges
     with pytest.raises(can.CanOperationError, match="queue of the node is full"):
         for _ in range(600):
             one.send(message(), timeout=0)
+    with pytest.raises(can.CanOperationError, match="queue of the node is full"):
+        one.send(message(), timeout=0.01)
+    one.simulation["listener"].attach()
+    one.send(message(), timeout=PATIENCE_S)
 
 
 # ---- A running bus -------------------------------------------------------------------------------
@@ -296,3 +305,204 @@ def test_a_bus_stays_while_a_program_comes_to_it(opened):
     wire.coming -= 1
     assert opened("coming", private=True).simulation is wire.bus
     wire.give_back(number)
+
+
+# ---- Rules of python-can -------------------------------------------------------------------------
+
+
+def test_a_reader_in_virtual_time_leaves_the_bus_to_others(opened):
+    """It waits for a frame that another thread sends, while other traffic goes on."""
+    config = {"bus": {"bitrate": 500000}, "nodes": [
+        {"name": "a"}, {"name": "b"}, {"name": "load", "traffic": [
+            {"send": "321#01", "every": "1ms"}]}]}
+    one, two = (opened("starving", node=name, config=config, virtual_time=True,
+                       can_filters=[{"can_id": 0x123, "can_mask": 0x7FF}]) for name in "ab")
+    got = []
+    reader = threading.Thread(target=lambda: got.append(two.recv()))
+    reader.start()
+    for _ in range(3):
+        assert one.state is can.BusState.ACTIVE
+    one.send(message())
+    reader.join(PATIENCE_S)
+    assert content(got[0])[0] == 0x123
+
+
+def test_time_outs_of_senders_are_those_of_the_bus_in_virtual_time(opened):
+    one = opened("deaf", virtual_time=True)
+    one.simulation["listener"].detach()  # nobody acknowledges
+    with pytest.raises(can.CanOperationError, match="full"):
+        for _ in range(600):
+            one.send(message(), timeout=0)
+    before = one.simulation.now
+    with pytest.raises(can.CanOperationError, match="full"):
+        one.send(message(), timeout=0.5)
+    assert one.simulation.now == pytest.approx(before + 0.5, abs=1e-5)
+    with pytest.raises(can.CanOperationError, match="full"):
+        one.send(message())
+    assert one.simulation.now == pytest.approx(before + 2.5, abs=1e-5)
+
+
+@pytest.mark.parametrize("virtual", [False, True])
+def test_a_node_is_given_back_as_it_was(opened, virtual):
+    stays = opened("leave", virtual_time=virtual)
+    sim = stays.simulation
+    for _ in range(3):
+        bus = can.Bus("leave", interface="canwire", virtual_time=virtual)
+        bus.state = can.BusState.PASSIVE
+        assert sim["guest-2"].status.listen_only
+        bus.shutdown()
+        assert not sim["guest-2"].status.attached and not sim["guest-2"].status.listen_only
+    bus = can.Bus("leave", interface="canwire", virtual_time=virtual)
+    bus.send(message())
+    bus.shutdown()
+    assert content(stays.recv(PATIENCE_S))[0] == 0x123
+    stays.recv(0.001)
+    assert not sim["guest-2"].status.attached
+
+
+def test_periodic_frames_end_with_their_node(opened):
+    one, two = opened("tasks", virtual_time=True), opened("tasks", virtual_time=True)
+    one.send_periodic(message(), 0.1, store_task=False)
+    assert two.recv(1) is not None
+    one.shutdown()
+    while two.recv(0.01):
+        pass
+    assert two.recv(10) is None
+
+
+def test_periodic_frames_that_fail_end_and_are_logged(opened, caplog):
+    one, two = opened("modifier", virtual_time=True), opened("modifier", virtual_time=True)
+    calls = []
+
+    def modify(sent):
+        calls.append(sent)
+        sent.data[0] += 1
+        if len(calls) == 3:
+            raise RuntimeError("no more")
+
+    one.send_periodic(message(data=b"\x00"), 1, modifier_callback=modify)
+    assert [two.recv(2).data[0] for _ in range(2)] == [1, 2]
+    assert two.recv(100) is None and len(calls) == 3 and "no more" in caplog.text
+    for period in (0, -1):
+        with pytest.raises(ValueError, match="longer than 0"):
+            one.send_periodic(message(), period)
+    task = one.send_periodic(message(), 1, duration=0)  # as with others: without an end
+    assert [two.recv(2) is None for _ in range(5)] == [False] * 5
+    task.stop()
+    nested = one.send_periodic(message(), 1, modifier_callback=lambda _: one.recv(0.1))
+    assert two.recv(2) is not None
+    nested.stop()
+
+
+def test_a_reset_takes_a_bus_in_use_back(opened):
+    one, two = opened("again", virtual_time=True), opened("again", virtual_time=True)
+    task = one.send_periodic(message(), 1)
+    assert [two.recv(2) is None for _ in range(3)] == [False] * 3
+    one.simulation.reset()
+    got = two.recv(2)
+    assert got is not None and got.timestamp < 1.001
+    task.stop()
+    real, other = opened("again-real"), opened("again-real")
+    real.simulation.reset()
+    real.send(message())
+    assert other.recv(PATIENCE_S) is not None
+
+
+def test_filters_let_error_frames_pass(opened):
+    one = opened("error-filter", virtual_time=True, can_filters=[{"can_id": 1, "can_mask": 0x7FF}])
+    one.simulation.inject(name="off", do={"bus-off": "guest-1"})
+    assert one.recv(1).is_error_frame
+    other = opened("error-filter", virtual_time=True)
+    for can_id in (2, 1):
+        other.send(message(can_id))
+    one.simulation["guest-1"].restart()
+    other.recv(1)
+    other.send(message(2))
+    other.send(message(1))
+    while (got := one.recv(1)).is_error_frame:
+        pass
+    assert got.arbitration_id == 1
+
+
+def test_a_channel_has_one_configuration(opened):
+    config = {"bus": {"bitrate": 250000}, "nodes": [{"name": "a"}, {"name": "b"}, {"name": "c"}]}
+    first = opened("configured", config=config)
+    assert opened("configured", config=dict(config)).simulation is first.simulation
+    assert opened("configured").simulation is first.simulation
+    with pytest.raises(can.CanInitializationError, match="another configuration"):
+        opened("configured", config={**config, "seed": 7})
+
+
+def test_what_is_refused_is_an_error_of_python_can(opened, tmp_path):
+    one = opened("classical", config={"bus": {"bitrate": 500000}, "nodes": [{"name": "a"}]})
+    for sent in (message(is_fd=True), message(0x800), message(data=bytes(9)),
+                 message(is_remote_frame=True, dlc=9)):
+        with pytest.raises(can.CanOperationError, match="canwire: "):
+            one.send(sent)
+    for wrong in ({"channel": []}, {"channel": "x", "config": 5}, {"channel": "x", "bitrate": 1},
+                  {"channel": "x", "config": {"bus": object()}},
+                  {"channel": str(tmp_path / "missing.yaml")}):
+        with pytest.raises(can.CanInitializationError, match="canwire: "):
+            opened(**wrong)
+    dead = socket.socket(socket.AF_UNIX)
+    dead.bind(str(tmp_path / "dead.sock"))
+    dead.close()
+    with pytest.raises(can.CanInitializationError, match="refused"):
+        opened(str(tmp_path / "dead.sock"), node="a")
+    one.simulation.close()
+    for call in (lambda: one.recv(0), lambda: one.state, lambda: one.send(message())):
+        with pytest.raises(can.CanOperationError, match="closed"):
+            call()
+
+
+def test_the_state_at_a_running_bus_needs_no_reader(running, opened):
+    engine = opened(channel=running, node="engine")
+    tool("inject", running, "{ name: off, do: { bus-off: engine } }")
+    wait_until(lambda: engine.state is can.BusState.ERROR, "bus-off")
+    engine.set_filters([{"can_id": 1, "can_mask": 0x7FF}])  # they do not filter error frames
+    assert engine.recv(PATIENCE_S).is_error_frame
+
+
+def test_several_readers_at_a_running_bus(running, opened):
+    engine, dash = opened(channel=running, node="engine"), opened(channel=running, node="dash")
+    got, ended = [], []
+
+    def read():
+        try:
+            while True:
+                got.append(dash.recv().arbitration_id)
+        except can.CanOperationError as problem:
+            ended.append(str(problem))
+
+    readers = [threading.Thread(target=read) for _ in range(4)]
+    for reader in readers:
+        reader.start()
+    for number in range(100):
+        engine.send(message(number))
+    wait_until(lambda: len(got) == 100, "all frames")
+    dash.shutdown()
+    for reader in readers:
+        reader.join(PATIENCE_S / 2)
+    assert sorted(got) == list(range(100)) and len(ended) == 4
+
+
+def test_there_may_be_more_filters_than_a_port_has(running, opened):
+    many = [{"can_id": number, "can_mask": 0x7FF, "extended": False} for number in range(600)]
+    engine = opened(channel=running, node="engine")
+    dash = opened(channel=running, node="dash", can_filters=many)
+    for can_id in (0x700, 599):
+        engine.send(message(can_id))
+    assert dash.recv(PATIENCE_S).arbitration_id == 599
+    dash.set_filters([{"can_id": 0xFFFFFFFF, "can_mask": 0xFFFFFFFF}])
+    dash.set_filters([{"can_id": 0x124, "can_mask": 0xFFFFFFFF}])
+    engine.send(message(0x124))
+    assert dash.recv(PATIENCE_S).arbitration_id == 0x124
+
+
+def test_a_classical_node_of_a_running_bus_refuses_fd_frames(tmp_path, opened):
+    text = RUNNING.replace('"unix:dash.sock"', '"unix:dash.sock", fd: no')
+    for path in start(tmp_path, text):
+        dash = opened(channel=path, node="dash")
+        assert dash.protocol is can.CanProtocol.CAN_20
+        with pytest.raises(can.CanOperationError, match="no CAN FD frames"):
+            dash.send(message(is_fd=True))

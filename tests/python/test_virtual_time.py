@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: MIT
+# pylint: disable=protected-access
 """Virtual time for a whole program. All times are times of the bus, so none depends on a load."""
 
 import asyncio
 import concurrent.futures
+import os
 import queue
+import signal
+import sys
 import threading
 import time
 
 import can
 import pytest
 
-from canwire import Bus, Deadlock, VirtualTime
+from canwire import Bus, Deadlock, Error, Stop, VirtualTime
 from canwire.nodebus import NodeBus
 
 BUS = "bus: { name: x, bitrate: 500000 }\nnodes: [ { name: engine }, { name: dash } ]"
@@ -200,3 +204,188 @@ def test_a_node_whose_time_is_over_refuses():
         with pytest.raises(can.CanOperationError, match="over"):
             call()
     bus.shutdown()
+
+
+# ---- Threads that wait in vain, and those that fail ----------------------------------------------
+
+
+def test_threads_that_only_poll_do_not_keep_a_program_waiting(clock):
+    ended = []
+
+    def poll():
+        while not ended:
+            clock.bus.recv("dash", 1)
+
+    thread = threading.Thread(target=poll)
+    thread.start()
+    with pytest.raises(Deadlock, match="(?s)the others only poll.*MainThread:.*Thread-"):
+        threading.Event().wait()
+    assert 600 <= clock.now < 602
+    ended.append(True)
+    thread.join()
+
+
+def test_a_late_timer_is_no_polling(clock):
+    event = threading.Event()
+    threading.Timer(10_000, event.set).start()
+    assert event.wait() and clock.now == 10_000
+
+
+def test_forever_may_be_longer():
+    with VirtualTime(Bus.from_yaml(BUS), forever=5000) as clock:
+        worker = threading.Thread(target=lambda: [time.sleep(1) for _ in range(2000)])
+        worker.start()
+        worker.join()
+        assert clock.now == 2000
+
+
+def test_looks_at_a_clock_under_a_lock_of_real_time_stop_nobody():
+    lock, seen = threading.Lock(), []
+
+    def other():
+        with lock:
+            seen.append(time.monotonic())
+
+    with VirtualTime(Bus.from_yaml(BUS)) as clock:
+        with lock:
+            thread = threading.Thread(target=other)
+            thread.start()
+            for _ in range(1000):
+                time.monotonic()
+        thread.join()
+        assert len(seen) == 1 and 0.008 < clock.now < 0.01
+
+
+def test_a_loop_at_a_clock_sees_what_other_threads_do(clock):
+    seen = []
+    threading.Timer(0.001, lambda: seen.append(clock.now)).start()
+    end = time.monotonic() + 1
+    while not seen and time.monotonic() < end:
+        pass
+    assert seen and clock.now < 0.1
+
+
+def test_what_a_wish_raises_comes_to_its_thread(clock):
+    found, closed = [], []
+
+    def wants():
+        if closed:
+            raise OSError("closed")
+
+    def other():
+        try:
+            clock.wait(wants)
+        except OSError as problem:
+            found.append(str(problem))
+
+    thread = threading.Thread(target=other)
+    thread.start()
+    time.sleep(1)
+    assert found == []
+    closed.append(True)
+    time.sleep(1)
+    assert found == ["closed"] and clock.now == 2
+    thread.join()
+
+
+def test_a_signal_interrupts_a_thread_that_waits(clock):
+    class Alarm(Exception):
+        pass
+
+    def on_signal(*_):
+        raise Alarm
+
+    before = signal.signal(signal.SIGUSR1, on_signal)
+    try:
+        event, done, begin = threading.Event(), [], time.monotonic()
+
+        def work():
+            time.sleep(1)
+            os.kill(os.getpid(), signal.SIGUSR1)
+            while not clock._signals:
+                pass  # until the main thread has got it
+            assert event.wait(5)
+            time.sleep(1)
+            done.append(time.monotonic() - begin)
+
+        worker = threading.Thread(target=work)
+        worker.start()
+        with pytest.raises(Alarm):
+            threading.Event().wait()
+        assert done == []
+        event.set()
+        worker.join()  # the threads run one by one again
+        assert done == [pytest.approx(2)]
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+
+
+# ---- Beginning and end ---------------------------------------------------------------------------
+
+
+def test_a_module_that_was_imported_meanwhile_gets_the_clock_of_the_day(tmp_path, monkeypatch):
+    names = ("monotonic", "perf_counter_ns", "time", "sleep")
+    (tmp_path / "imported_meanwhile.py").write_text(
+        f"from time import {', '.join(names)}\nfrom threading import Lock, RLock, _PyRLock\n"
+        "from queue import SimpleQueue\nkept = monotonic\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with VirtualTime(Bus.from_yaml(BUS), epoch=0):
+        import imported_meanwhile as late
+        late.sleep(3)
+        assert late.time() == 3 and late.Lock is not REAL[2]
+    assert [getattr(late, name) for name in names] == [getattr(time, name) for name in names]
+    assert (late.Lock, late.RLock, late.SimpleQueue) == (REAL[2], threading.RLock, REAL[4])
+    assert abs(late.kept() - time.monotonic()) < 60 and threading.RLock is not late._PyRLock
+    with VirtualTime(Bus.from_yaml(BUS), epoch=0):
+        begin = late.kept()
+        late.sleep(1000)
+        assert late.kept() - begin == pytest.approx(1000) and late.time() == 1000
+    del sys.modules["imported_meanwhile"]
+
+
+def test_time_does_not_go_back_when_the_bus_is_reset():
+    with VirtualTime(Bus.from_yaml(LOADED), epoch=0) as clock, NodeBus("dash") as dash:
+        woken = []
+        sleeper = threading.Thread(target=lambda: [time.sleep(7), woken.append(time.time())])
+        sleeper.start()
+        time.sleep(5)
+        assert dash.recv(0).timestamp < 0.01
+        clock.bus.reset()
+        assert (clock.now, time.time()) == (0, 5)
+        assert dash.recv(0) is None  # no frames wait
+        assert dash.recv(1).timestamp == pytest.approx(5.000_13, abs=1e-5)
+        assert time.time() < 5.001
+        clock.bus.run("1s")
+        assert (clock.now, time.time()) == (1, 6)
+        sleeper.join()
+        assert woken == [7]
+
+
+def test_waiting_threads_go_on_in_real_time_for_the_rest_of_their_time():
+    results = []
+
+    def wait(*arguments):
+        try:
+            results.append(clock.bus.recv(*arguments))
+        except Error as problem:
+            results.append(str(problem))
+
+    with VirtualTime(Bus.from_yaml(BUS)) as clock:
+        threads = [threading.Thread(target=wait, args=("dash", 0.3 + 1000 * k)) for k in range(2)]
+        threads.append(threading.Thread(target=lambda: results.append(end.wait(1000.01))))
+        end = threading.Event()
+        for thread in threads:
+            thread.start()
+        time.sleep(1000)
+        assert results == [None]
+    for thread in threads:
+        thread.join()
+    assert sorted(map(str, results)) == ["False", "None", "the virtual time of the bus is over"]
+
+
+def test_a_run_to_a_frame_lets_other_threads_run(clock):
+    threading.Timer(1, clock.bus.send, ("engine", "123#")).start()
+    assert clock.bus.run("9s", frame_at="dash") is Stop.FRAME
+    assert clock.bus.run("9s", frame_at="dash") is Stop.FRAME  # it waits there
+    assert 1 < clock.now < 1.001 and clock.bus.recv("dash")
+    assert clock.bus.run("9s", frame_at="dash") is Stop.TIME and clock.now == 9

@@ -14,6 +14,7 @@ from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 
 from canwire import Bus, VirtualTime
+from canwire.virtualtime import _REAL
 
 BUS = "bus: { name: x, bitrate: 500000 }\nnodes: [ { name: ecu }, { name: tester } ]"
 
@@ -181,3 +182,116 @@ def test_canopen(clock):
         _ = remote.sdo[0x2000].raw
     assert clock.now - before == pytest.approx(remote.sdo.RESPONSE_TIMEOUT, abs=1e-6)
     tester.disconnect()
+
+
+# ---- The rules of python-can ---------------------------------------------------------------------
+
+
+def test_a_node_gets_no_frames_from_before_it_was_opened(clock):
+    clock.bus.send("ecu", "111#")
+    time.sleep(1)
+    with node("tester") as first:
+        clock.bus.send("ecu", "222#")
+        time.sleep(1)
+        with node("tester") as second:
+            clock.bus.send("ecu", "333#")
+            assert [first.recv(1).arbitration_id for _ in range(2)] == [0x222, 0x333]
+            assert second.recv(1).arbitration_id == 0x333
+
+
+def test_one_node_has_several_names(clock):
+    with node("tester") as one, node("x:tester") as two, node("x", node="tester") as three:
+        clock.bus.send("ecu", "111#")
+        assert [bus.recv(1).arbitration_id for bus in (one, two, three)] == [0x111] * 3
+
+
+FD_BUS = "bus: { name: x, bitrate: 500000, dbitrate: 2000000 }\n" \
+         "nodes: [ { name: ecu, fd: no }, { name: tester }, { name: other } ]"
+
+
+def test_frames_are_those_of_their_sender_whatever_becomes_of_them():
+    """FD frames are padded, and the controller sets ESI; a dropped frame never comes."""
+    with VirtualTime(Bus.from_yaml(FD_BUS.replace(", fd: no", ""))) as clock:
+        with node("tester", receive_own_messages=True) as one, node("tester") as two:
+            for sent in (message(data=bytes(9), is_fd=True, error_state_indicator=True), message(),
+                         message(is_remote_frame=True, data=None, dlc=2)):
+                one.send(sent)
+                assert not one.recv(1).is_rx and two.recv(1).is_rx
+            clock.bus["tester"].set(listen_only=True)
+            one.send(message())  # dropped
+            assert one.recv(1) is None
+            clock.bus["tester"].set(listen_only=False)
+            time.sleep(1)
+            two.send(message())
+            assert one.recv(1).is_rx and two.recv(1) is None
+
+
+def test_frames_that_a_node_cannot_send_are_errors_of_python_can():
+    with VirtualTime(Bus.from_yaml(FD_BUS)), node("ecu") as ecu, node("tester") as tester:
+        assert (ecu.protocol, tester.protocol) == (can.CanProtocol.CAN_20, can.CanProtocol.CAN_FD)
+        for bus, sent in ((ecu, message(is_fd=True)), (tester, can.Message(is_error_frame=True)),
+                          (tester, message(0x800)), (tester, message(data=bytes(9))),
+                          (tester, message(is_fd=True, is_remote_frame=True, data=None))):
+            with pytest.raises(can.CanOperationError, match="canwire: "):
+                bus.send(sent)
+        with pytest.raises(can.CanInitializationError, match="no node 'x'; there is ecu, tester"):
+            node("x")
+
+
+def test_filters_let_error_frames_pass(clock):
+    filters = [{"can_id": 0x200, "can_mask": 0x7FF, "extended": False}]
+    with node("ecu") as ecu, node("tester", can_filters=filters) as tester:
+        ecu.send(message(0x100))
+        ecu.send(message(0x200))
+        time.sleep(1)
+        assert tester.recv(0).arbitration_id == 0x200 and tester.recv(0) is None
+        clock.bus.inject(name="off", do={"bus-off": "tester"})
+        assert tester.recv(1).is_error_frame
+    with node("ecu", ignore_rx_error_frames=True) as ecu:
+        clock.bus.inject(name="also", do={"bus-off": "ecu"})
+        assert ecu.recv(1) is None and ecu.state is can.BusState.ERROR
+
+
+def test_a_node_keeps_the_rules_of_a_bus(clock):
+    ecu, tester = node("ecu"), node("tester")
+    assert str(ecu) == "canwire node ecu"
+    ecu.send_periodic(message(), 0.1)
+    assert [got.arbitration_id for got, _ in zip(tester, range(3))] == [0x123] * 3
+    tester.state = can.BusState.PASSIVE
+    assert clock.bus["tester"].status.listen_only
+    tester.state = can.BusState.ACTIVE
+    assert not clock.bus["tester"].status.listen_only and tester.state is can.BusState.ACTIVE
+    ended = []
+
+    def read():
+        try:
+            while True:
+                tester.recv()
+        except can.CanOperationError as problem:
+            ended.append(str(problem))
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    time.sleep(1)
+    for bus in (ecu, tester, ecu, tester):
+        bus.shutdown()
+    reader.join()
+    assert ended == ["the bus is closed"]
+
+
+def test_a_name_of_python_can_means_a_node_only_in_virtual_time(clock):
+    with node("ecu") as ecu:
+        assert type(ecu).__name__ == "NodeBus"
+        with node("beside", private=True) as one, node("beside", private=True) as two:
+            one.send(message())  # a bus of its own, with the same clock
+            assert two.recv(1).arbitration_id == 0x123 and ecu.recv(0) is None
+        found = []
+
+        def outside():
+            with node("elsewhere", private=True) as bus:
+                found.append(type(bus).__name__)
+
+        assert clock.now < 0.001
+        _REAL.start(thread := threading.Thread(target=outside))  # in real time
+        _REAL.join(thread)
+        assert found == ["CanwireBus"]

@@ -50,7 +50,7 @@ class CNode(Structure):
         "bit_errors", "stuff_errors", "form_errors", "crc_errors", "ack_errors", "overloads")],
                 *[(name, c_uint32) for name in ("bus_off", "restarts", "queue", "inbox")],
                 ("tec", c_uint16), ("rec", c_uint16), ("state", c_uint8), ("attached", c_uint8),
-                ("reserved", c_uint8 * 2)]
+                ("fd", c_uint8), ("listen_only", c_uint8)]
 
 
 STRUCTURES = {"canwire_sim_bus": CBus, "canwire_sim_frame": CFrame, "canwire_sim_node": CNode}

@@ -85,6 +85,8 @@ class NodeStatus(NamedTuple):
     overloads: int
     bus_off: int
     restarts: int
+    fd: bool
+    listen_only: bool
 
 
 class BusInfo(NamedTuple):
@@ -117,8 +119,8 @@ class Node:
         self._bus._check(self._bus._library.get_node(self._bus._sim, self.number,
                                                      ctypes.byref(raw)))
         values = {name: getattr(raw, name) for name in NodeStatus._fields}
-        return NodeStatus(**{**values, "state": STATES[raw.state],
-                             "attached": bool(raw.attached)})
+        flags = {name: bool(values[name]) for name in ("attached", "fd", "listen_only")}
+        return NodeStatus(**{**values, **flags, "state": STATES[raw.state]})
 
     @property
     def state(self) -> str:
@@ -213,6 +215,8 @@ class Bus:
         self._library: Any = _library.Guarded(self._library, _closed_error)
         self._events: list[dict[str, Any]] = []
         self._inboxes: dict[int, deque[Frame]] = defaultdict(deque)
+        self._taking = _library.RLock()  # frames keep their order when several threads take them
+        self._resets: list[Callable[[int], None]] = []  # called when time has gone back to 0
         if not sim:
             raise ConfigError(told)
         self.warnings: list[str] = told.splitlines()
@@ -262,6 +266,11 @@ class Bus:
         if not self._kept and self._handle:
             self._library.release(self._handle)
             self._handle = None
+
+    @property
+    def is_open(self) -> bool:
+        """False when it has been closed."""
+        return not self._closed and bool(self._handle)
 
     @property
     def _sim(self) -> int:
@@ -386,10 +395,11 @@ class Bus:
             end = self._time_ns(until)
         elif duration is not None:
             end = self.now_ns + self._time_ns(duration)
-        if self._clock is not None and event is None and frame_at is None and \
-                end != _library.NEVER:
-            return self._clock.run_to(end)
         node = _library.NO_NODE if frame_at is None else self.node(frame_at).number
+        if self._clock is not None and event is None and end != _library.NEVER:
+            return self._clock.run_to(end, None if frame_at is None else node)
+        if frame_at is not None and self._has(node):
+            return Stop.FRAME
         return Stop(self._run(end, event, node))
 
     def _run(self, end: int, event: str | None, node: int) -> int:
@@ -405,10 +415,14 @@ class Bus:
     def reset(self, seed: int | None = None) -> None:
         """Goes back to time 0: rules and settings are those of the file again, and no frames wait.
         seed: the seed from now on, else that of the file."""
+        before = self.now_ns
         self._events.clear()
-        self._inboxes.clear()
+        with self._taking:
+            self._inboxes.clear()
         value = None if seed is None else ctypes.byref(ctypes.c_uint64(seed))
         self._check(self._library.reset(self._sim, value))
+        for follow in self._resets:
+            follow(before)
         self._note("reset")
 
     # ---- frames -----------------------------------------------------------------------------
@@ -423,14 +437,22 @@ class Bus:
 
     def _take_all(self) -> None:
         """Takes the frames of all nodes, for _take()."""
-        for node in self._nodes:
-            while (frame := self._take_new(node.number)) is not None:
-                self._inboxes[node.number].append(frame)
+        with self._taking:
+            for node in self._nodes:
+                while (frame := self._take_new(node.number)) is not None:
+                    self._inboxes[node.number].append(frame)
 
     def _take(self, number: int) -> Frame | None:
-        if self._inboxes[number]:
-            return self._inboxes[number].popleft()
-        return self._take_new(number)
+        with self._taking:
+            return self._inboxes[number].popleft() if self._has(number) else None
+
+    def _has(self, number: int) -> bool:
+        """Returns True when a node has a frame for _take()."""
+        with self._taking:
+            inbox = self._inboxes[number]
+            if not inbox and (frame := self._take_new(number)) is not None:
+                inbox.append(frame)
+            return bool(inbox)
 
     def _take_new(self, number: int) -> Frame | None:
         raw = _library.CFrame()

@@ -12,75 +12,174 @@ them, as programs at one interface do.
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import can
 
-from .frame import Frame
+from .bus import Error, Node
+from .frame import LENGTHS, Frame
 from .virtualtime import VirtualTime, current
 
 STATES = {"error-active": can.BusState.ACTIVE, "error-warning": can.BusState.ACTIVE,
-          "error-passive": can.BusState.PASSIVE}
+          "error-passive": can.BusState.PASSIVE, "bus-off": can.BusState.ERROR,
+          "sleeping": can.BusState.PASSIVE}
+
+
+def to_message(frame: Frame, timestamp: float, channel: Any, own: bool) -> can.Message:
+    """Turns a frame of a node into a message."""
+    return can.Message(timestamp=timestamp, arbitration_id=frame.id,
+                       is_extended_id=frame.extended or frame.error,
+                       is_remote_frame=frame.remote, is_error_frame=frame.error, is_fd=frame.fd,
+                       bitrate_switch=frame.brs, error_state_indicator=frame.esi,
+                       data=frame.data, dlc=frame.dlc if frame.remote else len(frame.data),
+                       is_rx=not own, channel=channel)
+
+
+def why_not(message: can.Message, fd: bool) -> str | None:
+    """Returns why a message can be no frame, or None."""
+    data, remote = message.data or b"", message.is_remote_frame
+    if message.is_error_frame:
+        return "error frames cannot be sent: inject a fault"
+    if message.is_fd and not fd:
+        return "the node knows no CAN FD frames"
+    if message.is_fd and remote:
+        return "there are no remote frames of CAN FD"
+    if not 0 <= message.arbitration_id <= (0x1FFFFFFF if message.is_extended_id else 0x7FF):
+        return f"there is no identifier {message.arbitration_id:#x}"
+    most = 64 if message.is_fd else 8
+    if len(data) > most or (remote and not 0 <= message.dlc <= 8):
+        return f"a frame of this kind has at most {most} bytes"
+    return None
+
+
+def to_frame(message: can.Message, fd: bool) -> Frame:
+    """Turns a message into a frame for a node. Raises can.CanOperationError when it is none."""
+    problem = why_not(message, fd)
+    if problem:
+        raise can.CanOperationError(f"canwire: {problem}")
+    data = b"" if message.is_remote_frame else bytes(message.data or b"")
+    return Frame(message.arbitration_id, data, message.is_extended_id, message.is_remote_frame,
+                 message.is_fd, message.bitrate_switch, message.error_state_indicator,
+                 message.dlc if message.is_remote_frame else None)
+
+
+@contextmanager
+def told() -> Iterator[None]:
+    """Makes errors of canwire errors of python-can."""
+    try:
+        yield
+    except Error as problem:
+        raise can.CanOperationError(f"canwire: {problem}") from None
+
+
+class Received(NamedTuple):
+    """A frame that waits for a program."""
+
+    frame: Frame
+    timestamp: float
+    own: bool
+
+
+def _on_the_wire(frame: Frame) -> Frame:
+    """Returns what is left of a frame when it comes back: no raw DLC, and as many bytes as the next
+    DLC has. The controller chooses ESI."""
+    data = frame.data
+    if frame.fd:
+        data = data.ljust(next(length for length in LENGTHS if length >= len(data)), b"\0")
+    dlc = (frame.dlc or 0) if frame.remote else None
+    return replace(frame, data=data, esi=False, own=False, dlc=dlc, t_ns=0)
 
 
 class Host:
     """The programs at one node."""
 
-    def __init__(self, clock: VirtualTime, name: str):
-        self.clock, self.node = clock, clock.bus.node(name)
+    def __init__(self, clock: VirtualTime, node: Node):
+        self.clock, self.node = clock, node
         self.buses: list[NodeBus] = []
         self.sent: deque[tuple[Frame, NodeBus]] = deque()
-        self.node.listen(own=True, errors=True)
+        node.listen(own=True, errors=True)
+
+    def join(self, bus: NodeBus) -> None:
+        """Lets a program take part. It gets no frame from before."""
+        with self.clock._mutex:
+            self.pump()
+            self.buses.append(bus)
+
+    def forget(self) -> None:
+        """Drops all frames: the bus goes back to time 0."""
+        self.sent.clear()
+        for bus in self.buses:
+            bus.inbox.clear()
 
     def pump(self) -> None:
         """Passes on what the node has received."""
-        while (frame := self.clock.bus._take(self.node.number)) is not None:
-            sender = self._sender(frame) if frame.own else None
-            for bus in self.buses:
-                if bus is not sender or bus.own:
-                    bus.inbox.append((frame, bus is sender))
+        with self.clock._mutex:  # threads outside come here, too
+            while (frame := self.clock.bus._take(self.node.number)) is not None:
+                sender = self._sender(frame) if frame.own else None
+                for bus in self.buses:
+                    if bus.wants(frame, bus is sender):
+                        bus.inbox.append(Received(frame, self.clock.time_at(frame.t_ns),
+                                                  bus is sender))
+
+    def send(self, frame: Frame, bus: NodeBus) -> None:
+        """Hands a frame to the node."""
+        with self.clock._mutex:
+            status = self.node.status
+            if status.queue + status.inbox == 0:
+                self.pump()
+                self.sent.clear()  # those that were dropped never come back
+            self.node.send(frame)
+            self.sent.append((_on_the_wire(frame), bus))
 
     def _sender(self, frame: Frame) -> NodeBus | None:
+        wire = _on_the_wire(frame)
         for number, (sent, sender) in enumerate(self.sent):
-            if str(sent) == str(frame):
+            if sent == wire:
                 del self.sent[number]
                 return sender
         return None
 
 
-def to_message(frame: Frame, clock: VirtualTime, channel: str, own: bool) -> can.Message:
-    return can.Message(timestamp=clock.time_at(frame.t_ns), arbitration_id=frame.id,
-                       is_extended_id=frame.extended, is_remote_frame=frame.remote,
-                       is_error_frame=frame.error, is_fd=frame.fd, bitrate_switch=frame.brs,
-                       error_state_indicator=frame.esi, data=frame.data, is_rx=not own,
-                       dlc=frame.dlc if frame.remote else len(frame.data), channel=channel)
-
-
-def to_frame(message: can.Message) -> Frame:
-    return Frame(message.arbitration_id, bytes(message.data or b""), message.is_extended_id,
-                 message.is_remote_frame, message.is_fd, message.bitrate_switch,
-                 message.error_state_indicator, message.dlc if message.is_remote_frame else None)
+def _find(clock: VirtualTime, channel: Any, name: str | None) -> Node:
+    """Returns the node of NODE, BUS:NODE, or BUS and NODE."""
+    try:
+        return clock.bus.node(str(channel) if name is None else f"{channel}:{name}")
+    except Error as problem:
+        raise can.CanInitializationError(f"canwire: {problem}") from None
 
 
 class NodeBus(can.BusABC):
-    """A node of the bus whose virtual time it is. channel: its name."""
+    """A node of the bus whose virtual time it is.
+
+    :param channel: its name, also BUS:NODE; or the name of the bus, with `node`.
+    :param receive_own_messages: own messages are received when the bus has sent them.
+    :param ignore_rx_error_frames: error frames are no messages; `state` knows of them all the same.
+    """
 
     def __init__(self, channel: Any, can_filters: Any = None, receive_own_messages: bool = False,
-                 fd: bool = False, **kwargs: Any):
+                 node: str | None = None, ignore_rx_error_frames: bool = False, **kwargs: Any):
         clock = current()
         if clock is None:
             raise can.CanInitializationError("interface canwire needs canwire.VirtualTime")
-        self.clock, self.own, self.inbox = clock, receive_own_messages, deque()
-        hosts = clock.hosts
-        if channel not in hosts:
-            hosts[channel] = Host(clock, channel)
-        self._host = hosts[channel]
-        self._host.buses.append(self)
-        self.channel_info = f"canwire node {channel}"
+        self.clock, self.own, self.errors = clock, receive_own_messages, not ignore_rx_error_frames
+        self.inbox: deque[Received] = deque()
+        self.channel, self._node = channel, _find(clock, channel, node)
+        self._fd = self._node.status.fd
+        self.channel_info = f"canwire node {self._node.name}"
         if hasattr(can, "CanProtocol"):  # since python-can 4.3
-            self._can_protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
-        self.channel = channel
+            self._can_protocol = can.CanProtocol.CAN_FD if self._fd else can.CanProtocol.CAN_20
         super().__init__(channel, can_filters=can_filters, **kwargs)
+        if self._node.number not in clock.hosts:
+            clock.hosts[self._node.number] = Host(clock, self._node)
+        self._host = clock.hosts[self._node.number]
+        self._host.join(self)
+
+    def wants(self, frame: Frame, own: bool) -> bool:
+        """Returns True for a frame that this program receives."""
+        return self.errors if frame.error else self.own or not own
 
     def _check_open(self) -> None:
         if getattr(self, "_is_shutdown", False):  # python-can has it since 4.2
@@ -88,35 +187,50 @@ class NodeBus(can.BusABC):
         if self.clock.is_over:
             raise can.CanOperationError("the virtual time of the bus is over")
 
-    def _next(self) -> tuple[Frame, bool] | None:
+    def _next(self) -> can.Message | None:
+        self._check_open()  # it may be closed while a thread waits
         self._host.pump()
-        return self.inbox.popleft() if self.inbox else None
+        while self.inbox:
+            frame, timestamp, own = self.inbox.popleft()
+            message = to_message(frame, timestamp, self.channel, own)
+            if frame.error or self._matches_filters(message):
+                return message
+        return None
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        with told():
+            return self.clock.wait(self._next, timeout, self._node.number), True
+
+    def _room(self) -> bool:
         self._check_open()
-        found = self.clock.wait(self._next, timeout, self._host.node.number)
-        if not found:
-            return None, False
-        return to_message(found[0], self.clock, self.channel, found[1]), False
+        return self._node.room > 0
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Hands a frame to the node. When its queue is full, this waits; without a time-out it
         fails at once."""
         self._check_open()
-        node = self._host.node
-        if not node.room and not self.clock.wait(lambda: node.room, timeout or 0, node.number):
-            raise can.CanOperationError(f"the queue of {node.name} is full")
-        frame = to_frame(msg)
-        self._host.sent.append((frame, self))
-        node.send(frame)
+        frame = to_frame(msg, self._fd)
+        with told():
+            if not self.clock.wait(self._room, timeout or 0, self._node.number):
+                raise can.CanOperationError(f"the queue of {self._node.name} is full")
+            self._host.send(frame, self)
 
     @property
     def state(self) -> can.BusState:
+        """ACTIVE, PASSIVE (error-passive) or ERROR (bus-off). To set it to PASSIVE makes the node
+        listen-only, to ACTIVE ends that."""
         self._check_open()
-        return STATES.get(self._host.node.state, can.BusState.ERROR)
+        with told():
+            return STATES[self._node.state]
+
+    @state.setter
+    def state(self, new_state: can.BusState) -> None:
+        self._check_open()
+        with told():
+            self._node.set(listen_only=new_state is can.BusState.PASSIVE)
 
     def shutdown(self) -> None:
         super().shutdown()
         self._is_shutdown = True
-        if self in self._host.buses:
+        if hasattr(self, "_host") and self in self._host.buses:
             self._host.buses.remove(self)

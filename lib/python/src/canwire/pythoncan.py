@@ -11,7 +11,10 @@ timing and errors, which the interface `virtual` lacks.
 
 from __future__ import annotations
 
+import contextlib
 import json
+import logging
+import math
 import os
 import pathlib
 import random
@@ -20,7 +23,7 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import can
@@ -28,36 +31,20 @@ from can.broadcastmanager import (LimitedDurationCyclicSendTaskABC, ModifiableCy
                                   RestartableCyclicTaskABC)
 
 from . import _library
-from .bus import Bus, ConfigError, Error
+from .bus import Bus, Error
 from .frame import ERR_FLAG, Frame
+from .nodebus import STATES, NodeBus, to_frame, to_message, told
+from .virtualtime import current
 
+LOG = logging.getLogger("can.canwire")
 RUN_FOLDER = "/run/canwire"
 QUEUE = 512  # frames of a node in a bus of this process
 GUESTS = 62
 #: A node that acknowledges, so that a single program can send, as it can on `virtual`.
 LISTENER = "listener"
-STATES = {"error-active": can.BusState.ACTIVE, "error-warning": can.BusState.ACTIVE,
-          "error-passive": can.BusState.PASSIVE, "bus-off": can.BusState.ERROR,
-          "sleeping": can.BusState.PASSIVE}
-
-
-def to_frame(message: can.Message) -> Frame:
-    """Turns a message into a frame for a node."""
-    if message.is_error_frame:
-        raise ValueError("error frames cannot be sent: inject a fault")
-    return Frame(message.arbitration_id, bytes(message.data or b""), message.is_extended_id,
-                 message.is_remote_frame, message.is_fd, message.bitrate_switch,
-                 message.error_state_indicator, message.dlc if message.is_remote_frame else None)
-
-
-def to_message(frame: Frame, timestamp: float, channel: Any) -> can.Message:
-    """Turns a frame of a node into a message."""
-    return can.Message(timestamp=timestamp, arbitration_id=frame.id,
-                       is_extended_id=frame.extended or frame.error,
-                       is_remote_frame=frame.remote, is_error_frame=frame.error, is_fd=frame.fd,
-                       bitrate_switch=frame.brs, error_state_indicator=frame.esi,
-                       data=frame.data, dlc=frame.dlc if frame.remote else len(frame.data),
-                       is_rx=not frame.own, channel=channel)
+SLICE_NS = 1_000_000  # of bus time in virtual time, before other threads may have the bus
+LONGEST_NS = 1000 * SLICE_NS
+PATIENCE_NS = 2_000_000_000  # of bus time in virtual time, for room in a queue
 
 
 def _refuse(problem: object) -> can.CanInitializationError:
@@ -76,27 +63,69 @@ class Wire:
     all: dict[Any, Wire] = {}
     lock = threading.RLock()  # of this table
 
-    def __init__(self, key: Any, bus: Bus, virtual: bool):
-        self.key, self.bus, self.virtual = key, bus, virtual
+    def __init__(self, key: Any, bus: Bus, virtual: bool, config: Any = None):
+        self.key, self.bus, self.virtual, self.config = key, bus, virtual, config
         self.changed = threading.Condition(threading.RLock())
+        self.asking: list[None] = []  # an entry for each thread that wants the lock
         self.start_ns, self.epoch = time.monotonic_ns(), time.time()
+        self.listen_only = [node.status.listen_only for node in bus]
         self.used: set[int] = set()
         self.coming = 0  # programs that have the bus, but no node yet
         self.leaving: set[int] = set()
         self.tasks: list[VirtualTask] = []
+        bus._resets.append(self.begin_again)
 
     @classmethod
-    def open(cls, key: Any, make: Callable[[], Bus], virtual: bool) -> Wire:
+    def open(cls, key: Any, make: Callable[[], Bus], virtual: bool, config: Any = None) -> Wire:
         """Returns the bus of a channel; makes it for its first user."""
         with cls.lock:
             if key not in cls.all:
-                cls.all[key] = cls(key, make(), virtual)
+                cls.all[key] = cls(key, make(), virtual, config)
             wire = cls.all[key]
             if wire.virtual != virtual:
                 time_of = "virtual" if wire.virtual else "real"
                 raise _refuse(f"channel {key!r} is in use in {time_of} time")
+            if config is not None and config != wire.config:
+                raise _refuse(f"channel {key!r} is in use with another configuration")
             wire.coming += 1
             return wire
+
+    @contextlib.contextmanager
+    def turn(self) -> Iterator[None]:
+        """Has the bus alone. A thread that lets time go on sees that others want it."""
+        self.asking.append(None)
+        try:
+            self.changed.acquire()
+        finally:
+            self.asking.pop()
+        try:
+            yield
+        finally:
+            self.changed.release()
+
+    def let_others(self) -> bool:
+        """Lets other threads have the bus, if any wants it."""
+        if not self.asking:
+            return False
+        self.changed.release()
+        try:
+            for _ in range(20):
+                if not self.asking:
+                    break
+                time.sleep(50e-6)
+        finally:
+            self.changed.acquire()
+        return True
+
+    def begin_again(self, before: int) -> None:
+        """Is called when the bus has gone back to time 0."""
+        with self.turn():
+            for task in self.tasks:
+                task.shift(-before)
+            self.start_ns, self.epoch = time.monotonic_ns(), time.time()
+            self.leaving.clear()
+            for number in self.used:
+                self.bus.nodes[number].attach()
 
     def end_unused(self) -> None:
         """Ends the bus when no program has it."""
@@ -113,7 +142,7 @@ class Wire:
 
     def take_node(self, name: str | None) -> int:
         """Takes a node for a program; without a name the first one that is free."""
-        with self.changed:
+        with self.turn():
             self.advance()
             if name is not None:
                 try:
@@ -143,19 +172,31 @@ class Wire:
             return
         end = self.now_ns() + round(12 * bits)
         while (rest := end - self.now_ns()) > 0:
-            time.sleep(rest / 1e9)
+            self.changed.wait(rest / 1e9)
         self.advance()
 
     def give_back(self, number: int) -> None:
         """Takes a node off the bus when its last frame has gone; the last user ends the bus."""
-        with self.lock, self.changed:
+        with self.lock, self.turn():
             self.used.discard(number)
+            self.tasks = [task for task in self.tasks if task.number != number]
             node = self.bus.nodes[number]
             node.listen(False)
+            if node.status.listen_only != self.listen_only[number]:
+                node.set(listen_only=self.listen_only[number])
             if node.name.startswith("guest-"):
                 self.leaving.add(number)
+                self.see_off()
             self.changed.notify_all()
             self.end_unused()
+
+    def see_off(self) -> None:
+        """Takes nodes off the bus whose program has gone, and which have nothing to send."""
+        for number in [*self.leaving]:
+            status = self.bus.nodes[number].status
+            if status.queue + status.inbox == 0 or status.state == "bus-off":
+                self.leaving.discard(number)
+                self.bus.nodes[number].detach()
 
     # ---- time -------------------------------------------------------------------------------
 
@@ -172,6 +213,7 @@ class Wire:
         while True:
             due = min((task.next_ns for task in self.tasks), default=_library.NEVER)
             stop = self.bus._run(min(end_ns, due), None, number)
+            self.see_off()
             if stop == _library.AT_FRAME or due >= end_ns:
                 return
             for task in [task for task in self.tasks if task.next_ns == due]:
@@ -182,11 +224,6 @@ class Wire:
         if self.virtual:
             return
         self.run_to(max(self.now_ns(), self.bus.now_ns))
-        for number in [*self.leaving]:
-            status = self.bus.nodes[number].status
-            if status.queue + status.inbox == 0:
-                self.leaving.discard(number)
-                self.bus.nodes[number].detach()
 
     def next_s(self) -> float:
         """Returns the time up to the next frame that may come, in seconds."""
@@ -204,13 +241,12 @@ class Wire:
 
     def receive(self, number: int, timeout: float | None) -> Frame | None:
         """Takes the next frame of a node, and waits for one."""
-        with self.changed:
+        with self.turn():
             if self.virtual:
                 return self.receive_virtually(number, timeout)
             end = None if timeout is None else time.monotonic() + timeout
             while True:
-                if number not in self.used:
-                    raise can.CanOperationError("canwire: the bus is closed")
+                self.check_used(number)
                 self.advance()
                 frame = self.bus._take(number)
                 rest = None if end is None else end - time.monotonic()
@@ -218,47 +254,55 @@ class Wire:
                     return frame
                 self.wait(rest)
 
-    def receive_virtually(self, number: int, timeout: float | None) -> Frame | None:
+    def check_used(self, number: int) -> None:
         if number not in self.used:
             raise can.CanOperationError("canwire: the bus is closed")
-        frame = self.bus._take(number)
-        if frame or timeout == 0:
-            return frame
-        if timeout is not None:
-            self.run_to(self.bus.now_ns + round(timeout * 1e9), number)
-            return self.bus._take(number)
-        while not (frame := self.bus._take(number)):
+
+    def receive_virtually(self, number: int, timeout: float | None) -> Frame | None:
+        begin, part = self.bus.now_ns, SLICE_NS
+        end = _library.NEVER if timeout is None else begin + max(round(timeout * 1e9), 0)
+        while True:
+            self.check_used(number)
+            now = self.bus.now_ns
+            end -= max(begin - now, 0)  # the bus was reset
+            begin = now
+            frame = self.bus._take(number)
+            if frame or now >= end:
+                return frame
             due = self.bus._library.next(self.bus._sim)
-            if due == _library.NEVER and not self.tasks:
+            if timeout is None and due == _library.NEVER and not self.tasks:
                 self.changed.wait()  # for another thread
-                if number not in self.used:
-                    raise can.CanOperationError("canwire: the bus is closed")
-            else:
-                self.run_to(self.bus.now_ns + 1_000_000, number)
-        return frame
+                continue
+            self.run_to(min(end, now + part), number)
+            if not self.bus._has(number):
+                part = SLICE_NS if self.let_others() else min(2 * part, LONGEST_NS)
 
     def send(self, number: int, frame: Frame, timeout: float | None) -> None:
         """Hands a frame in; waits for room in the queue."""
-        node = self.bus.nodes[number]
-        end = None if timeout is None else time.monotonic() + timeout
-        with self.changed:
+        with self.turn():
+            self.check_used(number)
             self.advance()
-            while node.room <= node.status.inbox:
-                if node.state == "bus-off":
-                    raise can.CanOperationError("canwire: the node is bus-off")
-                rest = None if end is None else end - time.monotonic()
-                if rest is not None and rest <= 0:
-                    raise can.CanOperationError("canwire: the queue of the node is full")
-                if self.virtual:
-                    self.run_to(self.bus.now_ns + 100_000)
-                else:
-                    self.wait(rest)
-                    self.advance()
-            try:
-                node.send(frame, at=None if self.virtual else self.now_ns() / 1e9)
-            except Error as problem:
-                raise can.CanOperationError(f"canwire: {problem}") from None
+            self.wait_for_room(number, timeout)
+            self.bus.nodes[number].send(frame, at=None if self.virtual else self.now_ns() / 1e9)
             self.changed.notify_all()
+
+    def wait_for_room(self, number: int, timeout: float | None) -> None:
+        node = self.bus.nodes[number]
+        longest = PATIENCE_NS if self.virtual else _library.NEVER // 2
+        end = self.now_ns() + (longest if timeout is None else round(timeout * 1e9))
+        while not node.room:
+            if node.state == "bus-off":
+                raise can.CanOperationError("canwire: the node is bus-off")
+            rest = end - self.now_ns()
+            if rest <= 0:
+                raise can.CanOperationError("canwire: the queue of the node is full")
+            if self.virtual:
+                self.run_to(self.bus.now_ns + min(rest, 100_000))
+                self.let_others()
+            else:
+                self.wait(min(rest / 1e9, 3600))
+                self.advance()
+            self.check_used(number)
 
 
 def node_is_for_programs(name: str) -> bool:
@@ -273,46 +317,60 @@ class VirtualTask(LimitedDurationCyclicSendTaskABC, ModifiableCyclicTaskABC,
                  duration: float | None, autostart: bool,
                  modifier: Callable[[can.Message], None] | None):
         super().__init__(messages, period, duration)
-        self.wire, self.number, self.modifier = wire, number, modifier
         self.step_ns = round(period * 1e9)
+        if self.step_ns <= 0:
+            raise ValueError(f"a period of {period} s: it must be longer than 0")
+        self.wire, self.number, self.modifier = wire, number, modifier
         self.next_ns = self.end_ns = self.index = 0
         if autostart:
             self.start()
 
     def start(self) -> None:
-        with self.wire.changed:
+        with self.wire.turn():
+            self.wire.check_used(self.number)
             if self not in self.wire.tasks:
-                self.next_ns = self.wire.bus.now_ns
-                self.end_ns = (_library.NEVER if self.duration is None
-                               else self.next_ns + round(self.duration * 1e9))
+                self.index, self.next_ns = 0, self.wire.bus.now_ns
+                self.end_ns = (self.next_ns + round(self.duration * 1e9) if self.duration
+                               else _library.NEVER)  # as other interfaces do with 0
                 self.wire.tasks.append(self)
                 self.wire.changed.notify_all()
 
     def stop(self) -> None:
-        with self.wire.changed:
+        with self.wire.turn():
             if self in self.wire.tasks:
                 self.wire.tasks.remove(self)
 
+    def shift(self, ns: int) -> None:
+        """Moves its times."""
+        self.next_ns += ns
+        self.end_ns += ns if self.end_ns != _library.NEVER else 0
+
     def release(self) -> None:
-        """Sends the present message, at its time."""
+        """Sends the present message, at its time. An error ends the task and is logged, as with
+        other interfaces; it is not one of the thread that lets time go on."""
         if self.next_ns >= self.end_ns:
             self.stop()
             return
         message = self.messages[self.index]
-        if self.modifier is not None:
-            self.modifier(message)
-        self.wire.bus.nodes[self.number].send(to_frame(message))
         self.index = (self.index + 1) % len(self.messages)
         self.next_ns += self.step_ns
+        node = self.wire.bus.nodes[self.number]
+        try:
+            if self.modifier is not None:
+                self.modifier(message)
+            node.send(to_frame(message, node.status.fd))
+        except Exception:  # pylint: disable=broad-except
+            LOG.exception("canwire: a periodic frame")
+            self.stop()
 
 
 class Inside:
     """A node of a bus in this process."""
 
     def __init__(self, channel: Any, key: Any, name: str | None, make: Callable[[], Bus],
-                 virtual: bool, own: bool, errors: bool):
+                 virtual: bool, own: bool, errors: bool, config: Any):
         self.channel = channel
-        self.wire = Wire.open(key, make, virtual)
+        self.wire = Wire.open(key, make, virtual, config)
         try:
             self.number = self.wire.take_node(name)
         finally:
@@ -320,33 +378,38 @@ class Inside:
                 self.wire.coming -= 1
                 self.wire.end_unused()
         self.node = self.wire.bus.nodes[self.number]
-        while self.wire.bus._take(self.number):
-            pass  # of an earlier user
-        self.node.listen(True, own, errors)
-        info = self.wire.bus.buses[[info.name for info in self.wire.bus.buses].index(
-            self.node.bus_name)]
-        self.fd = info.fd
+        with self.wire.turn():
+            while self.wire.bus._take(self.number):
+                pass  # of an earlier user
+            self.node.listen(True, own, errors)
+        self.fd = self.node.status.fd
         self.text = f"node {self.node.name} of {self.node.bus_name}, in this process"
 
+    def now(self) -> float:
+        return self.wire.now_ns() / 1e9
+
     def receive(self, timeout: float | None) -> can.Message | None:
-        frame = self.wire.receive(self.number, timeout)
-        return frame and to_message(frame, self.wire.timestamp(frame), self.channel)
+        with told():
+            frame = self.wire.receive(self.number, timeout)
+        return frame and to_message(frame, self.wire.timestamp(frame), self.channel, frame.own)
 
     def send(self, message: can.Message, timeout: float | None) -> None:
-        self.wire.send(self.number, to_frame(message), timeout)
+        with told():
+            self.wire.send(self.number, to_frame(message, self.fd), timeout)
 
     def state(self) -> can.BusState:
-        with self.wire.changed:
+        with told(), self.wire.turn():
             self.wire.advance()
             return STATES[self.node.state]
 
     def set_state(self, state: can.BusState) -> None:
-        with self.wire.changed:
+        with told(), self.wire.turn():
             self.wire.advance()
             self.node.set(listen_only=state is can.BusState.PASSIVE)
 
     def close(self) -> None:
-        self.wire.give_back(self.number)
+        if self.wire.bus.is_open:
+            self.wire.give_back(self.number)
 
 
 # ---- Running buses -------------------------------------------------------------------------------
@@ -355,6 +418,7 @@ HEAD = struct.Struct("=BBHIIIQQ")  # type, flags, size, number, lost, reserved, 
 HELLO_BODY = struct.Struct("=8sIIII36s")  # magic, version, options, error mask, MTU, name
 CLASSICAL, FD_BODY = struct.Struct("=IB2xB8s"), struct.Struct("=IBB2x64s")
 FILTER = struct.Struct("=II")
+MOST_FILTERS = 512
 HELLO, FRAME, OPTIONS, FILTERS, DROPPED, ERROR = range(1, 7)
 LOCAL, OWN = 1, 2
 LOOPBACK, RECV_OWN, FD = 1, 2, 4
@@ -365,14 +429,34 @@ PATIENCE_S = 30
 
 def ask(path: str, request: dict[str, Any]) -> dict[str, Any]:
     """Sends a request to the control socket of a bus."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as control:
-        control.settimeout(PATIENCE_S)
-        control.connect(path)
-        control.sendall(json.dumps(request).encode() + b"\n")
-        reply = json.loads(control.makefile("rb").readline())
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as control:
+            control.settimeout(PATIENCE_S)
+            control.connect(path)
+            control.sendall(json.dumps(request).encode() + b"\n")
+            reply = json.loads(control.makefile("rb").readline())
+    except (OSError, ValueError) as problem:
+        raise can.CanOperationError(f"canwire: {path}: {problem}") from None
     if not reply.get("ok"):
-        raise _refuse(reply.get("error", "the bus refuses"))
+        raise can.CanOperationError(f"canwire: {reply.get('error', 'the bus refuses')}")
     return reply
+
+
+def state_of(path: str, name: str) -> can.BusState:
+    """Returns the state of a node of a running bus."""
+    for node in ask(path, {"request": "status"})["status"]["nodes"]:
+        if node["name"] == name:
+            return STATES[node["state"]]
+    raise can.CanOperationError(f"canwire: {path} has no node {name!r} any more")
+
+
+def ready(fd: int, what: int, seconds: float | None) -> bool:
+    """Waits until a socket is ready; its number may be any."""
+    poll = select.poll()
+    poll.register(fd, what)
+    if seconds is None:
+        return bool(poll.poll())
+    return bool(poll.poll(min(math.ceil(max(seconds, 0) * 1000), 1_000_000_000)))
 
 
 def ports_of(path: str) -> dict[str, str]:
@@ -409,7 +493,7 @@ class Outside:
                  node: str | None):
         self.channel, self.errors, self.control, self.node = channel, errors, control, node
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self.now = can.BusState.ACTIVE
+        self.known = can.BusState.ACTIVE  # of a bus whose control socket is not known
         self.sending = threading.Lock()
         try:
             self.socket.settimeout(PATIENCE_S)
@@ -428,33 +512,39 @@ class Outside:
             self.socket.close()
             raise
         self.fd = HELLO_BODY.unpack(body)[4] == 72
-        if control and node:
-            status = ask(control, {"request": "status"})["status"]
-            self.now = next(STATES[one["state"]] for one in status["nodes"]
-                            if one["name"] == node)
+        self.closed = False
         self.text = f"node {node or path} of a running bus"
 
-    def write(self, kind: int, body: bytes) -> None:
-        self.socket.send(HEAD.pack(kind, 0, HEAD.size + len(body), 0, 0, 0, 0, 0) + body)
+    def write(self, kind: int, body: bytes, more: int = 0) -> None:
+        self.socket.send(HEAD.pack(kind, 0, HEAD.size + len(body), 0, 0, 0, 0, 0) + body, more)
 
-    def read(self) -> tuple[int, int, bytes, int]:
-        packed = self.socket.recv(8192)
+    def read(self, more: int = 0) -> tuple[int, int, bytes, int]:
+        packed = self.socket.recv(8192, more)
         if not packed:
-            raise can.CanOperationError("canwire: the bus has ended the connection")
+            raise can.CanOperationError("canwire: the bus is closed" if self.closed else
+                                        "canwire: the bus has ended the connection")
         kind, flags, _, _, _, _, realtime_ns, _ = HEAD.unpack_from(packed)
         return kind, flags, packed[HEAD.size:], realtime_ns
+
+    @staticmethod
+    def now() -> float:
+        return time.monotonic()
 
     def receive(self, timeout: float | None) -> can.Message | None:
         end = None if timeout is None else time.monotonic() + timeout
         while True:
             rest = None if end is None else max(end - time.monotonic(), 0)
-            if not select.select([self.socket], [], [], rest)[0]:
-                return None
             try:
-                kind, flags, body, realtime_ns = self.read()
-            except OSError as problem:
+                if not ready(self.socket.fileno(), select.POLLIN, rest):
+                    return None
+                kind, flags, body, realtime_ns = self.read(socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                continue  # another thread was first
+            except (OSError, ValueError) as problem:
                 raise can.CanOperationError(f"canwire: {problem}") from None
             message = self.unpack(flags, body, realtime_ns) if kind == FRAME else None
+            if kind == ERROR:
+                LOG.warning("canwire: %s", body[4:].rstrip(bytes(1)).decode("utf-8", "replace"))
             if message is not None and (self.errors or not message.is_error_frame):
                 return message
 
@@ -471,21 +561,21 @@ class Outside:
                       bool(can_id & ERR_FLAG), bool(flags & (LOCAL | OWN)))
         if frame.error:
             self.note(frame)
-        return to_message(frame, realtime_ns / 1e9, self.channel)
+        return to_message(frame, realtime_ns / 1e9, self.channel, frame.own)
 
     def note(self, error: Frame) -> None:
         """Learns the state of the node from an error frame (linux/can/error.h)."""
         if error.id & 0x40:
-            self.now = can.BusState.ERROR
+            self.known = can.BusState.ERROR
         elif error.id & 0x100:
-            self.now = can.BusState.ACTIVE
+            self.known = can.BusState.ACTIVE
         elif error.id & 0x4 and error.data[1] & 0x30:
-            self.now = can.BusState.PASSIVE
+            self.known = can.BusState.PASSIVE
         elif error.id & 0x4 and error.data[1] & 0x4C:
-            self.now = can.BusState.ACTIVE
+            self.known = can.BusState.ACTIVE
 
     def send(self, message: can.Message, timeout: float | None) -> None:
-        frame = to_frame(message)
+        frame = to_frame(message, self.fd)
         can_id = frame.id | frame.extended * EFF_FLAG | frame.remote * RTR_FLAG
         if frame.fd:
             body = FD_BODY.pack(can_id, len(frame.data), FDF | frame.brs * BRS | frame.esi * ESI,
@@ -493,28 +583,46 @@ class Outside:
         else:
             body = CLASSICAL.pack(can_id, (frame.dlc or 0) if frame.remote else len(frame.data), 0,
                                   frame.data)
-        with self.sending:
-            if not select.select([], [self.socket], [], timeout)[1]:
+        end = None if timeout is None else time.monotonic() + timeout
+        if not self.sending.acquire(timeout=-1 if timeout is None else max(timeout, 0)):
+            raise can.CanOperationError("canwire: the queue of the node is full")
+        try:
+            self.send_body(body, end)
+        except (OSError, ValueError) as problem:
+            raise can.CanOperationError(f"canwire: {problem}") from None
+        finally:
+            self.sending.release()
+
+    def send_body(self, body: bytes, end: float | None) -> None:
+        while True:
+            rest = None if end is None else max(end - time.monotonic(), 0)
+            if not ready(self.socket.fileno(), select.POLLOUT, rest):
                 raise can.CanOperationError("canwire: the queue of the node is full")
-            try:
-                self.write(FRAME, body)
-            except OSError as problem:
-                raise can.CanOperationError(f"canwire: {problem}") from None
+            with contextlib.suppress(BlockingIOError):
+                self.write(FRAME, body, socket.MSG_DONTWAIT)
+                return
 
     def filter(self, filters: Sequence[dict[str, Any]] | None) -> None:
-        """Lets the port filter."""
+        """Lets the port filter, which is faster. The interface does it all the same."""
+        if not filters or len(filters) > MOST_FILTERS:
+            filters = [{"can_id": 0, "can_mask": 0}]
         pairs = []
-        for one in filters or [{"can_id": 0, "can_mask": 0}]:
-            can_id, mask = one["can_id"], one["can_mask"]
+        for one in filters:
+            can_id, mask = one["can_id"] & 0x1FFFFFFF, one["can_mask"] & 0x1FFFFFFF
             if "extended" in one:
                 mask |= EFF_FLAG
                 can_id |= EFF_FLAG if one["extended"] else 0
             pairs.append(FILTER.pack(can_id, mask))
         with self.sending:
-            self.write(FILTERS, b"".join(pairs))
+            try:
+                self.write(FILTERS, b"".join(pairs))
+            except OSError as problem:
+                raise can.CanOperationError(f"canwire: {problem}") from None
 
     def state(self) -> can.BusState:
-        return self.now
+        if self.control and self.node:
+            return state_of(self.control, self.node)
+        return self.known
 
     def set_state(self, state: can.BusState) -> None:
         if not self.control or not self.node:
@@ -523,6 +631,9 @@ class Outside:
                            {"listen-only": state is can.BusState.PASSIVE}})
 
     def close(self) -> None:
+        self.closed = True
+        with contextlib.suppress(OSError):
+            self.socket.shutdown(socket.SHUT_RDWR)  # wakes those that read
         self.socket.close()
 
 
@@ -561,12 +672,23 @@ def make(channel: Any, config: Any, bitrate: int, data_bitrate: int) -> Bus:
         if is_configuration(channel):
             return Bus.from_yaml(channel, listen=False, events="none")
         return make_default(channel, bitrate, data_bitrate)
-    except ConfigError as problem:
+    except (Error, OSError, TypeError, ValueError) as problem:
         raise _refuse(problem) from None
+
+
+def is_node_of_virtual_time(channel: Any = "channel-0", *_: Any, private: bool | None = None,
+                            config: Any = None, virtual_time: bool = False, **__: Any) -> bool:
+    """Returns True for a bus that is opened in virtual time and says nothing else."""
+    if current() is None or private is not None or config is not None or virtual_time:
+        return False
+    return not isinstance(channel, str) or not (
+        "/" in channel or channel.startswith("unix:") or channel.endswith((".yaml", ".yml")))
 
 
 class CanwireBus(can.BusABC):
     """A node of a bus of canwire.
+
+    In canwire.VirtualTime a channel is a node of the bus whose time it is, see NodeBus.
 
     :param channel: the name of a running bus, the path of its control socket, or `unix:PATH`, the
         port of a node; NAME:NODE chooses a node. Else it names a bus in this process: a file in
@@ -580,6 +702,11 @@ class CanwireBus(can.BusABC):
     :param bitrate, data_bitrate: of a new bus in this process without `config`.
     """
 
+    def __new__(cls, *arguments: Any, **options: Any) -> Any:
+        if cls is CanwireBus and is_node_of_virtual_time(*arguments, **options):
+            return NodeBus(*arguments, **options)
+        return super().__new__(cls)
+
     def __init__(self, channel: Any = "channel-0", *, node: str | None = None, config: Any = None,
                  private: bool | None = None, virtual_time: bool = False,
                  receive_own_messages: bool = False, ignore_rx_error_frames: bool = False,
@@ -590,6 +717,8 @@ class CanwireBus(can.BusABC):
         where, node = split(channel, node)
         own, errors = receive_own_messages, not ignore_rx_error_frames
         running = None if config is not None or private or virtual_time else find_running(where)
+        if isinstance(config, os.PathLike):
+            config = os.fspath(config)
         if isinstance(where, str) and where.startswith("unix:"):
             self._end: Inside | Outside = Outside(channel, where[len("unix:"):], own, errors,
                                                   None, None)
@@ -600,18 +729,32 @@ class CanwireBus(can.BusABC):
             raise _refuse(f"there is no running bus {where!r}")
         else:
             data_rate = data_bitrate or max(bitrate, min(4 * bitrate, 2_000_000))
-            self._end = Inside(channel, where if config is None else (where, str(config)), node,
-                               lambda: make(where, config, bitrate, data_rate), virtual_time, own,
-                               errors)
+            self._end = self._inside(channel, where, node, virtual_time, own, errors, config,
+                                     lambda: make(where, config, bitrate, data_rate))
         self.channel_info = f"canwire: {self._end.text}"
         if hasattr(can, "CanProtocol"):  # since python-can 4.3
             self._can_protocol = can.CanProtocol.CAN_FD if self._end.fd else can.CanProtocol.CAN_20
-        super().__init__(channel=channel, can_filters=can_filters, **kwargs)
+        try:
+            super().__init__(channel=channel, can_filters=can_filters, **kwargs)
+        except BaseException:  # wrong filters, for example
+            self._end.close()
+            raise
+
+    @staticmethod
+    def _inside(channel: Any, where: Any, node: str | None, virtual: bool, own: bool, errors: bool,
+                config: Any, make_bus: Callable[[], Bus]) -> Inside:
+        try:
+            return Inside(channel, where, node, make_bus, virtual, own, errors, config)
+        except (Error, TypeError) as problem:  # a channel that cannot be a key
+            raise _refuse(problem) from None
 
     @staticmethod
     def _attach(channel: Any, control: str, node: str | None, own: bool,
                 errors: bool) -> Outside:
-        ports = ports_of(control)
+        try:
+            ports = ports_of(control)
+        except can.CanOperationError as problem:
+            raise can.CanInitializationError(str(problem)) from None
         if node is None and len(ports) != 1:
             raise _refuse(f"which node of {control}? node= is one of: {', '.join(ports) or 'none'}")
         name = node or next(iter(ports))
@@ -633,22 +776,20 @@ class CanwireBus(can.BusABC):
             raise can.CanOperationError("canwire: the bus is closed")
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        self._check_open()
         if not self._virtual:
             return super().recv(timeout)
-        end = None if timeout is None else self._now() + timeout
-        while True:  # in virtual time, which the clock of python-can does not know
-            message, _ = self._recv_internal(timeout)
-            if message is None or self._matches_filters(message):
-                return message
-            timeout = None if end is None else max(end - self._now(), 0)
-
-    def _now(self) -> float:
-        return self._end.wire.bus.now  # type: ignore[union-attr]
+        return self._recv_internal(timeout)[0]  # the clock of python-can does not know its time
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        """Returns the next message that the filters let pass. Error frames always do, as they do
+        with `socketcan`."""
         self._check_open()
-        return self._end.receive(timeout), False
+        end = None if timeout is None else self._end.now() + timeout
+        while True:
+            message = self._end.receive(timeout)
+            if message is None or message.is_error_frame or self._matches_filters(message):
+                return message, True
+            timeout = None if end is None else max(end - self._end.now(), 0)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         self._check_open()
@@ -702,7 +843,7 @@ class CanwireBus(can.BusABC):
             try:
                 found += [{"interface": "canwire", "channel": f"{path.stem}:{node}"}
                           for node in ports_of(str(path))]
-            except (OSError, ValueError, KeyError, can.CanError):
+            except (KeyError, TypeError, can.CanError):
                 continue  # it is no control socket, or nobody answers
         with Wire.lock:
             used = [*Wire.all]

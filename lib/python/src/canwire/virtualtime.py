@@ -31,15 +31,20 @@ import traceback
 import types
 
 from ._library import ANY_NODE, AT_FRAME, AT_TIME, NO_NODE
-from .bus import Stop
+from .bus import Error, Stop
 
 __all__ = ["Deadlock", "VirtualTime", "current"]
 
 NS = 1_000_000_000
-FOREVER_NS = 600 * NS  # bus time after which a thread that waits without time-out waits in vain
-SPINS = 100             # looks at a clock, or at a queue, after which a thread waits ...
-SPIN_NS = 10_000        # ... for this long, so that polling loops end
-STEP_NS = NS            # a run of the bus, so that Ctrl-C is not late
+FOREVER_S = 600   # of bus time: then a wait without time-out is in vain
+
+SPINS = 100       # looks at a clock, or at a queue, that take no time
+
+SPIN_NS = 10_000  # for each later one, so that polling loops end
+
+CREEPS = 1000     # later looks at a clock, before other threads run
+
+STEP_NS = NS      # a run of the bus, so that Ctrl-C is not late
 
 # the functions that virtual time takes the place of
 _REAL = types.SimpleNamespace(
@@ -48,7 +53,7 @@ _REAL = types.SimpleNamespace(
     time=time.time, time_ns=time.time_ns,
     Lock=threading.Lock, RLock=threading.RLock, get_ident=threading.get_ident,
     start=threading.Thread.start, join=threading.Thread.join, is_alive=threading.Thread.is_alive,
-    SimpleQueue=queue.SimpleQueue)
+    select=selectors.DefaultSelector.select, SimpleQueue=queue.SimpleQueue)
 # modules whose waits are for other processes, or that must not be stopped
 _SPARED = {"subprocess", "multiprocessing", "_thread", "_queue", "execnet", "xdist", "_pytest",
            "pytest", "pluggy", "hypothesis", "canwire"}
@@ -57,7 +62,7 @@ _clock = None  # the VirtualTime that is entered
 
 
 class Deadlock(RuntimeError):
-    """Every thread waits, and nothing on the bus will wake one of them."""
+    """The thread that has entered waits, and nothing will wake it."""
 
 
 def current():
@@ -74,7 +79,9 @@ class _Thread:
         self.gate.acquire()       # pylint: disable=consider-using-with
         self.wants = self.value = None
         self.node = None          # it waits for frames of this one
+        self.since = 0            # ns: it waits
         self.deadline = None      # ns
+        self.waits = 0            # since the first thread waits without a time-out
         self.spins = 0
         self.starts = False  # it starts a thread, and waits for it in real time
         self.failure = None
@@ -84,21 +91,25 @@ class VirtualTime:
     """A context in which the time of this program is that of a bus.
 
     epoch: `time.time()` at time 0 of the bus; by default now. patience: how many seconds of real
-    time a thread outside may take to wake one inside, before there is a Deadlock.
+    time a thread outside may take to wake one inside, before there is a Deadlock. forever: how many
+    seconds of bus time the thread that enters may wait without a time-out.
     """
 
-    def __init__(self, bus, epoch=None, patience=1.0):
+    def __init__(self, bus, epoch=None, patience=1.0, forever=FOREVER_S):
         self.bus = bus
-        self._epoch, self._patience = epoch, patience
+        self._epoch, self._patience, self._forever_ns = epoch, patience, round(forever * NS)
         self._mutex = _REAL.RLock()  # a finalizer may release a lock meanwhile
         self._threads = {}
-        self._reached = 0  # ns
+        self._reached = 0  # ns of the bus
+        self._earlier = 0  # ns before the bus was reset; time of programs never goes back
         self._ready, self._sleepers = collections.deque(), {}
         self._running = None
-        self.hosts = {}     # of NodeBus
+        self._signals = collections.deque()  # threads that a signal has interrupted
+        self.hosts = {}     # of NodeBus, by the numbers of nodes
         self._first = None  # the thread that has entered
         self._over = False
-        self._patches = []
+        self._end_ns = 0
+        self._patches, self._tables = [], []
         self._base = {}
 
     # ---- what programs use -------------------------------------------------------------------
@@ -118,14 +129,31 @@ class VirtualTime:
         """... in nanoseconds."""
         return max(self.bus.now_ns, self._reached)
 
+    @property
+    def _ns(self):
+        """The time of programs, which goes on when the bus is reset."""
+        return self._earlier + self.now_ns
+
     def receive(self, node, timeout=None):
         """Waits for a frame of a node, by its number."""
-        return self.wait(lambda: self.bus._take(node), timeout, node)
+        def wants():
+            frame = self.bus._take(node)
+            if frame is None and self._over:
+                raise Error("the virtual time of the bus is over")
+            return frame
+        return self.wait(wants, timeout, node)
 
-    def run_to(self, ns):
-        """Waits up to a time of the bus."""
-        self.wait(lambda: None, max(ns - self.now_ns, 0) / NS)
-        return Stop.TIME
+    def run_to(self, ns, node=None):
+        """Waits up to a time of the bus, or to a frame at a node."""
+        def wants():
+            if node is not None and self.bus._has(node):
+                return Stop.FRAME
+            return Stop.TIME if self.now_ns >= ns or self._over else None
+        timeout = None if self.mine() is None else (ns - self.now_ns) / NS
+        stop = self.wait(wants, timeout, node) or Stop.TIME
+        if self._over and stop is Stop.TIME:  # left meanwhile
+            return Stop(self.bus._run(ns, None, NO_NODE if node is None else node))
+        return stop
 
     def sleep(self, seconds):
         """Waits for so long on the bus."""
@@ -137,12 +165,13 @@ class VirtualTime:
 
     def time_at(self, ns):
         """Returns what `time.time()` is at a time of the bus."""
-        return (self._base["time"] + ns) / NS
+        return (self._base["time"] + self._earlier + ns) / NS
 
     def wait(self, wants, timeout=None, node=None):
         """Waits until wants() returns something true, and returns that. When `timeout` seconds are
         over on the bus, it returns what wants() returned last. Any thread calls wants(), when
-        others have run, and when `node`, a number, has received a frame."""
+        others have run, and when `node`, a number, has received a frame. Its error comes to the
+        thread that waits."""
         me = self.mine()
         if me is None:
             return self._wait_outside(wants, timeout)
@@ -154,16 +183,14 @@ class VirtualTime:
                 timeout = self._spin(me)
                 if timeout is None:
                     return value
+            self._begin(me, timeout)
             me.wants, me.value, me.node = wants, value, node
-            me.deadline = None if timeout is None else self.now_ns + math.ceil(timeout * NS)
             self._sleepers[me.ident] = me
-            self._pass_on()
-        me.gate.acquire()  # pylint: disable=consider-using-with
-        if me.failure is not None:
-            failure, me.failure = me.failure, None
-            raise failure
+            self._give_way(me)
+        self._stand(me)
         if self._over and not me.value:  # left meanwhile
-            return self._wait_outside(wants, timeout)
+            rest = None if me.deadline is None else (me.deadline - self._end_ns) / NS
+            return self._wait_outside(wants, rest)
         return me.value
 
     # ---- the threads -------------------------------------------------------------------------
@@ -181,6 +208,43 @@ class VirtualTime:
             _REAL.sleep(0.001)
         return value
 
+    def _begin(self, me, timeout):
+        """Notes when a wait begins and ends."""
+        me.since, me.deadline = self._ns, None
+        me.waits += 1
+        if timeout is not None:
+            me.deadline = me.since + math.ceil(round(timeout * NS, 3))
+        elif me.ident == self._first:
+            for other in self._threads.values():
+                other.waits = 0
+
+    def _give_way(self, me):
+        """Lets the next thread run, unless this one has run beside another after a signal."""
+        if self._running in (me, None):
+            self._pass_on()
+
+    def _stand(self, me):
+        """Waits until it is the turn of this thread."""
+        try:
+            me.gate.acquire()  # pylint: disable=consider-using-with
+        except BaseException as problem:  # pylint: disable=broad-except
+            # a signal, which comes to the main thread: it waits for its turn, but not for long
+            me.failure = problem
+            self._signals.append(me)
+            if not me.gate.acquire(timeout=self._patience):
+                with self._mutex:
+                    self._forget(me)
+                    me.gate.acquire(False)  # pylint: disable=consider-using-with
+        if me.failure is not None:
+            failure, me.failure = me.failure, None
+            raise failure
+
+    def _forget(self, me):
+        self._sleepers.pop(me.ident, None)
+        for queued in (self._ready, self._signals):
+            if me in queued:
+                queued.remove(me)
+
     def _let_others_run(self):
         me = self.mine()
         with self._mutex:
@@ -188,8 +252,8 @@ class VirtualTime:
             if not self._ready:
                 return
             self._ready.append(me)
-            self._pass_on()
-        me.gate.acquire()  # pylint: disable=consider-using-with
+            self._give_way(me)
+        self._stand(me)
 
     def _spin(self, me):
         """Counts a look that does not wait. Returns a time to wait for, or None."""
@@ -197,19 +261,28 @@ class VirtualTime:
         return SPIN_NS / NS if me.spins > SPINS else None
 
     def looked(self):
-        """Is called when a thread has looked at the clock."""
+        """Is called when a thread has looked at the clock. It may hold a lock of real time, for
+        which another would wait in vain. So time goes on without others, for many looks."""
         me = self.mine()
-        if me is not None and me is self._running and self._spin(me) is not None:
+        if me is None or me is not self._running or self._spin(me) is None:
+            return
+        if me.spins > SPINS + CREEPS:
             self.wait(lambda: None, SPIN_NS / NS)
+        else:
+            with self._mutex:
+                self._run_bus(self._ns + SPIN_NS, NO_NODE)
 
     def adopt(self, adopted):
         """Takes the calling thread in, which waits for its turn."""
         me = _Thread(_REAL.get_ident(), threading.current_thread().name)
         with self._mutex:
-            self._threads[me.ident] = me
-            self._ready.append(me)
+            over = self._over
+            if not over:
+                self._threads[me.ident] = me
+                self._ready.append(me)
             adopted.release()
-        me.gate.acquire()  # pylint: disable=consider-using-with
+        if not over:
+            self._stand(me)
 
     def leave(self):
         """Lets the calling thread go, which ends."""
@@ -220,19 +293,28 @@ class VirtualTime:
 
     def _wake(self):
         """Makes threads ready whose wish is fulfilled, or whose time is over."""
-        now = self.now_ns
+        now = self._ns
+        while self._signals:
+            me = self._signals.popleft()
+            if self._sleepers.pop(me.ident, None):
+                self._ready.appendleft(me)
         for me in list(self._sleepers.values()):
-            me.value = me.wants()
-            if me.value or (me.deadline is not None and me.deadline <= now):
+            try:
+                me.value = me.wants()
+            except Exception as problem:  # pylint: disable=broad-except
+                me.failure = problem
+            if me.value or me.failure or (me.deadline is not None and me.deadline <= now):
                 del self._sleepers[me.ident]
                 self._ready.append(me)
 
     def _pass_on(self):
         """Lets the next thread run. When all wait, the bus goes on."""
         self._running = None
-        self._wake()
-        while not self._ready and self._sleepers:
+        while not self._ready:
             try:
+                self._wake()
+                if self._ready or not self._sleepers:
+                    break
                 self._advance()
             except BaseException as problem:  # pylint: disable=broad-except
                 self._fail(problem)
@@ -248,17 +330,25 @@ class VirtualTime:
             del self._sleepers[me.ident]
             self._ready.append(me)
 
+    def _limit(self):
+        """Returns the time up to which the first thread may wait without a time-out, or None while
+        others have a time-out that is no polling."""
+        first = self._sleepers.get(self._first)
+        timed = [me for me in self._sleepers.values() if me.deadline is not None]
+        if first is None:
+            return None if timed else self._ns + self._forever_ns
+        if first.deadline is not None or any(me.waits <= SPINS for me in timed):
+            return None
+        return first.since + self._forever_ns
+
     def _advance(self):
         deadlines = [me.deadline for me in self._sleepers.values() if me.deadline is not None]
-        begin = self.now_ns
-        until = min(deadlines, default=begin + FOREVER_NS)
-        while not self._ready and self.now_ns < until:
+        limit = self._limit()
+        until = min([*deadlines, *([] if limit is None else [limit])])
+        while not self._ready and not self._signals and self._ns < until:
             nodes = {me.node for me in self._sleepers.values() if me.node is not None}
             node = NO_NODE if not nodes else nodes.pop() if len(nodes) == 1 else ANY_NODE
-            step = min(until, self.now_ns + STEP_NS)
-            stop = self.bus._run(step, None, node)
-            if stop == AT_TIME:
-                self._reached = step  # the bus itself may be at the end of a bit before
+            stop = self._run_bus(min(until, self._ns + STEP_NS), node)
             for me in self._threads.values():
                 me.spins = 0
             self._wake()
@@ -266,19 +356,39 @@ class VirtualTime:
                 self.bus._take_all()  # frames that nobody has taken would end the next run, too
         if not self._ready:
             self._wake()
-        if not self._ready and not deadlines:
+        if not self._ready and limit is not None and self._ns >= limit:
             self._wait_for_others()
+
+    def _run_bus(self, ns, node):
+        """Lets the bus go on up to a time of programs."""
+        end = ns - self._earlier
+        stop = self.bus._run(end, None, node)
+        if stop == AT_TIME:
+            self._reached = end  # the bus itself may be at the end of a bit before
+        return stop
+
+    def bus_resets(self, before):
+        """Is called when the bus has gone back to time 0: the time of programs does not."""
+        with self._mutex:
+            self._earlier, self._reached = self._earlier + max(before, self._reached), 0
+            for host in self.hosts.values():
+                host.forget()
 
     def _wait_for_others(self):
         """Waits for threads outside, such as those that read files."""
         end = _REAL.monotonic() + self._patience
-        while not self._ready and _REAL.monotonic() < end:
+        while not self._ready and not self._signals and _REAL.monotonic() < end:
             self._mutex.release()
-            _REAL.sleep(0.005)
-            self._mutex.acquire()  # pylint: disable=consider-using-with
+            try:
+                _REAL.sleep(0.005)
+            finally:
+                self._mutex.acquire()  # pylint: disable=consider-using-with
             self._wake()
-        if not self._ready:
-            raise Deadlock("every thread waits, and nothing on the bus will wake one:\n" +
+        if not self._ready and not self._signals:
+            first = self._sleepers.get(self._first)
+            polls = "" if first is None or len(self._sleepers) == 1 else \
+                ", or the others only poll"
+            raise Deadlock(f"every thread waits{polls}, and nothing on the bus will wake one:\n" +
                            "\n".join(map(self._describe, self._sleepers.values())))
 
     def _describe(self, me):
@@ -296,7 +406,7 @@ class VirtualTime:
         global _clock  # pylint: disable=global-statement
         if _clock is not None:
             raise RuntimeError("virtual time is not for two buses at once; put them into a rig")
-        offset = self.now_ns
+        offset = self._ns
         self._base = {"monotonic": _REAL.monotonic_ns() - offset,
                       "perf_counter": _REAL.perf_counter_ns() - offset,
                       "time": (_REAL.time_ns() - offset if self._epoch is None
@@ -305,6 +415,7 @@ class VirtualTime:
         self._threads[me.ident] = self._running = me
         self._first, self._over = me.ident, False
         _clock = self.bus._clock = self
+        self.bus._resets.append(self.bus_resets)
         self._patch()
         return self
 
@@ -312,10 +423,13 @@ class VirtualTime:
         global _clock  # pylint: disable=global-statement
         with self._mutex:
             self._unpatch()
+            self._end_ns = self._ns if self.bus.is_open else self._earlier + self._reached
+            self._over = True
+            self.bus._resets.remove(self.bus_resets)
             _clock = self.bus._clock = None
             # the others go on in real time
             threads, self._threads = self._threads, {}
-            self._running, self._over = None, True
+            self._running = None
             self._sleepers.clear()
             self._ready.clear()
         for me in threads.values():
@@ -325,66 +439,80 @@ class VirtualTime:
     # ---- patches -----------------------------------------------------------------------------
 
     def _set(self, owner, name, value):
-        self._patches.append((owner, name, getattr(owner, name)))
+        self._patches.append((owner, name, getattr(owner, name), value))
         setattr(owner, name, value)
 
-    def _clocks(self):
-        """Returns pairs of a function of `time` and the one in its place."""
-        def reads(name, scale):
-            real, base = getattr(_REAL, name), self._base[name.removesuffix("_ns")]
-
-            def read():
-                if self.mine() is None:
-                    return real()
-                self.looked()
-                now = base + self.now_ns
-                return now if scale is None else now / scale
-            return real, read
-
-        def sleep(seconds):
-            if self.mine() is None:
-                return _REAL.sleep(seconds)
-            if hasattr(seconds, "__index__"):
-                seconds = seconds.__index__()
-            return self.sleep(seconds)
-
-        for name in ("monotonic", "perf_counter", "time"):
-            yield reads(name, NS)
-            yield reads(name + "_ns", None)
-        yield _REAL.sleep, sleep
+    def read(self, name):
+        """Returns the time of a clock, in nanoseconds."""
+        self.looked()
+        return self._base[name] + self._ns
 
     def _patch(self):
-        pairs = [*self._clocks(), (_REAL.Lock, _Lock), (_REAL.RLock, threading._PyRLock),
-                 (_REAL.SimpleQueue, queue._PySimpleQueue), *_interfaces()]
-        places = {id(real): other for real, other in pairs}
-        for name, module in list(sys.modules.items()):
-            if isinstance(module, types.ModuleType) and name.split(".")[0] not in _SPARED:
-                for key, value in list(vars(module).items()):
-                    if id(value) in places:
-                        self._set(module, key, places[id(value)])
+        self._tables = list(_interfaces())
+        _replace({id(real): (real, other) for real, other in [*_PLACES, *self._tables]})
         self._set(threading, "_allocate_lock", _Lock)
         self._set(threading.Thread, "start", _start)
         self._set(threading.Thread, "join", _join)
         self._set(threading.Thread, "is_alive", _is_alive)
-        self._set(selectors.DefaultSelector, "select", _selector(selectors.DefaultSelector.select))
+        self._set(selectors.DefaultSelector, "select", _select)
 
     def _unpatch(self):
-        for owner, name, value in reversed(self._patches):
-            setattr(owner, name, value)
+        """Puts all back, also in modules that were imported meanwhile."""
+        for owner, name, value, other in reversed(self._patches):
+            if getattr(owner, name) is other:
+                setattr(owner, name, value)
         self._patches.clear()
+        _replace({id(other): (other, real) for real, other in [*_PLACES, *self._tables]})
+
+
+def _replace(places):
+    """Puts other objects into the places of some, in all modules."""
+    for name, module in list(sys.modules.items()):
+        if isinstance(module, types.ModuleType) and name.split(".")[0] not in _SPARED:
+            for key, value in list(vars(module).items()):
+                if id(value) in places:
+                    setattr(module, key, places[id(value)][1])
 
 
 # ---- what takes the place of others --------------------------------------------------------------
+# All of it has real time for a thread that is in no virtual time, so a program may keep it.
 
 
 def _interfaces():
-    """Yields python-can's tables of interfaces with "canwire" in them, and without."""
+    """Yields python-can's tables of interfaces with "canwire" in them, when no installation has
+    told of it, and without."""
     try:
         from can import interfaces
     except ImportError:
         return
-    yield interfaces.BACKENDS, {**interfaces.BACKENDS, "canwire": ("canwire.nodebus", "NodeBus")}
-    yield interfaces.VALID_INTERFACES, interfaces.VALID_INTERFACES | {"canwire"}
+    if "canwire" not in interfaces.BACKENDS:
+        yield interfaces.BACKENDS, {**interfaces.BACKENDS,
+                                    "canwire": ("canwire.pythoncan", "CanwireBus")}
+        yield interfaces.VALID_INTERFACES, interfaces.VALID_INTERFACES | {"canwire"}
+
+
+def _clock_of(name):
+    """Returns a function in place of one of `time`."""
+    real, base, whole = getattr(_REAL, name), name.removesuffix("_ns"), name.endswith("_ns")
+
+    def read():
+        clock = current()
+        if clock is None:
+            return real()
+        ns = clock.read(base)
+        return ns if whole else ns / NS
+
+    read.__name__ = name
+    return read
+
+
+def _sleep(seconds):
+    clock = current()
+    if clock is None:
+        return _REAL.sleep(seconds)
+    if hasattr(seconds, "__index__"):
+        seconds = seconds.__index__()
+    return clock.sleep(seconds)
 
 
 class _Lock:
@@ -395,6 +523,8 @@ class _Lock:
         self.locked = self._lock.locked
 
     def acquire(self, blocking=True, timeout=-1):
+        if timeout != -1 and (timeout < 0 or not blocking):
+            return self._lock.acquire(blocking, timeout)  # it says what is wrong
         if self._lock.acquire(False):
             return True
         if not blocking:
@@ -417,6 +547,14 @@ class _Lock:
         self.release()
 
 
+class _RLock(threading._RLock):
+    """threading.RLock, made of the lock above."""
+
+
+class _SimpleQueue(queue._PySimpleQueue):
+    """queue.SimpleQueue, made of the locks above."""
+
+
 def _start(thread):
     """Thread.start: the new thread is in virtual time when the one that starts it is."""
     clock = current()
@@ -429,8 +567,8 @@ def _start(thread):
     ended.acquire()  # pylint: disable=consider-using-with
 
     def run_in_virtual_time():
-        clock.adopt(adopted)
         try:
+            clock.adopt(adopted)
             run()
         finally:
             ended.release()
@@ -448,7 +586,7 @@ def _start(thread):
 
 def _join(thread, timeout=None):
     clock, ended = current(), getattr(thread, "_canwire_ended", None)
-    if clock is None or ended is None:
+    if clock is None or ended is None or thread is threading.current_thread():
         _REAL.join(thread, timeout)
     elif clock.wait(lambda: not ended.locked(), timeout):
         _REAL.join(thread)
@@ -459,11 +597,15 @@ def _is_alive(thread):
     return _REAL.is_alive(thread) and (ended is None or ended.locked())
 
 
-def _selector(real):
-    def wait(self, timeout=None):
-        clock = current()
-        if clock is None:
-            return real(self, timeout)
-        return clock.wait(lambda: real(self, 0), timeout) or []
+def _select(selector, timeout=None):
+    clock = current()
+    if clock is None:
+        return _REAL.select(selector, timeout)
+    return clock.wait(lambda: _REAL.select(selector, 0), timeout) or []
 
-    return wait
+
+# pairs of an object, and the one in its place
+_PLACES = [*((getattr(_REAL, name), _clock_of(name)) for name in (
+    "monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns", "time", "time_ns")),
+    (_REAL.sleep, _sleep), (_REAL.Lock, _Lock), (_REAL.RLock, _RLock),
+    (_REAL.SimpleQueue, _SimpleQueue)]
