@@ -6,6 +6,7 @@ package has in `sources`. Without these the package needs a library that is inst
 `scripts/wheel` makes the wheel for others, which brings all libraries that it needs.
 """
 import base64
+import gzip
 import hashlib
 import importlib.util
 import io
@@ -216,7 +217,8 @@ def build_sdist(sdist_directory, config_settings=None):
     files = {str(name): path.read_bytes() for name, path in source_files().items()}
     files["PKG-INFO"] = metadata().encode()
     path = pathlib.Path(sdist_directory) / f"canwire-{version()}.tar.gz"
-    with tarfile.open(path, "w:gz") as out:
+    with path.open("wb") as file, gzip.GzipFile("", "wb", fileobj=file, mtime=0) as packed, \
+            tarfile.open(fileobj=packed, mode="w") as out:
         for name, content in files.items():
             entry = tarfile.TarInfo(f"canwire-{version()}/{name}")
             entry.size = len(content)

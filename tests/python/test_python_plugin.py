@@ -165,6 +165,13 @@ def test_each_test_has_a_folder_of_its_own(done):
     assert all(len(folder.name) < 120 and len(list(folder.iterdir())) == 5 for folder in folders)
 
 
+def test_files_that_cannot_be_written_are_reported(done):
+    output = run_pytest(done[0], "-k", "test_fails", "--canwire-out", "bus.yaml")
+    assert "files are missing: [Errno 20] Not a directory" in output, output
+    assert "an error" in output and '"event":"fault","rule":"bad"' in output
+    assert "1 failed" in output and "INTERNALERROR" not in output
+
+
 def report(done, name):
     """Returns what the report of a test says of its bus."""
     return re.search(rf"_ test_{name} _.*?- canwire: \w+ -+\n(.*?)\n(?:_____|=====)", done[1],

@@ -4,6 +4,7 @@ The source package makes its library.
 """
 
 import os
+import pathlib
 import re
 import shutil
 import subprocess
@@ -95,6 +96,14 @@ def test_the_source_package_makes_its_library(made, tmp_path):
     assert loaded == "['libcanwire-sim.so']"  # the others are those of the system
     with tarfile.open(made[1]) as sources:
         names = sources.getnames()
+    # it makes itself again, to the byte
+    again = tmp_path / "again"
+    again.mkdir()
+    code = f"import canwire_build as build; build.build_sdist({str(again)!r})"
+    shutil.unpack_archive(made[1], tmp_path)
+    subprocess.run([sys.executable, "-B", "-c", code], check=True,
+                   cwd=tmp_path / f"canwire-{VERSION}")
+    assert next(again.iterdir()).read_bytes() == pathlib.Path(made[1]).read_bytes()
     assert not [name for name in names if "__pycache__" in name or name.endswith(".so")]
 
 
