@@ -25,8 +25,10 @@ cw_protected *cw_rules_protection(const cw_rule_set *set, unsigned node, uint32_
         else
             high = middle;
     }
+    if (low == set->protection_count) /* the list of a bus without any is NULL */
+        return NULL;
     cw_protected *p = &set->protections[low];
-    return low < set->protection_count && p->what.node == node && p->what.id == id ? p : NULL;
+    return p->what.node == node && p->what.id == id ? p : NULL;
 }
 
 static uint32_t next_value(const cw_protected *p, uint32_t value)

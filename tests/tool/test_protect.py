@@ -2,12 +2,16 @@
 """Counters and checksums of traffic, against cantools, which has AUTOSAR's profiles 2 and 5.
 
 Profile 22 is profile 2 behind other bytes, so its CRC is that of its bytes in another order. For
-profiles 1 and 11 the specification puts together a CRC of the package crccheck.
+profiles 1 and 11 the specification puts together a CRC of the package crccheck. The known answers
+are those of the specification, and of catalogues of CRCs for "123456789".
 """
+
+import functools
+import operator
 
 import pytest
 from cantools.autosar.end_to_end import check_profile2_crc, check_profile5_crc
-from crccheck.crc import Crc8SaeJ1850
+from crccheck.crc import Crc8Autosar, Crc8SaeJ1850
 
 from simtool import sim
 
@@ -16,16 +20,17 @@ DATA = "A5F00FC3123456789ABCDEF011223344"  # 16 bytes
 FRAMES = 20  # all values of a counter of four bits, and the first ones again
 
 
-def frames(tmp_path, checksum, length, rest=""):
+def frames(tmp_path, checksum, length, rest="", data=DATA):
     """Returns the data of the frames that a node sends."""
+    keys = (f"checksum: {checksum}" if checksum else "") + rest
     path = tmp_path / "bus.yaml"
     path.write_text(f"""
 bus: {{ bitrate: 500000, dbitrate: 2000000 }}
 nodes:
   - name: a
     traffic:
-      - {{ send: "123##1{DATA[:2 * length]}", every: 1ms, count: {FRAMES},
-          checksum: {checksum} {rest} }}
+      - {{ send: "123##1{data[:2 * length]}", every: 1ms, count: {FRAMES},
+          {keys} }}
   - name: b
 """)
     lines = sim(path, "--log", "-").stdout.splitlines()
@@ -35,6 +40,62 @@ nodes:
 
 def as_list(ids):
     return "[" + ", ".join(map(str, ids)) + "]"
+
+
+ID_LIST = as_list(range(1, 17))
+ANSWERS = [  # AUTOSAR_PRS_E2EProtocol: all data are 0; the first frames from byte 0 or 8 on
+    ("p1, at: 0, data-id: 0x123", ["CC00", "9101"]),
+    ("p1, at: 0, data-id: 0x123, data-id-mode: alt", ["CE00", "0201"]),
+    ("p1, at: 0, data-id: 0x123, data-id-mode: nibble", ["2A10", "7711"]),
+    ("p11, at: 0, data-id: 0x123", ["CC00", "9101"]),
+    ("p11, at: 0, data-id: 0x123, data-id-mode: nibble", ["2A10", "7711"]),
+    (f"p2, at: 0, data-id: {ID_LIST}", ["1B01"]),
+    (f"p22, at: 0, data-id: {ID_LIST}", ["1B01"]),
+    (f"p22, at: 8, data-id: {ID_LIST}", ["1401"]),
+    ("p5, at: 0, data-id: 0x1234", ["1CCA00"]),
+    ("p5, at: 8, data-id: 0x1234", ["289100"]),
+]
+
+
+@pytest.mark.parametrize("kind, answers", ANSWERS)
+def test_profiles_have_the_answers_of_the_specification(tmp_path, kind, answers):
+    at = 8 if "at: 8" in kind else 0
+    sent = frames(tmp_path, f"{{ kind: e2e-{kind} }}", 8 + at, data="00" * 16)
+    for data, answer in zip(sent, answers):
+        assert data[at:].hex().upper().startswith(answer)
+
+
+@pytest.mark.parametrize("kind, data, ids, answer", [
+    ("xor", "1234567", "89", 0x31), ("sum", "1234567", "89", 0xDD),
+    ("crc8-h2f", "1234567", "89", 0xDF),
+    ("crc8-j1850", "3456789", "12", 0x4B)])  # its Data ID comes first
+def test_plain_checksums_have_the_answers_of_catalogues(tmp_path, kind, data, ids, answer):
+    data = "00" + data.encode().hex()
+    sent = frames(tmp_path, f"{{ kind: {kind}, at: 0, data-id: {as_list(ids.encode())} }}", 8,
+                  data=data)
+    assert {frame[0] for frame in sent} == {answer}
+
+
+@pytest.mark.parametrize("kind, independent", [
+    ("xor", lambda data: functools.reduce(operator.xor, data)),
+    ("sum", lambda data: sum(data) % 256),
+    ("crc8-h2f", Crc8Autosar.calc), ("crc8-j1850", Crc8SaeJ1850.calc)])
+@pytest.mark.parametrize("at, counter, bits, most, start", [
+    (63, 3, 5, 20, 18), (0, 507, 5, 31, 30), (31, 22, 13, 8190, 8185),
+    (62, 449, 32, 2 ** 32 - 1, 2 ** 32 - 5), (5, 15, 1, 1, 1)])
+def test_frames_of_64_bytes_are_counted_at_any_bit(tmp_path, kind, independent, at, counter, bits,
+                                                  most, start):
+    before = bytes(range(100, 164))
+    sent = frames(tmp_path, f"{{ kind: {kind}, at: {at} }}", 64, data=before.hex(), rest=(
+        f", counter: {{ at: \"{counter // 8}.{counter % 8}\", bits: {bits}, max: {most}, "
+        f"start: {start} }}"))
+    here = (1 << bits) - 1 << 512 - counter - bits
+    for number, data in enumerate(sent):
+        value = int.from_bytes(data, "big")
+        assert (value & here) >> 512 - counter - bits == (start + number) % (most + 1)
+        assert data[at] == independent(data[:at] + data[at + 1:])
+        untouched = ~(here | 0xFF << 8 * (63 - at))
+        assert value & untouched == int.from_bytes(before, "big") & untouched
 
 
 def crc_of_profile_1(data, at, data_id, mode):
