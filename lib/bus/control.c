@@ -10,7 +10,7 @@ static void send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
     bus_node *n = &bus->nodes[i];
-    cw_note_stopped(bus, i, cw_mac_place(cw_mac_of(bus, i)));
+    cw_note_left(bus, i);
     if ((bus->asleep >> i & 1u) || !cw_mac_force_error(cw_own_mac(bus, i)))
         return;
     cw_frame frame;
@@ -31,7 +31,10 @@ static void set_counters(cw_mac *mac, unsigned tec, unsigned rec)
 static void set_counters_of(cw_bus *bus, unsigned i, unsigned tec, unsigned rec)
 {
     cw_commit_early(bus, i);
-    set_counters(cw_own_mac(bus, i), tec, rec);
+    cw_mac *mac = cw_own_mac(bus, i);
+    if (tec >= CW_BUS_OFF_LIMIT)
+        cw_note_left(bus, i);
+    set_counters(mac, tec, rec);
     if ((bus->asleep >> i & 1u) && cw_mac_state(&bus->nodes[i].mac) == CW_STATE_BUS_OFF)
         cw_sleep_forget(bus, i);
 }
@@ -77,6 +80,7 @@ static void reset(cw_bus *bus, unsigned i, bool hardware)
         return;
     cw_commit_early(bus, i);
     cw_mac *mac = cw_own_mac(bus, i);
+    cw_note_left(bus, i);
     const bool off = cw_mac_state(mac) == CW_STATE_BUS_OFF;
     const cw_drop why = off ? CW_DROP_BUS_OFF : CW_DROP_FAULT; /* R12 */
     cw_sleep_forget(bus, i);

@@ -40,6 +40,7 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
     cw_wake_controllers(bus);
     cw_commit_early(bus, i);
     cw_mac *m = cw_own_mac(bus, i);
+    cw_note_left(bus, i);
     cw_sleep_forget(bus, i);
     m->offered = false;
     m->role = CW_ROLE_NONE;
@@ -63,6 +64,7 @@ cw_status cw_node_flush(cw_bus *bus, unsigned i)
 static void reset_controller(cw_bus *bus, unsigned i)
 {
     cw_mac *m = cw_own_mac(bus, i);
+    cw_note_left(bus, i);
     const unsigned protocol = m->protocol;
     cw_fd_part *fd = m->fd;
     const unsigned variants = cw_mac_variants(m);

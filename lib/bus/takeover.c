@@ -270,6 +270,7 @@ static void take_over_starts(cw_bus *bus, const cw_bus *old, const uint8_t *from
         if (from[i] != CW_NO_NODE)
             bus->starts[i] = (cw_start){.tick = old->starts[from[i]].tick,
                                         .stopped = old->starts[from[i]].stopped,
+                                        .handed_in = old->starts[from[i]].handed_in,
                                         .ready = renumber(old->starts[from[i]].ready, to)};
 }
 

@@ -34,6 +34,14 @@ static void count_sent(cw_bus *bus, bus_node *n, const cw_queue_slot *slot, unsi
     cw_delay_add(&n->stats.delay, cw_now(bus) - slot->handed_in);
 }
 
+/* Notes when a transmission ends, and what is to be known of its frame then: the slot may have
+ * another one when the last receiver has it. */
+static void note_end(cw_bus *bus, unsigned i, uint64_t tick)
+{
+    bus->starts[i].stopped = tick;
+    bus->starts[i].handed_in = offered_slot(&bus->nodes[i])->handed_in;
+}
+
 /* Adds what time-triggered operation has to say of a frame that has been sent. */
 static void commit_time(cw_bus *bus, unsigned i, const cw_queue_slot *slot, cw_event *e)
 {
@@ -47,6 +55,7 @@ void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
     bus_node *n = &bus->nodes[i];
     const cw_queue_slot *slot = offered_slot(n);
     count_sent(bus, n, slot, wire_bits);
+    note_end(bus, i, cw_now(bus));
     cw_remove_slot(bus, i, n->offered_slot);
     cw_event *e = cw_push_node_event(bus, CW_EVENT_TX, i);
     cw_frame_copy(&e->frame, slot->frame);
@@ -86,14 +95,25 @@ void cw_report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
 void cw_note_stopped(cw_bus *bus, unsigned i, cw_place place)
 {
     if (bus->starts[i].stopped == 0)
-        bus->starts[i].stopped = place.field < CW_FIELD_CRC ? LONG_AGO : cw_now(bus);
+        note_end(bus, i, place.field < CW_FIELD_CRC ? LONG_AGO : cw_now(bus));
+}
+
+void cw_note_left(cw_bus *bus, unsigned i)
+{
+    const cw_mac *m = &bus->nodes[i].mac;
+    if (m->role == CW_ROLE_TRANSMITTER)
+        cw_note_stopped(bus, i, cw_mac_place(m));
+}
+
+void cw_note_report(cw_bus *bus, unsigned i, const cw_mac_report *r)
+{
+    if ((r->what & CW_REPORT_ERROR) && r->error.role == CW_ROLE_TRANSMITTER)
+        cw_note_stopped(bus, i, r->error.place);
 }
 
 static void report_error(cw_bus *bus, unsigned i, const cw_error *error, bool fast)
 {
     cw_event *e = cw_push_node_event(bus, CW_EVENT_ERROR, i);
-    if (error->role == CW_ROLE_TRANSMITTER)
-        cw_note_stopped(bus, i, error->place);
     e->error = *error;
     e->fast = fast;
     if (fast && bus->timed.rates)
@@ -125,18 +145,28 @@ static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
     return sent;
 }
 
+/* Returns true when an error of its own has ended a transmission, which has not been told yet. */
+static bool stops_now(const cw_bus *bus, unsigned i)
+{
+    const cw_mac_report *r = bus->timed.active ? &bus->timed.nodes[i].report : NULL;
+    return r && (r->what & CW_REPORT_ERROR) && r->error.role == CW_ROLE_TRANSMITTER;
+}
+
 /* Returns true for a sender of the frame whose last but one bit has come. An error may have stopped
- * it in this very bit. Behind a passive flag its frame goes on, too, when it would have been
+ * it in this very bit, and the node may have left the bus then (R10), or its rule or host may have
+ * taken it away. Behind a passive flag or nothing its frame goes on, too, when it would have been
  * recessive anyway. That is in up to 5 bits of the CRC, its delimiter, 3 bits of
- * acknowledgement, and 6 of EOF. With an older flag the node has left the frame to other senders,
+ * acknowledgement, and 6 of EOF. With an older end the node has left the frame to other senders,
  * in the arbitration, or is still at a frame before. */
 static bool sends_now(const cw_bus *bus, unsigned i)
 {
     const cw_mac *m = &bus->nodes[i].mac;
     const uint64_t stopped = bus->starts[i].stopped;
-    if (m->role != CW_ROLE_TRANSMITTER || (m->modes & CW_MODE_LOOPBACK))
+    if (m->role == CW_ROLE_RECEIVER || (m->modes & CW_MODE_LOOPBACK))
         return false;
-    return cw_mac_is_sending(m) || stopped == 0 ||
+    if (stopped == 0)
+        return m->role == CW_ROLE_TRANSMITTER || stops_now(bus, i);
+    return cw_mac_is_sending(m) ||
            cw_now(bus) - stopped < cw_rate_ticks(cw_wire_rate(&bus->time), PASSIVE_BITS);
 }
 
@@ -165,8 +195,11 @@ static frame_origin find_origin(const cw_bus *bus, unsigned receiver)
     if (origin.from & bus->rules.raw)
         origin.handed_in = cw_now(bus); /* no host has handed it in */
     for (uint64_t rest = origin.from & ~bus->rules.raw; rest; rest &= rest - 1) {
-        const bus_node *n = &bus->nodes[cw_lowest_node(rest)];
-        origin.handed_in = cw_least(origin.handed_in, offered_slot(n)->handed_in);
+        const unsigned i = cw_lowest_node(rest);
+        const cw_start *start = &bus->starts[i];
+        const bool over = start->stopped != 0 && !bus->frame_step.active;
+        origin.handed_in = cw_least(origin.handed_in, over ? start->handed_in
+                                                  : offered_slot(&bus->nodes[i])->handed_in);
     }
     return origin;
 }
@@ -238,6 +271,7 @@ void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
         commit_asleep(bus, i, r);
         return;
     }
+    cw_note_report(bus, i, r);
     /* the frame that bus-off takes back stays in the queue; the restart drops it with all others */
     if ((r->what & CW_REPORT_DROPPED) && r->why == CW_DROP_ONE_SHOT)
         commit_given_up(bus, i);

@@ -34,10 +34,15 @@ bool cw_sleep_wanted(const cw_bus *bus, unsigned i)
 
 void cw_set_modes_of(cw_bus *bus, unsigned i, unsigned modes)
 {
-    if (bus->listening >> i & 1u)
+    cw_mac *m = &bus->nodes[i].mac;
+    const unsigned leaves = CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK | CW_MODE_RESTRICTED;
+    if (bus->listening >> i & 1u) {
         sleep_of(bus, i)->modes = (uint8_t)modes;
-    else
-        cw_mac_set_modes(&bus->nodes[i].mac, modes);
+        return;
+    }
+    if ((m->modes ^ modes) & leaves)
+        cw_note_left(bus, i);
+    cw_mac_set_modes(m, modes);
 }
 
 /* ---- Listening ------------------------------------------------------------------------------- */

@@ -57,7 +57,8 @@ typedef struct restart_times {
 typedef struct cw_start {
     uint64_t tick;  /* of its SOF */
     uint64_t ready; /* nodes with frames that could have taken part in the arbitration */
-    uint64_t stopped; /* tick of the error that has ended it, 1 for one before the CRC; 0: none */
+    uint64_t stopped; /* tick of its end or of what has ended it, 1 for before the CRC; 0: none */
+    uint64_t handed_in; /* tick of its frame, when `stopped` is set */
 } cw_start;
 
 typedef struct inbox_entry {
@@ -718,8 +719,15 @@ void cw_commit_early(cw_bus *bus, unsigned node);
 /* Reports that the node has lost arbitration at a bit with the frame of its offered slot. */
 void cw_report_arbitration_lost(cw_bus *bus, unsigned node, uint8_t bit);
 
-/* Notes that an error at this place ends a transmission, unless one has done so before. */
+/* Notes that something at this place ends a transmission, unless it has ended before. */
 void cw_note_stopped(cw_bus *bus, unsigned node, cw_place place);
+
+/* Does so for a node that is taken from its transmission, if it has one. */
+void cw_note_left(cw_bus *bus, unsigned node);
+
+/* Does so for an error that a node reports. All nodes do it before the first receiver has its frame
+ * in the same bit. */
+void cw_note_report(cw_bus *bus, unsigned node, const cw_mac_report *report);
 
 /* Commits that the node has sent the frame of its offered slot, in so many bits from SOF to EOF. */
 void cw_commit_sent(cw_bus *bus, unsigned node, unsigned wire_bits);

@@ -17,6 +17,7 @@ static void put_node(cw_bus *bus, unsigned i, const cw_topology *topology)
     cw_mac *m = cw_own_mac(bus, i);
     m->no_ack = silent;
     if (goes) {
+        cw_note_left(bus, i);
         cw_mac_disconnect(m);
         cw_sleep_settle(bus, i);
         bus->pending = true;

@@ -189,6 +189,8 @@ static void commit(cw_bus *bus, const bit_reports *reports)
     bool reception = reports->from == reports->together && reports->common.what == CW_REPORT_RX;
     if (reception && cw_commit_reception(bus))
         return;
+    for (uint64_t rest = reports->from & ~reports->together; rest; rest &= rest - 1)
+        cw_note_report(bus, cw_lowest_node(rest), &reports->own[cw_lowest_node(rest)]);
     for (uint64_t rest = reports->from; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         bool together = reports->together >> i & 1u;

@@ -82,7 +82,8 @@ static void note_starts(cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
     const uint64_t passed = cw_rate_ticks(cw_wire_rate(&bus->time), step->at);
-    bus->starts[step->node].stopped = 0;
+    if (step->at < step->length)
+        bus->starts[step->node].stopped = 0;
     if (step->at >= cw_frame_step_arbitration_bits(bus))
         return;
     for (uint64_t rest = step->undecided | cw_node_bit(step->node); rest; rest &= rest - 1)
