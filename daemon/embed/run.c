@@ -199,7 +199,7 @@ static int watch(canwire_sim *sim, uint64_t until, bool awaits, int frame_at)
             (void)go_to(sim, until);
         } else {
             sim_group_go_to(&sim->group, next);
-            reach(sim, sim_group_now(&sim->group));
+            reach(sim, sim_group_known(&sim->group, next));
         }
         const int status = outcome(sim, CANWIRE_SIM_OK);
         if (status < 0)

@@ -82,7 +82,29 @@ uint64_t sim_group_now(const sim_group *g)
     return now;
 }
 
+uint64_t sim_group_known(const sim_group *g, uint64_t tick)
+{
+    uint64_t last = 0;
+    uint64_t sure = tick;
+    for (size_t i = 0; i < g->count; i++) {
+        const uint64_t now = cw_bus_now(g->runs[i]->bus);
+        last = now > last ? now : last;
+        if (sim_has_own_bits(g->runs[i]))
+            sure = least(sure, now);
+    }
+    return least(last, sure);
+}
+
 uint64_t sim_group_bit(const sim_group *g)
+{
+    uint64_t bit = CW_NEVER;
+    for (size_t i = 0; i < g->count; i++)
+        bit = least(bit, cw_bus_tick_after(g->runs[i]->bus, 1));
+    return bit;
+}
+
+/* Returns the end of the longest bit that is next on a bus. */
+static uint64_t longest_bit(const sim_group *g)
 {
     uint64_t bits = 0;
     for (size_t i = 0; i < g->count; i++) {
@@ -192,7 +214,7 @@ static uint64_t next_meeting(const sim_group *g)
 {
     uint64_t next = next_for_gateways(g);
     const uint64_t sure = sure_tick(g);
-    const uint64_t bits = sim_group_bit(g);
+    const uint64_t bits = longest_bit(g);
     if (next < until_of(g))
         return next;
     if (sure > bits)
@@ -221,11 +243,11 @@ void sim_group_go_to(sim_group *g, uint64_t tick)
 
 void sim_group_settle(sim_group *g, uint64_t tick)
 {
-    bool owes = false;
-    for (size_t i = 0; i < g->count; i++)
-        owes = owes || sim_owes_events(g->runs[i], tick);
-    if (owes)
-        sim_group_go_to(g, sim_group_bit(g));
+    for (size_t i = 0; i < g->count; i++) {
+        sim_run *run = g->runs[i];
+        if (sim_owes_events(run, tick))
+            sim_release_to(run, cw_bus_tick_after(run->bus, 1));
+    }
 }
 
 void sim_group_begin(sim_group *g)
@@ -258,7 +280,7 @@ static void tell_quiet(const sim_group *g)
 static uint64_t go_on(sim_group *g)
 {
     const uint64_t sure = sure_tick(g);
-    const bool strides = !g->step && sure > sim_group_bit(g);
+    const bool strides = !g->step && sure > longest_bit(g);
     const uint64_t tick = strides ? sure : next_meeting(g);
     if (until_of(g) == CW_NEVER && tick > quiet_end(g))
         return CW_NEVER;

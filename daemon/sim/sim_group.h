@@ -46,7 +46,8 @@ void sim_group_simulate(sim_group *g);
 /* Advances all buses to a tick, with all releases up to there. */
 void sim_group_go_to(sim_group *g, uint64_t tick);
 
-/* Ends bits that have begun at a tick, where they may have events up to there. */
+/* Ends bits that have begun at a tick, where they may have events up to there: on each bus its own
+ * one. */
 void sim_group_settle(sim_group *g, uint64_t tick);
 
 /* Returns the tick that all buses have reached. */
@@ -55,7 +56,10 @@ uint64_t sim_group_now(const sim_group *g);
 /* Returns a tick after that before which nobody receives a frame, when none is put in. */
 uint64_t sim_group_next(const sim_group *g);
 
-/* Returns the end of the next bit of a bus. */
+/* Returns the last tick up to a given one, to which all buses have gone, of which all is known. */
+uint64_t sim_group_known(const sim_group *g, uint64_t tick);
+
+/* Returns the end of the bit that ends first, of the next ones of all buses. */
 uint64_t sim_group_bit(const sim_group *g);
 
 /* Returns true when no traffic is to come, or when no bus has had any for 10 s. */

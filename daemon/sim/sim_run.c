@@ -398,9 +398,9 @@ static void run_out(sim_run *s)
         advance(s, cw_bus_tick_after(s->bus, 1));
 }
 
-/* Returns true when nodes may end bits of their own before the bus does. In a data phase the bus is
- * off the grid while it is stepped. There nodes with equal clocks end their bits with it. */
-static bool has_own_bits(const sim_run *s)
+/* In a data phase the bus is off the grid while it is stepped. There nodes with equal clocks end
+ * their bits with it. */
+bool sim_has_own_bits(const sim_run *s)
 {
     const bool clocks = s->began_off_grid || s->config->dbitrate_bps == 0;
     return clocks && !cw_bus_is_on_grid(s->bus);
@@ -411,7 +411,7 @@ static bool has_own_bits(const sim_run *s)
 static void run_until(sim_run *s)
 {
     advance(s, s->until);
-    if (!is_over(s) && (cw_bus_inbox_first(s->bus) <= s->until || has_own_bits(s)))
+    if (!is_over(s) && (cw_bus_inbox_first(s->bus) <= s->until || sim_has_own_bits(s)))
         advance(s, s->until + cw_rate_ticks(s->config->rate, 1));
 }
 
@@ -506,7 +506,7 @@ void sim_release_to(sim_run *s, uint64_t end)
 bool sim_owes_events(const sim_run *s, uint64_t tick)
 {
     return !is_over(s) && cw_bus_now(s->bus) < tick &&
-           (cw_bus_inbox_first(s->bus) <= tick || has_own_bits(s));
+           (cw_bus_inbox_first(s->bus) <= tick || sim_has_own_bits(s));
 }
 
 bool sim_traffic_is_over(const sim_run *s)

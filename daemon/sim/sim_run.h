@@ -109,6 +109,9 @@ void sim_change(sim_run *s, const cfg *config, cw_bus *bus);
 /* Advances to a tick with all releases up to there. */
 void sim_release_to(sim_run *s, uint64_t tick);
 
+/* Returns true when nodes may end bits of their own before the bus does. */
+bool sim_has_own_bits(const sim_run *run);
+
 /* Returns true when the bit that has begun at a tick may have events up to there. */
 bool sim_owes_events(const sim_run *s, uint64_t tick);
 

@@ -34,8 +34,8 @@ static void count_sent(cw_bus *bus, bus_node *n, const cw_queue_slot *slot, unsi
     cw_delay_add(&n->stats.delay, cw_now(bus) - slot->handed_in);
 }
 
-/* Notes when a transmission ends, and what is to be known of its frame then: the slot may have
- * another one when the last receiver has it. */
+/* Notes when a transmission ends, and the time of its frame. The slot may have another frame when
+ * the last receiver has this one. */
 static void note_end(cw_bus *bus, unsigned i, uint64_t tick)
 {
     bus->starts[i].stopped = tick;
@@ -153,8 +153,8 @@ static bool stops_now(const cw_bus *bus, unsigned i)
 }
 
 /* Returns true for a sender of the frame whose last but one bit has come. An error may have stopped
- * it in this very bit, and the node may have left the bus then (R10), or its rule or host may have
- * taken it away. Behind a passive flag or nothing its frame goes on, too, when it would have been
+ * it in this very bit. The node may then have left the bus (R10), or a rule or its host may have
+ * taken it away. Behind a passive flag, or none, its frame goes on, too, when it would have been
  * recessive anyway. That is in up to 5 bits of the CRC, its delimiter, 3 bits of
  * acknowledgement, and 6 of EOF. With an older end the node has left the frame to other senders,
  * in the arbitration, or is still at a frame before. */

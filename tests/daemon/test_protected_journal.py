@@ -20,7 +20,8 @@ nodes:
   - name: engine
     traffic:
       - { send: 0C9#0000000000000000, every: 1ms, jitter: 300us,
-          counter: { at: "1.3", bits: 5, max: 20, start: 7 }, checksum: { kind: crc8-j1850, at: 0 } }
+          counter: { at: "1.3", bits: 5, max: 20, start: 7 },
+          checksum: { kind: crc8-j1850, at: 0 } }
       - { send: "18FEF1FE##100112233445566778899AABBCCDDEEFF", every: 3ms,
           checksum: { kind: e2e-p5, at: 8, data-id: 0xBEEF } }
   - name: dash

@@ -134,6 +134,51 @@ def test_a_rig_may_be_a_text(write):
     assert [e["bus"] for e in rig.events("rx")] == ["one", "one", "two", "two"]
 
 
+FAST = """
+bus: { name: fast, bitrate: 1000000 }
+nodes: [ { name: a }, { name: b }, { name: c, ppm: PPM, traffic: [ { send: 400#, every: 1ms } ] } ]
+"""
+SLOW = """
+bus: { name: slow, bitrate: 10000 }
+nodes: [ { name: a, traffic: [ { send: 300#00, every: 17ms } ] }, { name: b } ]
+"""
+
+
+def talk(bus, prefix):
+    """Lets two programs answer each other at once, and frames come at odd times. Returns what was
+    received, and the times at which it was known."""
+    found = []
+    for i in range(6):
+        bus.send(f"{prefix}a", f"12{i}#")
+        for here, there in ("ab", "ba", "ab"):
+            frame = bus.recv(f"{prefix}{there}", timeout="1s")
+            found.append((str(frame), frame.t_ns, bus.now_ns))
+            bus.send(f"{prefix}{there}", f"{0x200 + len(found):03X}#")
+        bus.run(f"{bus.now_ns + 33_300 * (i + 1)}ns")
+        bus.send(f"{prefix}b", f"30{i}#")
+        assert bus.run("9s", event=f"{prefix}tx:30{i}") is Stop.EVENT
+        found.append(bus.now_ns)
+    return found
+
+
+@pytest.mark.parametrize("ppm", ["0", "100"])
+def test_a_slow_bus_beside_it_changes_no_time_of_a_fast_one(write, ppm):
+    fast = FAST.replace("PPM", ppm)
+    with Bus.from_yaml(fast) as bus:
+        alone, events = talk(bus, ""), bus.events()
+    write(fast, "fast.yaml")
+    write(SLOW, "slow.yaml")
+    text = ("buses: [ fast.yaml, slow.yaml ]\ngateways:\n  - { name: g, between: [ 'fast:b', "
+            "'slow:b' ], rules: [ { filter: '400', direction: forward } ] }\n")
+    with Bus.from_yaml(text, name=str(write("", "rig.yaml"))) as rig:
+        assert talk(rig, "fast:") == alone
+        mine = [{k: v for k, v in event.items() if k != "bus"} for event in rig.events()
+                if event.get("bus") == "fast" and event["t"] <= events[-1]["t"]]
+        assert mine == events
+        rig.run("60ms")
+        assert {e["frame"] for e in rig.events("rx") if e["bus"] == "slow"} == {"300#00", "400#"}
+
+
 def test_warnings_are_not_printed(capfd):
     with Bus.from_yaml(EMPTY + "faults: [ { name: x, when: { time: 3us }, do: { flip: sof } } ]\n"
                        ) as bus:

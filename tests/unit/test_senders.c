@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_senders.c - who has sent a received frame, and since when it waited: senders that leave the
- * bus while their last bits, all of them recessive, are on the wire; and senders that are still at
- * a frame before.
+ * test_senders.c - who has sent a received frame, and since when it waited.
  *
+ * Senders leave the bus while their last bits are on the wire, all of them recessive. Others are
+ * still at a frame before.
+
  * Each case runs in single bits and in fast ones, with the sender before and behind the receivers.
  */
 #include "rules.h"
@@ -69,7 +70,8 @@ typedef struct place {
 } place;
 
 /* The last but one bit of EOF is that in which the others have the frame. */
-static const place places[] = {{CW_FIELD_CRC_DELIMITER, 0}, {CW_FIELD_EOF, 0}, {CW_FIELD_EOF, 5}};
+static const place places[] = {
+    {CW_FIELD_CRC_DELIMITER, 0}, {CW_FIELD_EOF, 0}, {CW_FIELD_EOF, 5}};
 
 static void a_sender_that_goes_bus_off_by_an_error_is_the_sender(void **state)
 {
@@ -80,8 +82,8 @@ static void a_sender_that_goes_bus_off_by_an_error_is_the_sender(void **state)
         stop_at(&c, places[variant / 4].field, places[variant / 4].index);
         start(&c, variant);
         rig_run_bits(c.r, 90);
-        assert_int_equal(rig_nth(c.r, CW_EVENT_STATE, rig_count(c.r, CW_EVENT_STATE, -1) - 1)->state,
-                         CW_STATE_BUS_OFF);
+        const size_t states = rig_count(c.r, CW_EVENT_STATE, -1);
+        assert_int_equal(rig_nth(c.r, CW_EVENT_STATE, states - 1)->state, CW_STATE_BUS_OFF);
         check_received(&c);
         rig_free(c.r);
     }
