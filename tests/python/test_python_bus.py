@@ -183,7 +183,7 @@ def test_warnings_are_not_printed(capfd):
     with Bus.from_yaml(EMPTY + "faults: [ { name: x, when: { time: 3us }, do: { flip: sof } } ]\n"
                        ) as bus:
         bus.run("1ms")
-        assert all(":warning:" in line.replace(" ", "") for line in bus.warnings)
+        assert len(bus.warnings) == 1 and ": warning: time: " in bus.warnings[0]
     assert capfd.readouterr() == ("", "")
 
 

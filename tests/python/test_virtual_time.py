@@ -16,6 +16,7 @@ import pytest
 
 from canwire import Bus, Deadlock, Error, Stop, VirtualTime
 from canwire.nodebus import NodeBus
+from canwire.virtualtime import _REAL
 
 BUS = "bus: { name: x, bitrate: 500000 }\nnodes: [ { name: engine }, { name: dash } ]"
 LOADED = ("bus: { name: x, bitrate: 500000 }\nnodes: [ { name: engine, traffic: "
@@ -218,7 +219,7 @@ def test_threads_that_only_poll_do_not_keep_a_program_waiting(clock):
 
     thread = threading.Thread(target=poll)
     thread.start()
-    with pytest.raises(Deadlock, match="(?s)the others only poll.*MainThread:.*Thread-"):
+    with pytest.raises(Deadlock, match="(?s)waits, or only polls.*MainThread:.*Thread-"):
         threading.Event().wait()
     assert 600 <= clock.now < 602
     ended.append(True)
@@ -288,6 +289,16 @@ def test_what_a_wish_raises_comes_to_its_thread(clock):
     thread.join()
 
 
+def interrupt(got):
+    """Sends a signal until the main thread has got it. Python may see one only with the next, when
+    it comes at the beginning of a wait."""
+    while not got():
+        os.kill(os.getpid(), signal.SIGUSR1)
+        end = _REAL.monotonic() + 2
+        while not got() and _REAL.monotonic() < end:
+            _REAL.sleep(0.001)
+
+
 def test_a_signal_interrupts_a_thread_that_waits(clock):
     class Alarm(Exception):
         pass
@@ -301,9 +312,7 @@ def test_a_signal_interrupts_a_thread_that_waits(clock):
 
         def work():
             time.sleep(1)
-            os.kill(os.getpid(), signal.SIGUSR1)
-            while not clock._signals:
-                pass  # until the main thread has got it
+            interrupt(lambda: clock._signals)
             assert event.wait(5)
             time.sleep(1)
             done.append(time.monotonic() - begin)
@@ -389,3 +398,56 @@ def test_a_run_to_a_frame_lets_other_threads_run(clock):
     assert clock.bus.run("9s", frame_at="dash") is Stop.FRAME  # it waits there
     assert 1 < clock.now < 1.001 and clock.bus.recv("dash")
     assert clock.bus.run("9s", frame_at="dash") is Stop.TIME and clock.now == 9
+
+
+def test_a_second_signal_is_not_held_back():
+    """The thread that runs never waits, so the first one is late, and the second at once."""
+    class Alarm(Exception):
+        pass
+
+    def on_signal(*_):
+        alarms.append(len(alarms))
+        raise Alarm(str(alarms[-1]))
+
+    before, alarms, stop = signal.signal(signal.SIGUSR1, on_signal), [], []
+    try:
+        with VirtualTime(Bus.from_yaml(BUS), patience=60) as clock:
+            def work():
+                for number in (1, 2):
+                    interrupt(lambda n=number: len(alarms) == n)
+                while not stop:
+                    pass
+
+            worker = threading.Thread(target=work)
+            worker.start()
+            with pytest.raises(Alarm, match="1"):
+                threading.Event().wait()
+            stop.append(True)
+            worker.join()  # no stale error comes
+            time.sleep(1)
+            assert clock.now == 1
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+
+
+def test_a_child_of_fork_has_real_time():
+    with VirtualTime(Bus.from_yaml(BUS)) as clock:
+        threads = [threading.Thread(target=time.sleep, args=(9,)) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        child = os.fork()
+        if child == 0:
+            os._exit(7 if (time.sleep, threading.Lock) == REAL[1:3] and clock.is_over else 1)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+        for thread in threads:
+            thread.join()
+        assert clock.now == 9
+
+
+def test_a_thread_is_started_once(clock):
+    thread = threading.Thread(target=time.sleep, args=(1,))
+    thread.start()
+    with pytest.raises(RuntimeError, match="once"):
+        thread.start()
+    thread.join()
+    assert not thread.is_alive() and clock.now == 1

@@ -223,6 +223,10 @@ class Wire:
         """Brings a bus in real time to now."""
         if self.virtual:
             return
+        ahead = self.bus.now_ns - self.now_ns()
+        if ahead > 0:  # somebody has run it by hand: the clock follows
+            self.start_ns -= ahead
+            self.epoch -= ahead / 1e9
         self.run_to(max(self.now_ns(), self.bus.now_ns))
 
     def next_s(self) -> float:

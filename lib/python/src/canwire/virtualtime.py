@@ -22,6 +22,7 @@ config/pytest.md says what it cannot do.
 
 import collections
 import math
+import os
 import queue
 import selectors
 import sys
@@ -231,19 +232,28 @@ class VirtualTime:
             # a signal, which comes to the main thread: it waits for its turn, but not for long
             me.failure = problem
             self._signals.append(me)
-            if not me.gate.acquire(timeout=self._patience):
-                with self._mutex:
-                    self._forget(me)
-                    me.gate.acquire(False)  # pylint: disable=consider-using-with
+            self._interrupt(me)
         if me.failure is not None:
             failure, me.failure = me.failure, None
             raise failure
 
-    def _forget(self, me):
-        self._sleepers.pop(me.ident, None)
-        for queued in (self._ready, self._signals):
-            if me in queued:
-                queued.remove(me)
+    def _interrupt(self, me):
+        """Waits for the turn of a thread that a signal has interrupted. When it does not come, or
+        with a second signal, it runs beside another thread."""
+        turn = False
+        try:
+            turn = me.gate.acquire(timeout=self._patience)
+        except BaseException:
+            me.failure = None
+            raise
+        finally:
+            if not turn:
+                with self._mutex:
+                    self._sleepers.pop(me.ident, None)
+                    for queued in (self._ready, self._signals):
+                        if me in queued:
+                            queued.remove(me)
+                    me.gate.acquire(False)  # pylint: disable=consider-using-with
 
     def _let_others_run(self):
         me = self.mine()
@@ -385,11 +395,10 @@ class VirtualTime:
                 self._mutex.acquire()  # pylint: disable=consider-using-with
             self._wake()
         if not self._ready and not self._signals:
-            first = self._sleepers.get(self._first)
-            polls = "" if first is None or len(self._sleepers) == 1 else \
-                ", or the others only poll"
-            raise Deadlock(f"every thread waits{polls}, and nothing on the bus will wake one:\n" +
-                           "\n".join(map(self._describe, self._sleepers.values())))
+            polls = any(me.deadline is not None for me in self._sleepers.values())
+            where = "\n".join(map(self._describe, self._sleepers.values()))
+            raise Deadlock(f"every thread waits{', or only polls' if polls else ''}, and nothing "
+                           f"on the bus will wake one:\n{where}")
 
     def _describe(self, me):
         frame = sys._current_frames().get(me.ident)
@@ -421,6 +430,8 @@ class VirtualTime:
 
     def __exit__(self, *_):
         global _clock  # pylint: disable=global-statement
+        if self._over:
+            return  # in a child of os.fork()
         with self._mutex:
             self._unpatch()
             self._end_ns = self._ns if self.bus.is_open else self._earlier + self._reached
@@ -472,6 +483,16 @@ def _replace(places):
             for key, value in list(vars(module).items()):
                 if id(value) in places:
                     setattr(module, key, places[id(value)][1])
+
+
+def _end_in_child():
+    """A process that is made by os.fork() has real time, and no other threads."""
+    if _clock is not None:
+        _clock._threads.clear()
+        _clock.__exit__()
+
+
+os.register_at_fork(after_in_child=_end_in_child)
 
 
 # ---- what takes the place of others --------------------------------------------------------------
@@ -558,8 +579,8 @@ class _SimpleQueue(queue._PySimpleQueue):
 def _start(thread):
     """Thread.start: the new thread is in virtual time when the one that starts it is."""
     clock = current()
-    if clock is None:
-        _REAL.start(thread)
+    if clock is None or thread._started.is_set():
+        _REAL.start(thread)  # a thread that was started before is an error
         return
     adopted, run = _REAL.Lock(), thread.run
     adopted.acquire()  # pylint: disable=consider-using-with
