@@ -295,3 +295,25 @@ def test_a_name_of_python_can_means_a_node_only_in_virtual_time(clock):
         _REAL.start(thread := threading.Thread(target=outside))  # in real time
         _REAL.join(thread)
         assert found == ["CanwireBus"]
+
+
+def test_the_nodes_are_channels(clock, write):
+    assert [found["channel"] for found in can.detect_available_configs("canwire")] == \
+        ["ecu", "tester"] and clock.now == 0
+    with pytest.raises(can.CanInitializationError, match="name of a node: ecu, tester"):
+        can.Bus(interface="canwire")
+
+
+def test_a_rig_is_one_virtual_time(write):
+    for name in ("one", "two"):
+        write(BUS.replace("name: x", f"name: {name}"), f"{name}.yaml")
+    rig = Bus.from_yaml(write("buses: [ one.yaml, two.yaml ]\ngateways: [ { name: g, between: "
+                              "[ 'one:tester', 'two:ecu' ], rules: [ { filter: '123' } ] } ]\n",
+                              "rig.yaml"))
+    with VirtualTime(rig), node("one:ecu") as ecu, node("two", node="tester") as tester:
+        assert [found["channel"] for found in can.detect_available_configs("canwire")] == \
+            ["one:ecu", "one:tester", "two:ecu", "two:tester"]
+        ecu.send(message())
+        assert tester.recv(1).arbitration_id == 0x123
+        with pytest.raises(can.CanInitializationError, match="no node 'ecu'"):
+            node("ecu")

@@ -143,8 +143,17 @@ class Host:
         return None
 
 
+def channels(clock: VirtualTime) -> list[str]:
+    """Returns the names of all nodes."""
+    several = len(clock.bus.buses) > 1
+    return [f"{node.bus_name}:{node.name}" if several else node.name for node in clock.bus]
+
+
 def _find(clock: VirtualTime, channel: Any, name: str | None) -> Node:
     """Returns the node of NODE, BUS:NODE, or BUS and NODE."""
+    if channel is None:
+        names = ", ".join(channels(clock))
+        raise can.CanInitializationError(f"canwire: channel= is the name of a node: {names}")
     try:
         return clock.bus.node(str(channel) if name is None else f"{channel}:{name}")
     except Error as problem:
@@ -159,8 +168,9 @@ class NodeBus(can.BusABC):
     :param ignore_rx_error_frames: error frames are no messages; `state` knows of them all the same.
     """
 
-    def __init__(self, channel: Any, can_filters: Any = None, receive_own_messages: bool = False,
-                 node: str | None = None, ignore_rx_error_frames: bool = False, **kwargs: Any):
+    def __init__(self, channel: Any = None, can_filters: Any = None,
+                 receive_own_messages: bool = False, node: str | None = None,
+                 ignore_rx_error_frames: bool = False, **kwargs: Any):
         clock = current()
         if clock is None:
             raise can.CanInitializationError("interface canwire needs canwire.VirtualTime")

@@ -33,7 +33,7 @@ from can.broadcastmanager import (LimitedDurationCyclicSendTaskABC, ModifiableCy
 from . import _library
 from .bus import Bus, Error
 from .frame import ERR_FLAG, Frame
-from .nodebus import STATES, NodeBus, to_frame, to_message, told
+from .nodebus import STATES, NodeBus, channels, to_frame, to_message, told
 from .virtualtime import current
 
 LOG = logging.getLogger("can.canwire")
@@ -841,7 +841,10 @@ class CanwireBus(can.BusABC):
     @staticmethod
     def _detect_available_configs() -> list[dict[str, Any]]:
         """Returns the nodes of running buses that have a socket, the channels that are in use in
-        this process, and one more."""
+        this process, and one more. In virtual time they are the nodes of its bus."""
+        clock = current()
+        if clock is not None:
+            return [{"interface": "canwire", "channel": name} for name in channels(clock)]
         found = []
         for path in sorted(pathlib.Path(RUN_FOLDER).glob("*.sock")):
             try:
