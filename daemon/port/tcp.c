@@ -58,12 +58,16 @@ static port_tcp *own(port *p)
 /* ---- Listening ------------------------------------------------------------------------------- */
 
 /* Returns true for the broadcast address of a network of this machine: a connection never comes
- * there, although a socket may listen. */
+ * there, although a socket may listen. Only such an address needs SO_BROADCAST. A rule of a
+ * firewall gives EACCES with it, too. */
 static bool is_broadcast(const struct sockaddr_storage *address, socklen_t size)
 {
+    const int on = 1;
     const int fd = socket(address->ss_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     const bool refused = fd >= 0 && connect(fd, (const struct sockaddr *)address, size) != 0 &&
-                         errno == EACCES;
+                         errno == EACCES &&
+                         setsockopt(fd, SOL_SOCKET, SO_BROADCAST, &on, sizeof on) == 0 &&
+                         connect(fd, (const struct sockaddr *)address, size) == 0;
     if (fd >= 0)
         (void)close(fd);
     return refused;

@@ -226,6 +226,8 @@ static port_sent send_frame(port *p, const void *frame, size_t size)
     const size_t count = cannelloni_put_frame(bytes, frame, size);
     if (!make_room(t, count))
         return PORT_SEND_FAILED;
+    if (t->state != UP) /* to make room, it has found that the peer has gone */
+        return PORT_UNHEARD;
     memcpy(t->out + t->out_bytes, bytes, count);
     t->out_bytes += count;
     t->out_frames++;
@@ -484,7 +486,7 @@ static bool read_stream(tunnel *t)
         return false;
     }
     t->in_end += (size_t)size;
-    t->info.packets_read += t->state == UP;
+    t->info.packets_read += t->state == UP || t->state == LEFT;
     return true;
 }
 
