@@ -197,6 +197,33 @@ static void the_selected_row_is_seen_on_every_screen(void **state)
             }
 }
 
+/* A small screen has room for some of the five rows: two heads, two nodes and a rule. */
+static void rows_without_room_are_told(void **state)
+{
+    (void)state;
+    top_view view = view_of(1);
+    take(1, 1, 0, 0, 0);
+    (void)top_layout(lines, 8, COLUMNS, &view);
+    assert_string_equal(lines[2].text, " lines 1 to 4 of 5: Up and Down show the others");
+    view.selected = 2;
+    (void)top_layout(lines, 8, COLUMNS, &view);
+    assert_string_equal(lines[2].text, " lines 2 to 5 of 5: Up and Down show the others");
+    (void)top_layout(lines, 9, COLUMNS, &view);
+    assert_string_equal(lines[2].text, "");
+}
+
+static void long_names_keep_both_ends(void **state)
+{
+    (void)state;
+    const top_view view = view_of(1);
+    take(1, 1, 0, 0, 0);
+    strcpy(model.nodes[0].name, "window-lifter-17");
+    (void)top_layout(lines, ROWS, COLUMNS, &view);
+    assert_memory_equal(lines[4].text, " wind..r-17 error", 17);
+    (void)top_layout(lines, ROWS, COLUMNS + 20, &view);
+    assert_memory_equal(lines[4].text, " window-lifter-17 ", 18);
+}
+
 static void what_is_too_small_says_what_it_needs(void **state)
 {
     (void)state;
@@ -230,6 +257,8 @@ int main(void)
         cmocka_unit_test_setup(of_several_buses_one_is_marked, begin),
         cmocka_unit_test_setup(a_bus_that_is_gone_says_so, begin),
         cmocka_unit_test_setup(the_selected_row_is_seen_on_every_screen, begin),
+        cmocka_unit_test_setup(rows_without_room_are_told, begin),
+        cmocka_unit_test_setup(long_names_keep_both_ends, begin),
         cmocka_unit_test_setup(what_is_too_small_says_what_it_needs, begin),
         cmocka_unit_test_setup(the_help_has_all_keys, begin),
     };

@@ -169,13 +169,26 @@ static int name_width(const page *p)
     return (int)(NAME + (more < 20 ? more : 20));
 }
 
+/* Writes a name, of which a long one loses its middle: names often differ at their ends alone. */
+static const char *fit(char text[TOP_NAME_MAX], const char *name, int width)
+{
+    const int length = (int)strlen(name), end = width / 2 - 1;
+    if (length <= width)
+        (void)snprintf(text, TOP_NAME_MAX, "%s", name);
+    else
+        (void)snprintf(text, TOP_NAME_MAX, "%.*s..%s", width - end - 2, name,
+                       name + length - end);
+    return text;
+}
+
 static void add_node(page *p, const top_node *n)
 {
+    char name[TOP_NAME_MAX];
     char tec[BAR + 3], rec[BAR + 3], tx[CELL], rx[CELL], errors[CELL], delay[CELL];
     top_bar(tec, BAR, n->tec, COUNTER_MAX);
     top_bar(rec, BAR, n->rec, COUNTER_MAX);
-    add(p, style_of_node(n), " %-*.*s %-13.13s %3" PRId64 " %s%4" PRId64 " %s %5s %5s %5s %8s",
-        name_width(p), name_width(p), n->name, n->state, n->tec, tec, n->rec, rec,
+    add(p, style_of_node(n), " %-*s %-13.13s %3" PRId64 " %s%4" PRId64 " %s %5s %5s %5s %8s",
+        name_width(p), fit(name, n->name, name_width(p)), n->state, n->tec, tec, n->rec, rec,
         rate(tx, n->tx.rate), rate(rx, n->rx.rate), rate(errors, n->errors.rate),
         time_span(delay, n->delay_max_ns));
 }
@@ -241,12 +254,19 @@ static unsigned selected_row(const top_view *v, const top_model *m)
     return v->selected + (v->selected < m->node_count ? 1 : 2);
 }
 
-/* Adds rows for which there is room: those up to the selected one, at least. */
-static void add_rows(page *p, const top_view *v, unsigned room)
+/* Adds a line between buses and rows, which says when some of these have no room. Then it adds rows
+ * for which there is room: those up to the selected one, at least. */
+static void add_rows(page *p, const top_view *v)
 {
     const top_model *m = v->buses[v->bus].model;
     const unsigned rows = count_rows(m), selected = selected_row(v, m);
-    unsigned first = selected >= room ? selected - room + 1 : 0;
+    const unsigned room = p->rows > p->used + 1 ? p->rows - p->used - 1 : 0;
+    const unsigned first = selected >= room ? selected - room + 1 : 0;
+    if (rows > room)
+        add(p, TOP_PLAIN, " lines %u to %u of %u: Up and Down show the others", first + 1,
+            first + room, rows);
+    else
+        add(p, TOP_PLAIN, "%s", "");
     for (unsigned row = first; row < rows && row < first + room; row++)
         add_row(p, v, row);
 }
@@ -275,8 +295,7 @@ unsigned top_layout(top_line *lines, unsigned rows, unsigned columns, const top_
             add(&p, TOP_PLAIN, "%s", help_lines[i]);
     } else {
         add_buses(&p, view);
-        add(&p, TOP_PLAIN, "%s", "");
-        add_rows(&p, view, p.rows - p.used);
+        add_rows(&p, view);
     }
     while (p.used < p.rows)
         add(&p, TOP_PLAIN, "%s", "");
