@@ -31,7 +31,7 @@ static bool is_simple(const char *text)
     return true;
 }
 
-static void put_quoted(rowtext *row, const char *text)
+void rowtext_quoted(rowtext *row, const char *text)
 {
     if (is_simple(text)) {
         rowtext_put(row, "\"");
@@ -62,7 +62,7 @@ static void put_comma(rowtext *row)
 void rowtext_key(rowtext *row, const char *key)
 {
     put_comma(row);
-    put_quoted(row, key);
+    rowtext_quoted(row, key);
     rowtext_put(row, ":");
 }
 
@@ -76,7 +76,7 @@ void rowtext_number(rowtext *row, const char *key, uint64_t value)
 void rowtext_string(rowtext *row, const char *key, const char *text)
 {
     rowtext_key(row, key);
-    put_quoted(row, text);
+    rowtext_quoted(row, text);
 }
 
 void rowtext_seconds(rowtext *row, const char *key, uint64_t ticks)
@@ -85,12 +85,6 @@ void rowtext_seconds(rowtext *row, const char *key, uint64_t ticks)
     rowtext_key(row, key);
     (void)text_print_seconds(text, ticks);
     rowtext_put(row, text);
-}
-
-void rowtext_item(rowtext *row, const char *text)
-{
-    put_comma(row);
-    put_quoted(row, text);
 }
 
 void rowtext_clear(rowtext *row)

@@ -18,14 +18,14 @@ typedef struct rowtext {
 /* Appends a text as it is. */
 void rowtext_put(rowtext *row, const char *text);
 
+/* Appends a text in quotes. */
+void rowtext_quoted(rowtext *row, const char *text);
+
 /* Append a comma where one is needed, then "key": and the value. */
 void rowtext_number(rowtext *row, const char *key, uint64_t value);
 void rowtext_string(rowtext *row, const char *key, const char *text);
 void rowtext_seconds(rowtext *row, const char *key, uint64_t ticks);
 void rowtext_key(rowtext *row, const char *key); /* ... without the value */
-
-/* Append a comma where one is needed, and a text in quotes. */
-void rowtext_item(rowtext *row, const char *text);
 
 /* Forgets the text. */
 void rowtext_clear(rowtext *row);

@@ -119,6 +119,15 @@ bool scenario_ends(const scenario *s, const char *advice, FILE *messages)
     return true;
 }
 
+bool scenario_is_finite(const scenario *s)
+{
+    bool finite = true;
+    for (size_t i = 0; i < s->count && s->until == CW_NEVER; i++)
+        finite = finite && !cfg_find_endless(s->buses[i].config) &&
+                 !cfg_find_master(s->buses[i].config);
+    return finite;
+}
+
 uint64_t scenario_now(const scenario *s)
 {
     return sim_group_now(&s->group);

@@ -46,6 +46,9 @@ const char *scenario_set_until(scenario *s, cfg_time until);
  * the scenario has no end. */
 bool scenario_ends(const scenario *s, const char *advice, FILE *messages);
 
+/* Returns true when the scenario has an end. */
+bool scenario_is_finite(const scenario *s);
+
 /* Runs it from time 0 on, with its own seeds or with another one for all buses. Returns false when
  * a file cannot be read, or without memory. */
 bool scenario_run(scenario *s, const uint64_t *seed);

@@ -12,7 +12,7 @@ enum cli_exit {
     CLI_OK = 0,
     CLI_BAD_INPUT = 1, /* a bad value or file, or a refusal of the bus */
     CLI_USAGE = 2,     /* a command line that does not match the usage line */
-    CLI_EXPECTATION = 3, /* sim: an expectation of the configuration failed */
+    CLI_EXPECTATION = 3, /* sim, campaign: an expectation of the configuration failed */
 };
 
 int cli_check(int argc, char **argv);
@@ -20,6 +20,7 @@ int cli_bits(int argc, char **argv);
 int cli_timing(int argc, char **argv);
 int cli_vcan(int argc, char **argv);
 int cli_sim(int argc, char **argv);
+int cli_campaign(int argc, char **argv);
 int cli_analyse(int argc, char **argv);
 int cli_top(int argc, char **argv);
 int cli_record(int argc, char **argv);

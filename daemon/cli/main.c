@@ -26,6 +26,7 @@ static const command commands[] = {
     {"timing", "find the segments of a bit, or show those of a configuration", cli_timing},
     {"vcan", "make or remove the interfaces of a configuration", cli_vcan},
     {"sim", "run a configuration in virtual time, without sockets", cli_sim},
+    {"campaign", "run a scenario many times, with many values of what varies", cli_campaign},
     {"analyse", "show what a bus can promise: response times and load", cli_analyse},
     {"status", "show a running bus and its nodes", cli_status},
     {"watch", "show what happens on a bus, live", cli_watch},
@@ -74,11 +75,11 @@ static void print_usage(FILE *out)
           "commands:\n",
           out);
     for (size_t i = 0; i < COMMAND_COUNT; i++) {
-        fprintf(out, "  %-8s %s\n", commands[i].name, commands[i].help);
+        fprintf(out, "  %-9s %s\n", commands[i].name, commands[i].help);
     }
     fputs("\n"
           "exit status: 0 success, 1 a value or a file is bad, or the bus refuses, 2 wrong usage,\n"
-          "3 an expectation failed (sim)\n",
+          "3 an expectation failed (sim, campaign)\n",
           out);
 }
 

@@ -59,13 +59,25 @@ static bool make(sim_run *s, const cw_bus_config *bus_config)
     return true;
 }
 
+/* Takes memory for the bus, if what there is does not suffice. */
+static bool reserve(sim_run *s, const cw_bus_config *bus_config)
+{
+    const size_t room = cw_bus_size(bus_config);
+    if (s->memory && room <= s->room)
+        return true;
+    free(s->memory);
+    s->memory = malloc(room);
+    s->room = room;
+    s->bus = NULL;
+    return s->memory != NULL;
+}
+
 static bool open_run(sim_run *s)
 {
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
     describe(&bus_config, nodes, s);
-    s->memory = malloc(cw_bus_size(&bus_config));
-    return make(s, &bus_config);
+    return reserve(s, &bus_config) && make(s, &bus_config);
 }
 
 bool sim_open(sim_run *s, const cfg *config, FILE *messages)
@@ -95,7 +107,8 @@ bool sim_restart(sim_run *s)
     s->stopped = false;
     s->watching = false;
     s->calm_bits = 0;
-    if (!make(s, &bus_config))
+    s->plan = NULL;
+    if (!reserve(s, &bus_config) || !make(s, &bus_config))
         return false;
     if (s->syncs)
         cw_bus_set_sync_records(s->bus, s->syncs);

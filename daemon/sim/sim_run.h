@@ -37,6 +37,7 @@ typedef struct sim_show {
 typedef struct sim_run {
     const cfg *config; /* not owned */
     void *memory; /* of the bus; NULL: not owned */
+    size_t room;  /* its bytes */
     cw_sync_record *syncs; /* see sim_count_syncs() */
     cw_bus *bus;
     release_plan *plan;
@@ -64,8 +65,8 @@ bool sim_open(sim_run *s, const cfg *config, FILE *messages);
 /* Does the same for a bus that gets more rules and other settings later. */
 bool sim_open_roomy(sim_run *s, const cfg *config, FILE *messages);
 
-/* Puts a bus of sim_open() back to time 0, in the same memory. The configuration is the same but
- * for its seed; the sinks stay. Returns false without memory or a bus. */
+/* Puts a bus of sim_open() back to time 0, in the same memory. The configuration has the same
+ * nodes and as many rules; the sinks stay. Returns false without memory or a bus. */
 bool sim_restart(sim_run *s);
 
 /* Counts synchronisations of the bus, which must be one of sim_open(). Returns false without

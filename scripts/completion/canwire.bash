@@ -5,8 +5,8 @@
 #
 # Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
 
-_canwire_commands="check vcan bits timing sim analyse status watch top record extcap faults"
-_canwire_commands+=" inject clear fire restart set reload run help"
+_canwire_commands="check vcan bits timing sim campaign analyse status watch top record extcap"
+_canwire_commands+=" faults inject clear fire restart set reload run help"
 _canwire_events="fault link drop restart arbitration-lost improper-arbitration error overload"
 _canwire_events+=" protocol-exception overrun rx tx wake state skip sync capture"
 
@@ -58,6 +58,7 @@ _canwire_options() {
             --controller --kernel --dbitrate --dsample-point --json --help
         ;;
     sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help ;;
+    campaign) echo --out --resume --shard --jobs --only --reload --help ;;
     analyse) echo --simulate --error-every --error-rate --json --help ;;
     status | faults) echo --json --help ;;
     watch) echo --json --text --help ;;
@@ -98,7 +99,7 @@ _canwire_place() {
         --format | --size | --files | --with | --until | --simulate | --error-every | \
             --error-rate | --until-event | --seed | --seeds | --jobs | --from | --to | --events | \
             --log | --pcapng | --stats | --vcd | --svg | --junit | --journal | --config | --pid | \
-            --bus | --as | --interface | --interval) continue ;;
+            --bus | --as | --interface | --interval | --out | --shard | --only) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word
@@ -109,8 +110,11 @@ _canwire_place() {
 # Completes argument $place of subcommand $1.
 _canwire_argument() {
     case $1:$place in
-    analyse:0 | check:0 | sim:0 | timing:0 | inject:1 | record:1 | vcan:1) _canwire_files ;;
+    analyse:0 | check:0 | sim:0 | timing:0 | inject:1 | record:1 | vcan:1 | campaign:1)
+        _canwire_files
+        ;;
     vcan:0) _canwire_words "up down" ;;
+    campaign:0) _canwire_words "plan run show" ;;
     status:0 | watch:0 | top:* | record:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | \
         set:0 | reload:0)
         _canwire_bus

@@ -34,6 +34,7 @@ COMMANDS = {
     "timing": ["--bitrate", "500000", "--clock", "16MHz"],
     "vcan": ["down", "FILE"],
     "sim": ["FILE"],
+    "campaign": ["show", "CAMPAIGN", "0"],
     "analyse": ["FILE"],
     "status": [BUS],
     "watch": [BUS],
@@ -57,6 +58,11 @@ VALUES = [
     ("sim", "--from", "1x", "10ms"),
     ("sim", "--to", "-1ms", "10ms"),
     ("sim", "--seed", "-1", "a whole number from 0 to 18446744073709551615"),
+    ("sim", "--seeds", "3..1", "expected FIRST..LAST"),
+    ("sim", "--jobs", "0", "a whole number from 1 to 256"),
+    ("campaign", "--shard", "4/3", "K/N, such as 1/4"),
+    ("campaign", "--jobs", "257", "a whole number from 1 to 256"),
+    ("campaign", "--only", "x", "the number of a row"),
     ("sim", "--until-event", "explosion", "expected [NODE:]EVENT"),
     ("timing", "--bitrate", "999", "a whole number from 1000 to 20000000"),
     ("timing", "--clock", "quick", "16MHz"),
@@ -151,7 +157,7 @@ def test_every_option_with_a_value_is_in_the_table(call):
     tried = {(name, option) for name, option, _, _ in VALUES}
     files = {"--events", "--log", "--pcapng", "--stats", "--vcd", "--svg", "--junit", "--journal",
              "--config", "--bus", "--as", "--interface", "--extcap-interface", "--fifo",
-             "--extcap-capture-filter", "--extcap-version"}  # or names
+             "--extcap-capture-filter", "--extcap-version", "--out"}  # or names
     for name in COMMANDS:
         for line in call(name, "--help", status=0).stdout.splitlines():
             option = re.match(r" +(--[a-z-]+) \[?[A-Z]", line)

@@ -1,0 +1,238 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * campaign.c - reads the file of a campaign and its scenario.
+ */
+#include "campaign/campaign.h"
+
+#include "base/yamlfile.h"
+#include "campaign/campaign_owner.h"
+#include "campaign/sample.h"
+#include "config/rig.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static schema_reader read_scenario, read_until, read_limit, read_sample;
+
+static const schema_range seed_range = {0, UINT64_MAX, sizeof(uint64_t)};
+static const schema_range count_range = {1, UINT64_C(1) << 48, sizeof(uint64_t)};
+
+static const schema_key campaign_keys[] = {
+    {.name = "scenario", .read = read_scenario, .required = true},
+    {.name = "until", .read = read_until},
+    {.name = "seed", .read = schema_read_uint, .offset = offsetof(campaign_owner, campaign.seed),
+     .arg = &seed_range},
+    {.name = "limit", .read = read_limit},
+    {.name = "sample", .read = read_sample},
+    {.name = "vary", .read = campaign_read_factors, .required = true},
+    {.name = NULL},
+};
+
+static const schema_key sample_keys[] = {
+    {.name = "random", .read = schema_read_uint, .arg = &count_range,
+     .offset = offsetof(campaign, sample_count)},
+    {.name = "low-discrepancy", .read = schema_read_uint, .arg = &count_range,
+     .offset = offsetof(campaign, sample_count)},
+    {.name = NULL},
+};
+
+/* ---- The scenario ---------------------------------------------------------------------------- */
+
+/* Cuts a scenario out of the campaign. Its lines and columns stay what they are in the file. */
+static bool cut_out(campaign_owner *o, schema *self, const yaml_node_t *value, const char *text,
+                    size_t size)
+{
+    const size_t begin = splice_offset(text, size, value->start_mark.index);
+    const size_t end = splice_offset(text, size, value->end_mark.index);
+    const size_t lines = value->start_mark.line;
+    const size_t blanks = value->start_mark.column;
+    campaign *c = &o->campaign;
+    char *cut = schema_alloc(self, lines + blanks + end - begin + 1, 1);
+    if (!cut)
+        return false;
+    memset(cut, '\n', lines);
+    memset(cut + lines, ' ', blanks);
+    memcpy(cut + lines + blanks, text + begin, end - begin);
+    c->text = cut;
+    c->size = lines + blanks + end - begin;
+    c->scenario_name = c->file;
+    return true;
+}
+
+/* Takes a text over. */
+static bool keep_text(campaign_owner *o, schema *self, char *text, size_t size)
+{
+    char *copy = text ? schema_alloc(self, size + 1, 1) : NULL;
+    if (copy)
+        memcpy(copy, text, size);
+    free(text);
+    o->campaign.text = copy;
+    o->campaign.size = size;
+    return copy;
+}
+
+/* Reads the text of a scenario, which is a file or a map. */
+static bool read_text(campaign_owner *o, schema *self, const schema_key *key,
+                      const yaml_node_t *value)
+{
+    size_t size = 0;
+    if (value->type == YAML_MAPPING_NODE) {
+        char *text = yaml_file_read(&size, o->campaign.file, false, self->errors);
+        const bool good = text && cut_out(o, self, value, text, size);
+        free(text);
+        return good;
+    }
+    const char *name = schema_text(self, key, value, "a file, or the configuration itself");
+    const char *slash = name && *name != '/' ? strrchr(o->campaign.file, '/') : NULL;
+    if (!name)
+        return false;
+    o->campaign.scenario_name =
+        slash ? schema_print(self, "%.*s/%s", (int)(slash - o->campaign.file), o->campaign.file,
+                             name)
+              : schema_copy(self, name);
+    if (!o->campaign.scenario_name)
+        return false;
+    diag found = {.file.name = o->campaign.scenario_name};
+    char *text = yaml_file_read(&size, o->campaign.scenario_name, true, &found);
+    diag_flush(&found, o->errors);
+    return keep_text(o, self, text, size);
+}
+
+/* Reads the configuration without any factor, for names of nodes and for early errors. */
+static bool check_scenario(campaign_owner *o)
+{
+    const campaign *c = &o->campaign;
+    const cfg_file file = {.name = c->scenario_name, .text = c->text, .size = c->size};
+    if (rig_is_rig_text(&file)) {
+        rig *loaded = rig_load_text(&file, o->errors);
+        rig_free(loaded);
+        return loaded;
+    }
+    o->config = cfg_load_text(&file, o->errors);
+    o->campaign.scenario_seed = o->config ? o->config->seed : 0;
+    return o->config;
+}
+
+static void read_scenario(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    campaign_owner *o = object;
+    diag found = {.file.name = o->campaign.file};
+    if (!read_text(o, self, key, value) || !check_scenario(o)) {
+        schema_complain(self, value, "%s: there are errors in the scenario", key->name);
+        return;
+    }
+    o->has_document = yaml_text_load(&o->document, o->campaign.text, o->campaign.size,
+                                     &yaml_file_limits, &found);
+    diag_flush(&found, o->errors);
+}
+
+/* ---- Other keys ------------------------------------------------------------------------------ */
+
+static void read_until(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    campaign_owner *o = object;
+    const char *text = schema_text(self, key, value, "a time such as 100ms");
+    if (!text)
+        return;
+    schema_problem(self, key, value, text_parse_time(&o->campaign.until_time, text));
+    o->campaign.until = schema_copy(self, text);
+}
+
+static void read_limit(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    campaign_owner *o = object;
+    cfg_time limit = {.ns = 0};
+    const char *text = schema_text(self, key, value, "a time such as 60s");
+    if (!text)
+        return;
+    schema_problem(self, key, value, text_parse_time(&limit, text));
+    if (limit.bits > 0 || limit.ns < 1000000 || limit.ns > UINT64_C(86400000000000))
+        schema_expected(self, key, value, "a real time from 1ms to 24h");
+    o->campaign.limit_ms = (int64_t)(limit.ns / 1000000);
+}
+
+static void read_sample(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const schema_choice words[] = {
+        {.name = "full", .value = SAMPLE_FULL}, {.name = "pairwise", .value = SAMPLE_PAIRWISE},
+        {.name = NULL}};
+    campaign_owner *o = object;
+    unsigned chosen = SAMPLE_FULL;
+    if (value->type == YAML_SCALAR_NODE) {
+        (void)schema_choose(self, &chosen, key, value, words);
+        o->campaign.sample = (campaign_sample)chosen;
+        return;
+    }
+    schema_map(self, "sample", value, sample_keys, &o->campaign);
+    if (value->type != YAML_MAPPING_NODE)
+        return;
+    const bool random = schema_find(self, value, "random");
+    o->campaign.sample = random ? SAMPLE_RANDOM : SAMPLE_LOW_DISCREPANCY;
+    if (random == (schema_find(self, value, "low-discrepancy") != NULL))
+        schema_complain(self, value, "sample: expected full, pairwise, { random: N } or "
+                        "{ low-discrepancy: N }");
+}
+
+/* ---- The file -------------------------------------------------------------------------------- */
+
+static void read_root(campaign_owner *o, diag *errors, yaml_document_t *document)
+{
+    schema self = {.errors = errors, .arena = &o->arena, .document = document, .user = o};
+    yaml_node_t *root = yaml_document_get_root_node(document);
+    if (!root) {
+        diag_add(errors, 1, 1, "the file is empty; it needs the keys scenario and vary");
+        return;
+    }
+    schema_map(&self, "campaign", root, campaign_keys, o);
+    const char *wrong = errors->errors == 0 ? sample_prepare(&o->campaign) : NULL;
+    if (wrong)
+        schema_complain(&self, root, "%s", wrong);
+    else if (errors->errors == 0 && o->campaign.rows == 0)
+        schema_complain(&self, root, "the campaign has no rows: all values are pruned");
+}
+
+static bool read_file(campaign_owner *o, diag *errors)
+{
+    yaml_document_t document;
+    size_t size = 0;
+    char *text = yaml_file_read(&size, o->campaign.file, false, errors);
+    const bool loaded = text && yaml_text_load(&document, text, size, &yaml_file_limits, errors);
+    free(text);
+    if (!loaded)
+        return false;
+    read_root(o, errors, &document);
+    yaml_document_delete(&document);
+    return errors->errors == 0;
+}
+
+campaign *campaign_load(const char *file, FILE *errors)
+{
+    diag found = {.file.name = file};
+    campaign_owner *o = calloc(1, sizeof *o);
+    if (!o) {
+        fprintf(errors, "%s: out of memory\n", file);
+        return NULL;
+    }
+    o->errors = errors;
+    o->campaign.limit_ms = CAMPAIGN_LIMIT_MS;
+    o->campaign.file = arena_print(&o->arena, "%s", file);
+    const bool good = o->campaign.file && read_file(o, &found);
+    diag_flush(&found, errors);
+    if (good)
+        return &o->campaign;
+    campaign_free(&o->campaign);
+    return NULL;
+}
+
+void campaign_free(campaign *c)
+{
+    campaign_owner *o = (campaign_owner *)c;
+    if (!o)
+        return;
+    if (o->has_document)
+        yaml_document_delete(&o->document);
+    cfg_free(o->config);
+    free(c->pairs);
+    arena_free(&o->arena);
+    free(o);
+}

@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * campaign_owner.h - what the readers of a campaign share (schema.user).
+ */
+#ifndef CANWIRE_CAMPAIGN_CAMPAIGN_OWNER_H
+#define CANWIRE_CAMPAIGN_CAMPAIGN_OWNER_H
+
+#include "base/schema.h"
+#include "campaign/campaign.h"
+
+/* campaign_load() returns its first member. */
+typedef struct campaign_owner {
+    campaign campaign;
+    arena arena;
+    FILE *errors;             /* of the scenario */
+    cfg *config;              /* of the scenario; NULL for a rig */
+    bool has_document;
+    yaml_document_t document; /* of the scenario */
+} campaign_owner;
+
+/* Reads the key `vary`. */
+schema_reader campaign_read_factors; /* object: a campaign_owner */
+
+#endif

@@ -1,0 +1,475 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * factors.c - reads the key `vary` of a campaign.
+ */
+#include "campaign/campaign_owner.h"
+#include "campaign/jsonvalue.h"
+#include "campaign/space.h"
+#include "trace/frametext.h"
+
+#include <string.h>
+
+#define NAME_MAX_BYTES 64u
+#define RULE_NAME_BYTES 56u /* of a space: it is a rule's name with .1 behind it */
+
+/* A factor that is being read. */
+typedef struct reading {
+    campaign_owner *owner;
+    factor *factor;
+    unsigned kinds; /* keys that say what the values are */
+    bool has_frame;
+    cw_frame frame;
+} reading;
+
+/* The map of a space of faults. */
+typedef struct space_map {
+    reading *reading;
+    bool has_frame;
+    cw_frame frame;
+    uint8_t from; /* CW_NO_NODE: any */
+    const char *field;
+    space space;
+} space_map;
+
+static schema_reader read_name, read_set, read_frame, read_values, read_range, read_uniform,
+    read_normal, read_positions, read_nodes, read_bits, read_pairs, read_number, read_space_frame,
+    read_space_from, read_space_at, read_space_field;
+
+static const schema_range draw_range = {1, CAMPAIGN_VALUES_MAX, sizeof(uint64_t)};
+static const schema_range skip_range = {0, UINT32_MAX, sizeof(uint64_t)};
+
+static const schema_key factor_keys[] = {
+    {.name = "name", .read = read_name},
+    {.name = "set", .read = read_set},
+    {.name = "frame", .read = read_frame},
+    {.name = "values", .read = read_values},
+    {.name = "range", .read = read_range},
+    {.name = "uniform", .read = read_uniform},
+    {.name = "normal", .read = read_normal},
+    {.name = "positions", .read = read_positions},
+    {.name = "nodes", .read = read_nodes},
+    {.name = "each-bit", .read = read_bits},
+    {.name = "pairs-of-bits", .read = read_pairs},
+    {.name = NULL},
+};
+
+static const schema_key space_keys[] = {
+    {.name = "from", .read = read_space_from},
+    {.name = "frame", .read = read_space_frame},
+    {.name = "at", .read = read_space_at},
+    {.name = "field", .read = read_space_field},
+    {.name = "skip", .read = schema_read_uint, .arg = &skip_range,
+     .offset = offsetof(space_map, space.skip)},
+    {.name = NULL},
+};
+
+/* ---- Names and paths ------------------------------------------------------------------------- */
+
+static void read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
+                                  "_.-";
+    reading *r = object;
+    const char *text = schema_text(self, key, value, "a name");
+    if (text && (strlen(text) > NAME_MAX_BYTES || text[strspn(text, letters)] != '\0'))
+        schema_expected(self, key, value, "up to 64 letters, digits, '_', '.' and '-'");
+    else if (text)
+        r->factor->name = schema_copy(self, text);
+}
+
+static void read_set(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    reading *r = object;
+    factor *f = r->factor;
+    const campaign *c = &r->owner->campaign;
+    const char *text = schema_text(self, key, value, "the path of a value, such as bus.bitrate");
+    if (!text || !r->owner->has_document)
+        return;
+    f->path = schema_copy(self, text);
+    f->is_seed = strcmp(text, "seed") == 0;
+    if (!f->name)
+        f->name = f->path;
+    if (f->is_seed && !r->owner->config)
+        return; /* the seeds of a rig are in the files of its buses */
+    const splice_text t = {.text = c->text, .size = c->size, .document = &r->owner->document,
+                           .memory = self->arena};
+    const char *wrong = splice_find(&f->edit, &t, text, &f->rule_names[0]);
+    if (wrong)
+        schema_complain(self, value, "%s: '%s': %s", key->name, text, wrong);
+}
+
+static void parse_frame(schema *self, const schema_key *key, const yaml_node_t *value,
+                        cw_frame *frame, bool *has)
+{
+    const char *text = schema_text(self, key, value, "a frame such as 123#DEADBEEF");
+    const char *wrong = text ? text_parse_frame(frame, text) : NULL;
+    schema_problem(self, key, value, wrong);
+    *has = text && !wrong;
+}
+
+static void read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    reading *r = object;
+    parse_frame(self, key, value, &r->frame, &r->has_frame);
+}
+
+/* ---- Lists ----------------------------------------------------------------------------------- */
+
+static void take_list(reading *r, schema *self, const yaml_node_t *value, const space_list *list)
+{
+    factor *f = r->factor;
+    f->kind = FACTOR_LIST;
+    f->texts = list->texts;
+    f->count = list->count;
+    f->pruned = list->pruned;
+    if (list->no_memory)
+        schema_complain(self, value, "out of memory");
+}
+
+static void read_values(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    reading *r = object;
+    space_list list = {.memory = self->arena};
+    const size_t count = schema_count(self, key, value, 1, CAMPAIGN_VALUES_MAX);
+    r->kinds++;
+    for (size_t i = 0; i < count; i++)
+        space_add(&list, jsonvalue_of(self, schema_item(self, value, i)));
+    take_list(r, self, value, &list);
+}
+
+static void read_positions(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    reading *r = object;
+    space_list list = {.memory = self->arena};
+    const size_t count = schema_count_one(self, key, value, 1, CAMPAIGN_VALUES_MAX);
+    r->kinds++;
+    for (size_t i = 0; i < count; i++) {
+        const yaml_node_t *item = schema_item(self, value, i);
+        const char *text = schema_text(self, key, item, "a position such as crc[3]");
+        if (text)
+            schema_problem(self, key, item,
+                           space_add_positions(&list, text, r->has_frame ? &r->frame : NULL));
+    }
+    take_list(r, self, value, &list);
+}
+
+static bool is_all(const yaml_node_t *value)
+{
+    return value->type == YAML_SCALAR_NODE &&
+           strcmp((const char *)value->data.scalar.value, "all") == 0;
+}
+
+/* Complains about a node that does not exist. Returns its number, or CW_NO_NODE. */
+static uint8_t find_node(schema *self, const schema_key *key, const yaml_node_t *value,
+                         const char *name)
+{
+    const campaign_owner *o = self->user;
+    const uint8_t node = o->config ? cfg_find_node(o->config, name) : CW_NO_NODE;
+    if (o->config && node == CW_NO_NODE)
+        schema_complain(self, value, "%s: the scenario has no node '%s'", key->name, name);
+    else if (!o->config)
+        schema_complain(self, value, "%s: it is for the file of one bus", key->name);
+    return node;
+}
+
+static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    reading *r = object;
+    const cfg *config = r->owner->config;
+    space_list list = {.memory = self->arena};
+    r->kinds++;
+    for (size_t i = 0; config && is_all(value) && i < config->node_count; i++)
+        space_add(&list, schema_print(self, "\"%s\"", config->nodes[i].name));
+    const size_t count =
+        is_all(value) ? 0 : schema_count_one(self, key, value, 1, CW_NODES_MAX);
+    for (size_t i = 0; i < count; i++) {
+        const yaml_node_t *item = schema_item(self, value, i);
+        const char *text = schema_text(self, key, item, "the name of a node, or all");
+        if (text && find_node(self, key, item, text) != CW_NO_NODE)
+            space_add(&list, schema_print(self, "\"%s\"", text));
+    }
+    take_list(r, self, value, &list);
+}
+
+/* ---- Numbers --------------------------------------------------------------------------------- */
+
+static void read_number(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const char *text = schema_text(self, key, value, "a number, perhaps with a unit");
+    if (text && !number_text_parse(schema_member(key, object), text))
+        schema_expected(self, key, value,
+                        "a number such as -50, 0.25 or 12.5us, of up to 15 digits");
+}
+
+/* A map of numbers. */
+typedef struct number_keys {
+    const char *what;
+    const char *from;
+    const char *to;
+    factor_kind kind;
+} number_keys;
+
+static bool read_numbers(schema *self, yaml_node_t *value, reading *r, const number_keys *n)
+{
+    factor f = {.step = {.mantissa = 0}};
+    const schema_key keys[] = {
+        {.name = n->from, .read = read_number, .offset = offsetof(factor, from), .required = true},
+        {.name = n->to, .read = read_number, .offset = offsetof(factor, to), .required = true},
+        {.name = "step", .read = read_number, .offset = offsetof(factor, step), .required = true},
+        {.name = n->kind == FACTOR_RANGE ? NULL : "draws", .read = schema_read_uint,
+         .offset = offsetof(factor, count), .arg = &draw_range},
+        {.name = NULL},
+    };
+    const size_t errors = self->errors->errors;
+    r->kinds++;
+    r->factor->kind = n->kind;
+    schema_map(self, n->what, value, keys, &f);
+    if (self->errors->errors > errors)
+        return false;
+    if (!number_text_align((number_text *const[]){&f.from, &f.to, &f.step}, 3)) {
+        schema_complain(self, value, "%s: the numbers have different units, or too many digits",
+                        n->what);
+        return false;
+    }
+    r->factor->from = f.from;
+    r->factor->to = f.to;
+    r->factor->step = f.step;
+    r->factor->count = f.count;
+    if (f.step.mantissa > 0)
+        return true;
+    schema_complain(self, value, "%s: 'step' is more than 0", n->what);
+    return false;
+}
+
+static void read_range(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const number_keys keys = {"range", "from", "to", FACTOR_RANGE};
+    reading *r = object;
+    factor *f = r->factor;
+    if (!read_numbers(self, value, r, &keys))
+        return;
+    if (f->to.mantissa < f->from.mantissa)
+        schema_complain(self, value, "%s: 'to' is below 'from'", key->name);
+    else
+        f->count = (uint64_t)((f->to.mantissa - f->from.mantissa) / f->step.mantissa) + 1;
+}
+
+static void check_draws(schema *self, const schema_key *key, const yaml_node_t *value, reading *r)
+{
+    const campaign_sample sample = r->owner->campaign.sample;
+    const bool product = sample == SAMPLE_FULL || sample == SAMPLE_PAIRWISE;
+    if (product && r->factor->count == 0)
+        schema_complain(self, value, "%s: 'draws' says how many values there are; only a random or "
+                        "low-discrepancy sample needs none", key->name);
+    r->factor->count = r->factor->count > 0 ? r->factor->count : 1;
+}
+
+static void read_uniform(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const number_keys keys = {"uniform", "from", "to", FACTOR_UNIFORM};
+    reading *r = object;
+    if (!read_numbers(self, value, r, &keys))
+        return;
+    if (r->factor->to.mantissa < r->factor->from.mantissa)
+        schema_complain(self, value, "%s: 'to' is below 'from'", key->name);
+    check_draws(self, key, value, r);
+}
+
+static void read_normal(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const number_keys keys = {"normal", "mean", "deviation", FACTOR_NORMAL};
+    reading *r = object;
+    if (!read_numbers(self, value, r, &keys))
+        return;
+    if (r->factor->to.mantissa < 0)
+        schema_complain(self, value, "%s: 'deviation' is not below 0", key->name);
+    check_draws(self, key, value, r);
+}
+
+/* ---- Spaces of faults ------------------------------------------------------------------------ */
+
+static void read_space_frame(schema *self, const schema_key *key, yaml_node_t *value,
+                             void *object)
+{
+    space_map *m = object;
+    parse_frame(self, key, value, &m->frame, &m->has_frame);
+}
+
+static void read_space_from(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    space_map *m = object;
+    const char *text = schema_text(self, key, value, "the node that sends the frames");
+    m->from = text ? find_node(self, key, value, text) : CW_NO_NODE;
+    if (m->from != CW_NO_NODE)
+        m->space.from = jsonvalue_of(self, value);
+}
+
+static void read_space_at(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    space_map *m = object;
+    (void)key;
+    m->space.at = jsonvalue_of(self, value);
+}
+
+static void read_space_field(schema *self, const schema_key *key, yaml_node_t *value,
+                             void *object)
+{
+    space_map *m = object;
+    m->field = schema_text(self, key, value, "a field such as crc");
+}
+
+/* Returns true when an earlier entry sends the same identifier. */
+static bool is_sent_before(const cfg_node *node, size_t entry)
+{
+    const cw_frame *frame = &node->traffic[entry].frame;
+    for (size_t i = 0; i < entry; i++)
+        if (node->traffic[i].kind == CFG_TRAFFIC_SEND && node->traffic[i].frame.id == frame->id &&
+            ((node->traffic[i].frame.flags ^ frame->flags) & CW_FRAME_EXTENDED) == 0)
+            return true;
+    return false;
+}
+
+/* The lists of a space. */
+typedef struct space_lists {
+    space_list values;
+    space_list rules;
+    bool pairs;
+} space_lists;
+
+static const char *add_frame(space_lists *l, const space_map *m, const cw_frame *frame)
+{
+    if (l->pairs)
+        return space_add_pairs(&l->values, &l->rules, &m->space, frame, m->field);
+    space_add_bits(&l->values, &l->rules, &m->space, frame);
+    return NULL;
+}
+
+/* Adds the faults of the frame, or of all frames that the node sends. */
+static const char *add_frames(space_lists *l, const space_map *m)
+{
+    const campaign_owner *o = m->reading->owner;
+    const char *wrong = NULL;
+    if (m->has_frame)
+        return add_frame(l, m, &m->frame);
+    if (m->from == CW_NO_NODE)
+        return "it needs 'frame', or 'from' with a node that has traffic";
+    const cfg_node *node = &o->config->nodes[m->from];
+    for (size_t i = 0; i < node->traffic_count && !wrong; i++)
+        if (node->traffic[i].kind == CFG_TRAFFIC_SEND && !is_sent_before(node, i))
+            wrong = add_frame(l, m, &node->traffic[i].frame);
+    return wrong || l->values.count > 0 ? wrong : "the node of 'from' sends no frames";
+}
+
+static void read_space(schema *self, const schema_key *key, yaml_node_t *value, reading *r,
+                       bool pairs)
+{
+    factor *f = r->factor;
+    space_map m = {.reading = r, .from = CW_NO_NODE};
+    space_lists l = {.values.memory = self->arena, .rules.memory = self->arena, .pairs = pairs};
+    r->kinds++;
+    m.space.name = f->name ? f->name : key->name;
+    schema_map(self, key->name, value, space_keys, &m);
+    if (strlen(m.space.name) > RULE_NAME_BYTES - 2 || !r->owner->config)
+        schema_complain(self, value, "%s: it needs the file of one bus, and a short name",
+                        key->name);
+    else if (pairs && !m.space.at)
+        schema_complain(self, value, "%s: it needs 'at', the nodes that sample the bits: on the "
+                        "wire the sender stops at the first one", key->name);
+    else if (value->type == YAML_MAPPING_NODE)
+        schema_problem(self, key, value, add_frames(&l, &m));
+    take_list(r, self, value, &l.values);
+    f->name = f->name ? f->name : key->name;
+    f->rules = l.rules.texts;
+    f->rule_names[0] = pairs ? schema_print(self, "%s.1", f->name) : f->name;
+    f->rule_names[1] = pairs ? schema_print(self, "%s.2", f->name) : NULL;
+}
+
+static void read_bits(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    read_space(self, key, value, object, false);
+}
+
+static void read_pairs(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    read_space(self, key, value, object, true);
+}
+
+/* ---- All factors ----------------------------------------------------------------------------- */
+
+/* A seed is a whole number. */
+static bool is_seed_value(const char *text)
+{
+    uint64_t seed;
+    return !text_parse_uint(&seed, text);
+}
+
+static void check_seed(schema *self, const yaml_node_t *item, const factor *f)
+{
+    bool good = f->kind == FACTOR_LIST || (f->from.decimals == 0 && !f->from.unit[0] &&
+                                           f->from.mantissa >= 0 && f->kind != FACTOR_NORMAL);
+    for (uint64_t i = 0; f->kind == FACTOR_LIST && i < f->count; i++)
+        good = good && is_seed_value(f->texts[i]);
+    if (!good)
+        schema_complain(self, item, "seeds are whole numbers from 0 on");
+}
+
+static void check_factor(schema *self, const yaml_node_t *item, const reading *r, size_t index)
+{
+    const factor *f = r->factor;
+    const factor *all = r->owner->campaign.factors;
+    if (r->kinds != 1)
+        schema_complain(self, item, "expected one of values, range, uniform, normal, positions, "
+                        "nodes, each-bit and pairs-of-bits");
+    else if (!f->path == !f->rules)
+        schema_complain(self, item, f->path ? "a space of faults has no 'set'"
+                                            : "expected 'set', the path of what varies");
+    for (size_t i = 0; i < index && f->name; i++) {
+        if (all[i].name && strcmp(all[i].name, f->name) == 0)
+            schema_complain(self, item, "duplicate factor '%s'", f->name);
+        else if (f->path && all[i].path && f->edit.begin < all[i].edit.end &&
+                 all[i].edit.begin < f->edit.end)
+            schema_complain(self, item, "'%s' is part of what '%s' varies", f->name, all[i].name);
+    }
+    if (f->is_seed && r->kinds == 1)
+        check_seed(self, item, f);
+}
+
+/* Finds the places of the rules of spaces, which come together. */
+static void place_spaces(schema *self, const yaml_node_t *list, campaign_owner *o)
+{
+    campaign *c = &o->campaign;
+    const splice_text t = {.text = c->text, .size = c->size, .document = &o->document,
+                           .memory = self->arena};
+    size_t count = 0;
+    size_t placed = 0;
+    for (size_t i = 0; i < c->factor_count; i++)
+        count += c->factors[i].rules != NULL;
+    for (size_t i = 0; i < c->factor_count; i++) {
+        if (!c->factors[i].rules)
+            continue;
+        const char *wrong =
+            splice_find_rules(&c->factors[i].edit, &t, placed == 0, placed + 1 == count);
+        if (wrong)
+            schema_complain(self, list, "%s", wrong);
+        placed++;
+    }
+}
+
+void campaign_read_factors(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    campaign_owner *o = object;
+    const size_t count = schema_count(self, key, value, 1, CAMPAIGN_FACTORS_MAX);
+    if (!o->has_document)
+        return;
+    o->campaign.factor_count = count;
+    for (size_t i = 0; i < count; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+        reading r = {.owner = o, .factor = &o->campaign.factors[i]};
+        r.factor->place = (cfg_place){.line = (int)item->start_mark.line + 1,
+                                      .column = (int)item->start_mark.column + 1};
+        schema_map(self, "factor", item, factor_keys, &r);
+        if (item->type == YAML_MAPPING_NODE)
+            check_factor(self, item, &r, i);
+    }
+    place_spaces(self, value, o);
+}

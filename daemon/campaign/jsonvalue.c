@@ -1,0 +1,132 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * jsonvalue.c - values of a YAML document as JSON, which YAML is, too.
+ */
+#include "campaign/jsonvalue.h"
+
+#include "base/jsonput.h"
+#include "campaign/rowtext.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define DEPTH_MAX 16u /* aliases may form a cycle */
+
+static const char *digits(const char *at)
+{
+    return at + strspn(at, "0123456789");
+}
+
+/* Returns true for a number as JSON writes it, without exponent. */
+static bool is_number(const char *text)
+{
+    const char *at = text + (*text == '-');
+    const char *end = digits(at);
+    if (end == at || (*at == '0' && end - at > 1))
+        return false;
+    if (*end == '.' && digits(end + 1) > end + 1)
+        end = digits(end + 1);
+    return *end == '\0';
+}
+
+static bool is_word(const char *text)
+{
+    return strcmp(text, "true") == 0 || strcmp(text, "false") == 0;
+}
+
+static void put_scalar(rowtext *out, const yaml_node_t *value)
+{
+    const char *text = (const char *)value->data.scalar.value;
+    const bool plain = value->data.scalar.style == YAML_PLAIN_SCALAR_STYLE;
+    if (schema_is_null(value))
+        rowtext_put(out, "null");
+    else if (plain && (is_number(text) || is_word(text)))
+        rowtext_put(out, text);
+    else
+        rowtext_quoted(out, text);
+}
+
+/* A list or a map of which some items are written. */
+typedef struct level {
+    const yaml_node_t *node;
+    size_t next;
+} level;
+
+typedef struct writer {
+    rowtext *out;
+    schema *schema;
+    level levels[DEPTH_MAX];
+    unsigned depth; /* levels in use */
+    bool good;
+} writer;
+
+static bool is_list(const yaml_node_t *node)
+{
+    return node->type == YAML_SEQUENCE_NODE;
+}
+
+/* Writes a scalar, or begins a list or a map. */
+static void begin_value(writer *w, const yaml_node_t *value)
+{
+    if (value->type == YAML_SCALAR_NODE) {
+        put_scalar(w->out, value);
+        return;
+    }
+    w->good = w->depth < DEPTH_MAX;
+    if (!w->good)
+        return;
+    rowtext_put(w->out, is_list(value) ? "[" : "{");
+    w->levels[w->depth++] = (level){.node = value};
+}
+
+/* Returns the next item of a list, or value of a map, whose key is written; NULL at the end. */
+static const yaml_node_t *next_value(writer *w, level *l)
+{
+    yaml_node_t *value = NULL;
+    const char *comma = l->next > 0 ? "," : "";
+    if (is_list(l->node)) {
+        const yaml_node_item_t *item = l->node->data.sequence.items.start + l->next++;
+        if (item >= l->node->data.sequence.items.top)
+            return NULL;
+        rowtext_put(w->out, comma);
+        return yaml_document_get_node(w->schema->document, *item);
+    }
+    const yaml_node_t *key = schema_pair(w->schema, &value, l->node, l->next++);
+    if (!key)
+        return NULL;
+    rowtext_put(w->out, comma);
+    w->good = key->type == YAML_SCALAR_NODE;
+    rowtext_quoted(w->out, w->good ? (const char *)key->data.scalar.value : "");
+    rowtext_put(w->out, ":");
+    return value;
+}
+
+static bool put_value(rowtext *out, schema *self, const yaml_node_t *value)
+{
+    writer w = {.out = out, .schema = self, .good = true};
+    begin_value(&w, value);
+    while (w.good && w.depth > 0) {
+        level *l = &w.levels[w.depth - 1];
+        const yaml_node_t *next = next_value(&w, l);
+        if (next) {
+            begin_value(&w, next);
+            continue;
+        }
+        rowtext_put(out, is_list(l->node) ? "]" : "}");
+        w.depth--;
+    }
+    return w.good;
+}
+
+const char *jsonvalue_of(schema *self, const yaml_node_t *value)
+{
+    rowtext out = {.no_memory = false};
+    const char *text = NULL;
+    if (!put_value(&out, self, value))
+        schema_complain(self, value, "this value is nested too deeply");
+    else
+        text = schema_print(self, "%.*s", (int)buffer_length(&out.bytes),
+                            buffer_first(&out.bytes));
+    rowtext_free(&out);
+    return text;
+}

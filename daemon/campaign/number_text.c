@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * number_text.c - decimal numbers with a unit, exactly: -50, 0.875, 12.5us, 60%.
+ */
+#include "campaign/number_text.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+
+#define MANTISSA_MAX INT64_C(1000000000000000)
+
+static bool is_digit(char c)
+{
+    return c >= '0' && c <= '9';
+}
+
+/* Reads digits. Returns their end, NULL: too many. */
+static const char *read_digits(int64_t *mantissa, const char *at)
+{
+    for (; is_digit(*at); at++) {
+        *mantissa = *mantissa * 10 + (*at - '0');
+        if (*mantissa > MANTISSA_MAX)
+            return NULL;
+    }
+    return at;
+}
+
+static bool read_unit(char unit[NUMBER_TEXT_UNIT_MAX], const char *at)
+{
+    static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ%/";
+    const size_t length = strlen(at);
+    if (length >= NUMBER_TEXT_UNIT_MAX || strspn(at, letters) != length)
+        return false;
+    memcpy(unit, at, length + 1);
+    return true;
+}
+
+bool number_text_parse(number_text *out, const char *text)
+{
+    number_text n = {.mantissa = 0};
+    const bool minus = *text == '-';
+    const char *begin = text + minus;
+    const char *at = is_digit(*begin) ? read_digits(&n.mantissa, begin) : NULL;
+    if (at && at[0] == '.' && is_digit(at[1])) {
+        const char *point = at;
+        at = read_digits(&n.mantissa, at + 1);
+        n.decimals = at ? (unsigned)(at - point - 1) : 0;
+    }
+    if (!at || n.decimals > NUMBER_TEXT_DECIMALS_MAX || !read_unit(n.unit, at))
+        return false;
+    n.mantissa = minus ? -n.mantissa : n.mantissa;
+    *out = n;
+    return true;
+}
+
+static bool widen(number_text *n, unsigned decimals)
+{
+    for (; n->decimals < decimals; n->decimals++) {
+        if (n->mantissa > MANTISSA_MAX / 10 || n->mantissa < -MANTISSA_MAX / 10)
+            return false;
+        n->mantissa *= 10;
+    }
+    return true;
+}
+
+bool number_text_align(number_text *const list[], unsigned count)
+{
+    unsigned decimals = 0;
+    const char *unit = "";
+    for (unsigned i = 0; i < count; i++) {
+        decimals = list[i]->decimals > decimals ? list[i]->decimals : decimals;
+        unit = list[i]->unit[0] ? list[i]->unit : unit;
+    }
+    for (unsigned i = 0; i < count; i++) {
+        if (strcmp(list[i]->unit, unit) != 0 && (list[i]->unit[0] || list[i]->mantissa != 0))
+            return false;
+        if (!widen(list[i], decimals))
+            return false;
+        memmove(list[i]->unit, unit, strlen(unit) + 1);
+    }
+    return true;
+}
+
+void number_text_print(char out[NUMBER_TEXT_MAX], const number_text *n)
+{
+    const uint64_t size = (uint64_t)(n->mantissa < 0 ? -n->mantissa : n->mantissa);
+    uint64_t unit = 1;
+    for (unsigned i = 0; i < n->decimals; i++)
+        unit *= 10;
+    const char *quote = n->unit[0] ? "\"" : "";
+    char decimals[NUMBER_TEXT_DECIMALS_MAX + 2] = "";
+    if (n->decimals > 0)
+        (void)snprintf(decimals, sizeof decimals, ".%0*u", (int)n->decimals,
+                       (unsigned)(size % unit));
+    (void)snprintf(out, NUMBER_TEXT_MAX, "%s%s%" PRIu64 "%s%s%s", quote,
+                   n->mantissa < 0 ? "-" : "", size / unit, decimals, n->unit, quote);
+}
+
+double number_text_value(const number_text *n)
+{
+    double value = (double)n->mantissa;
+    for (unsigned i = 0; i < n->decimals; i++)
+        value /= 10;
+    return value;
+}

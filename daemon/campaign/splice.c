@@ -1,0 +1,192 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * splice.c - puts other values into the text of a configuration, which keeps all else as it is.
+ */
+#include "campaign/splice.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define NO_MEMORY "out of memory"
+#define PART_MAX 128 /* bytes of a part of a path with its final 0 */
+
+/* ---- Places ---------------------------------------------------------------------------------- */
+
+size_t splice_offset(const char *text, size_t size, size_t character)
+{
+    size_t at = size >= 3 && memcmp(text, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0;
+    for (; at < size && character > 0; character--)
+        for (at++; at < size && (text[at] & 0xC0) == 0x80; at++)
+            continue;
+    return at;
+}
+
+static size_t offset_of(const splice_text *t, const yaml_mark_t *mark)
+{
+    return splice_offset(t->text, t->size, mark->index);
+}
+
+/* Returns the end of a line of a block, and the blanks before what follows. */
+static const char *next_line(const splice_text *t, const yaml_mark_t *mark)
+{
+    return arena_print(t->memory, "\n%*s", (int)mark->column, "");
+}
+
+/* Replaces a value. A block ends at the next line, whose blanks belong to it; they stay. */
+static const char *replace(splice *out, const splice_text *t, const yaml_node_t *value)
+{
+    *out = (splice){.begin = offset_of(t, &value->start_mark),
+                    .end = offset_of(t, &value->end_mark),
+                    .before = "",
+                    .after = ""};
+    while (out->end > out->begin && strchr(" \t\r\n", t->text[out->end - 1]))
+        out->end--;
+    if (out->begin == out->end) /* `key:` without a value */
+        out->before = " ";
+    return NULL;
+}
+
+/* Inserts a key in front of the others of a map. */
+static const char *insert(splice *out, const splice_text *t, yaml_node_t *map, const char *key)
+{
+    yaml_node_t *value;
+    const yaml_node_t *first = NULL;
+    schema self = {.document = t->document};
+    const bool flow = map->data.mapping.style == YAML_FLOW_MAPPING_STYLE;
+    first = schema_pair(&self, &value, map, 0);
+    out->begin = first ? offset_of(t, &first->start_mark) : offset_of(t, &map->start_mark) + 1;
+    out->end = out->begin;
+    out->before = arena_print(t->memory, "%s: ", key);
+    out->after = flow ? ", " : next_line(t, first ? &first->start_mark : &map->start_mark);
+    return out->before && out->after ? NULL : NO_MEMORY;
+}
+
+/* ---- Paths ----------------------------------------------------------------------------------- */
+
+/* Returns an item of a list by its name, or NULL. */
+static yaml_node_t *find_named(schema *self, const yaml_node_t *list, const char *name)
+{
+    for (yaml_node_item_t *i = list->data.sequence.items.start;
+         i < list->data.sequence.items.top; i++) {
+        yaml_node_t *item = yaml_document_get_node(self->document, *i);
+        const yaml_node_t *found =
+            item->type == YAML_MAPPING_NODE ? schema_find(self, item, "name") : NULL;
+        if (found && found->type == YAML_SCALAR_NODE &&
+            strcmp((const char *)found->data.scalar.value, name) == 0)
+            return item;
+    }
+    return NULL;
+}
+
+static yaml_node_t *find_numbered(const schema *self, const yaml_node_t *list, const char *digits)
+{
+    char *end = NULL;
+    const unsigned long number = strtoul(digits, &end, 10);
+    const size_t count =
+        (size_t)(list->data.sequence.items.top - list->data.sequence.items.start);
+    if (end == digits || *end != '\0' || number >= count)
+        return NULL;
+    return yaml_document_get_node(self->document, list->data.sequence.items.start[number]);
+}
+
+/* A part of a path: `key`, or `3` of `[3]`. */
+typedef struct part {
+    char text[PART_MAX];
+    bool number;
+    bool last;
+} part;
+
+/* Takes the next part off a path. Returns false at its end, and for one that is too long. */
+static bool take_part(const char **rest, part *p)
+{
+    const char *at = *rest;
+    p->number = *at == '[';
+    at += p->number;
+    const size_t length = strcspn(at, p->number ? "]" : ".[");
+    if (length == 0 || length >= PART_MAX)
+        return false;
+    memcpy(p->text, at, length);
+    p->text[length] = '\0';
+    at += length;
+    if (p->number && *at == ']')
+        at++;
+    if (*at == '.')
+        at++;
+    p->last = *at == '\0';
+    *rest = at;
+    return true;
+}
+
+/* Returns the name of an item, or NULL. */
+static const char *name_of(schema *self, yaml_node_t *item)
+{
+    const yaml_node_t *name =
+        item && item->type == YAML_MAPPING_NODE ? schema_find(self, item, "name") : NULL;
+    return name && name->type == YAML_SCALAR_NODE ? (const char *)name->data.scalar.value : NULL;
+}
+
+/* Goes down by one part. Returns NULL where there is nothing. */
+static yaml_node_t *step_down(schema *self, yaml_node_t *node, const part *p)
+{
+    if (node->type == YAML_MAPPING_NODE && !p->number)
+        return schema_find(self, node, p->text);
+    if (node->type != YAML_SEQUENCE_NODE)
+        return NULL;
+    return p->number ? find_numbered(self, node, p->text) : find_named(self, node, p->text);
+}
+
+static const char *walk(splice *out, const splice_text *t, const char *rest, const char **rule)
+{
+    schema self = {.document = t->document};
+    yaml_node_t *node = yaml_document_get_root_node(t->document);
+    part p = {.last = false};
+    bool in_faults = false;
+    for (unsigned depth = 0; !p.last; depth++) {
+        if (!take_part(&rest, &p))
+            return "it has an empty part, or one that is too long";
+        yaml_node_t *next = step_down(&self, node, &p);
+        if (depth == 1 && in_faults && !p.last)
+            *rule = name_of(&self, next);
+        if (*rule && strcmp(p.text, "name") == 0)
+            *rule = NULL; /* the rule gets another name */
+        if (!next && p.last && node->type == YAML_MAPPING_NODE && !p.number)
+            return insert(out, t, node, p.text);
+        if (!next)
+            return arena_print(t->memory, "the scenario has no '%s' there", p.text);
+        in_faults = depth == 0 && strcmp(p.text, "faults") == 0;
+        node = next;
+    }
+    return replace(out, t, node);
+}
+
+const char *splice_find(splice *out, const splice_text *t, const char *path, const char **rule)
+{
+    *rule = NULL;
+    const char *wrong = walk(out, t, path, rule);
+    if (*rule)
+        *rule = arena_print(t->memory, "%s", *rule);
+    return wrong;
+}
+
+const char *splice_find_rules(splice *out, const splice_text *t, bool first, bool last)
+{
+    schema self = {.document = t->document};
+    yaml_node_t *root = yaml_document_get_root_node(t->document);
+    const yaml_node_t *faults = schema_find(&self, root, "faults");
+    if (!faults) {
+        const char *wrong = insert(out, t, root, "faults");
+        if (wrong)
+            return wrong;
+        out->before = first ? "faults: [" : "";
+        out->after = last ? arena_print(t->memory, "]%s", out->after) : ", ";
+        return out->after ? NULL : NO_MEMORY;
+    }
+    if (faults->type != YAML_SEQUENCE_NODE)
+        return "'faults' is no list";
+    const bool flow = faults->data.sequence.style == YAML_FLOW_SEQUENCE_STYLE;
+    out->begin = offset_of(t, &faults->start_mark) + (flow ? 1 : 0);
+    out->end = out->begin;
+    out->before = flow ? "" : "- ";
+    out->after = flow ? ", " : next_line(t, &faults->start_mark);
+    return out->after ? NULL : NO_MEMORY;
+}

@@ -1,0 +1,17 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * variant.h - the scenario of a row as a text.
+ */
+#ifndef CANWIRE_CAMPAIGN_VARIANT_H
+#define CANWIRE_CAMPAIGN_VARIANT_H
+
+#include "campaign/sample.h"
+
+/* Writes the text of the scenario with the values of these choices. The seed of a rig is not in
+ * it. */
+void variant_text(rowtext *out, const campaign *c, const choice *choices);
+
+/* Reads the seed of the choices. Returns false when the seed does not vary. */
+bool variant_seed(uint64_t *seed, const campaign *c, const choice *choices);
+
+#endif

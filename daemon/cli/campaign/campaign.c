@@ -1,0 +1,165 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * campaign.c - `canwire campaign`: the command line.
+ */
+#include "cli/cli.h"
+
+#include "base/plain.h"
+#include "campaign/pool.h"
+#include "cli/campaign/parts.h"
+
+#include <getopt.h>
+#include <stdio.h>
+#include <string.h>
+
+static const char usage[] =
+    "usage: canwire campaign plan FILE [--jobs J]\n"
+    "       canwire campaign run FILE [--out F] [--resume] [--shard K/N] [--jobs J] [--only N]\n"
+    "       [--reload]\n"
+    "       canwire campaign show FILE N\n";
+
+static const char help[] =
+    "\n"
+    "Runs a scenario with many values of what varies, as FILE says (canwire-campaign(7)). `plan`\n"
+    "tells how many rows that makes, how long they will take, and the first ones. `run` writes a\n"
+    "row of JSON for each. `show` prints the scenario of a row.\n"
+    "\n"
+    "  --out F      write the rows into F, which appears when all are there; until then they are\n"
+    "               in F.part. By default they go to standard output\n"
+    "  --resume     go on behind the rows of a run that was ended; do nothing when F is there\n"
+    "  --shard K/N  only this of N parts, 1/N to N/N; by default as SLURM_ARRAY_TASK_ID and\n"
+    "               SLURM_ARRAY_TASK_COUNT say, or JOB_COMPLETION_INDEX and JOB_COMPLETIONS, or\n"
+    "               CI_NODE_INDEX and CI_NODE_TOTAL\n"
+    "  --jobs J     so many processes, by default one a processor; the rows are the same\n"
+    "  --only N     only this row\n"
+    "  --reload     load the whole scenario for each row: slower, the same results\n"
+    "\n"
+    "Exit status: 0, 1 a value or a file is bad, or a row is no scenario, 2 wrong usage, 3 a row\n"
+    "has not passed.\n";
+
+typedef struct options {
+    campaign_run_options run;
+    bool has_shard;
+    unsigned seen; /* options, as a set */
+} options;
+
+enum { SEEN_RUN = 1u, SEEN_JOBS = 2u };
+
+static int refuse(void)
+{
+    fputs(usage, stderr);
+    return CLI_USAGE;
+}
+
+static bool complain(const char *option, const char *text, const char *expected)
+{
+    plain_print(stderr, "canwire campaign: %s %s: expected %s\n", option, text, expected);
+    return false;
+}
+
+static bool take_jobs(options *o, const char *text)
+{
+    uint64_t number = 0;
+    o->seen |= SEEN_JOBS;
+    if (text_parse_uint(&number, text) || number < 1 || number > POOL_JOBS_MAX)
+        return complain("--jobs", text, "a whole number from 1 to 256");
+    o->run.jobs = (unsigned)number;
+    return true;
+}
+
+/* Returns false after a message about a bad value. */
+static bool take_option(options *o, int option)
+{
+    if (option == 'j')
+        return take_jobs(o, optarg);
+    o->seen |= SEEN_RUN;
+    if (option == 'o')
+        o->run.out = strcmp(optarg, "-") == 0 ? NULL : optarg;
+    else if (option == 'r')
+        o->run.resume = true;
+    else if (option == 'R')
+        o->run.reload = true;
+    else if (option == 'n') {
+        o->run.has_only = true;
+        return !text_parse_uint(&o->run.only, optarg) ||
+               complain("--only", optarg, "the number of a row, from 0 on");
+    } else {
+        o->has_shard = true;
+        return shard_parse(&o->run.shard, optarg) ||
+               complain("--shard", optarg, "K/N, such as 1/4");
+    }
+    return true;
+}
+
+/* Returns -1 to go on, else the exit status. */
+static int parse_options(options *o, int argc, char **argv)
+{
+    static const struct option known[] = {
+        {"out", required_argument, NULL, 'o'},   {"resume", no_argument, NULL, 'r'},
+        {"shard", required_argument, NULL, 's'}, {"jobs", required_argument, NULL, 'j'},
+        {"only", required_argument, NULL, 'n'},  {"reload", no_argument, NULL, 'R'},
+        {"help", no_argument, NULL, 'h'},        {NULL, 0, NULL, 0},
+    };
+    int c;
+    while ((c = getopt_long(argc, argv, "h", known, NULL)) != -1) {
+        if (c == 'h') {
+            fputs(usage, stdout);
+            fputs(help, stdout);
+            return CLI_OK;
+        }
+        if (c == '?')
+            return refuse();
+        if (!take_option(o, c))
+            return CLI_BAD_INPUT;
+    }
+    if (o->run.resume && !o->run.out) {
+        fputs("canwire campaign: --resume needs --out F\n", stderr);
+        return CLI_USAGE;
+    }
+    return -1;
+}
+
+/* Takes the shard from the environment when no option says it. */
+static bool complete_shard(options *o)
+{
+    const char *wrong = o->has_shard ? NULL : shard_find(&o->run.shard);
+    if (wrong)
+        plain_print(stderr, "canwire campaign: %s in the environment makes no sense; give --shard "
+                    "K/N\n", wrong);
+    return !wrong;
+}
+
+static int run_part(options *o, const char *name, const char *file, const char *number)
+{
+    uint64_t row = 0;
+    if (number && text_parse_uint(&row, number)) {
+        (void)complain("row", number, "its number, from 0 on");
+        return CLI_BAD_INPUT;
+    }
+    if (strcmp(name, "run") == 0 && !o->run.has_only && !complete_shard(o))
+        return CLI_BAD_INPUT;
+    campaign *c = campaign_load(file, stderr);
+    if (!c)
+        return CLI_BAD_INPUT;
+    const int status = strcmp(name, "run") == 0    ? campaign_run(c, &o->run)
+                       : strcmp(name, "plan") == 0 ? campaign_plan(c, o->run.jobs)
+                                                   : campaign_show(c, row);
+    campaign_free(c);
+    return status;
+}
+
+int cli_campaign(int argc, char **argv)
+{
+    options o = {.run.shard = {.k = 1, .n = 1}};
+    const int status = parse_options(&o, argc, argv);
+    if (status >= 0)
+        return status;
+    const int words = argc - optind;
+    const char *name = words > 0 ? argv[optind] : "";
+    const bool shows = strcmp(name, "show") == 0;
+    const bool plans = strcmp(name, "plan") == 0;
+    if ((!shows && !plans && strcmp(name, "run") != 0) || words != (shows ? 3 : 2) ||
+        (shows && o.seen) || (plans && (o.seen & SEEN_RUN)))
+        return refuse();
+    return run_part(&o, name, argv[optind + 1], shows ? argv[optind + 2] : NULL);
+}

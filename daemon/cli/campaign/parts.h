@@ -1,0 +1,25 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * parts.h - the commands of `canwire campaign`. Each returns the exit status.
+ */
+#ifndef CANWIRE_CLI_CAMPAIGN_PARTS_H
+#define CANWIRE_CLI_CAMPAIGN_PARTS_H
+
+#include "campaign/campaign.h"
+#include "campaign/shard.h"
+
+typedef struct campaign_run_options {
+    const char *out; /* NULL: standard output */
+    shard shard;
+    unsigned jobs;   /* 0: one a processor */
+    bool resume;
+    bool reload;
+    bool has_only;
+    uint64_t only; /* the number of one row */
+} campaign_run_options;
+
+int campaign_run(const campaign *c, const campaign_run_options *o);
+int campaign_plan(const campaign *c, unsigned jobs);
+int campaign_show(const campaign *c, uint64_t number);
+
+#endif

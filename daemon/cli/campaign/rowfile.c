@@ -1,0 +1,131 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * rowfile.c - the file of rows: it is there when all rows are in it, and never in part.
+ */
+#include "cli/campaign/rowfile.h"
+
+#include "base/filelock.h"
+#include "base/plain.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#define MODE 0666 /* less the umask */
+
+static bool complain(const char *name, const char *why)
+{
+    plain_print(stderr, "canwire campaign: %s: %s\n", name, why);
+    return false;
+}
+
+/* Gives all whole lines to the caller. Returns where they end, or -1 after a message. */
+static off_t check_lines(const char *name, FILE *in, rowfile_check *check,
+                         void *user)
+{
+    char *line = NULL;
+    size_t room = 0;
+    off_t end = 0;
+    bool good = true;
+    for (ssize_t length; good && (length = getline(&line, &room, in)) > 0;) {
+        if (line[length - 1] != '\n')
+            break; /* the program has been killed in the middle of it */
+        good = check(user, line, (size_t)length);
+        end += length;
+    }
+    free(line);
+    if (good && !ferror(in))
+        return end;
+    (void)complain(name, good ? strerror(errno)
+                              : "it has other rows than this campaign; remove it, or leave out "
+                                "--resume");
+    return -1;
+}
+
+/* Reads the file that has its name. Returns false after a message. */
+static bool open_whole(rowfile *f, rowfile_check *check, void *user)
+{
+    FILE *in = fopen(f->name, "re");
+    if (!in && errno == ENOENT)
+        return true;
+    if (!in)
+        return complain(f->name, strerror(errno));
+    f->whole = true;
+    const bool good = check_lines(f->name, in, check, user) >= 0;
+    (void)fclose(in);
+    return good;
+}
+
+/* Keeps the whole lines of a part, and goes on behind them. */
+static bool continue_part(rowfile *f, rowfile_check *check, void *user)
+{
+    FILE *in = fopen(f->part, "re");
+    const off_t end = in ? check_lines(f->part, in, check, user) : -1;
+    if (!in)
+        return complain(f->part, strerror(errno));
+    (void)fclose(in);
+    if (end < 0)
+        return false;
+    if (ftruncate(fileno(f->stream), end) != 0 || fseeko(f->stream, end, SEEK_SET) != 0)
+        return complain(f->part, strerror(errno));
+    return true;
+}
+
+static bool open_part(rowfile *f)
+{
+    const int fd = open(f->part, O_RDWR | O_CREAT | O_CLOEXEC, MODE);
+    if (fd < 0)
+        return complain(f->part, strerror(errno));
+    if (filelock_take(fd) != 0) {
+        (void)close(fd);
+        return complain(f->part, "another program is writing it");
+    }
+    f->stream = fdopen(fd, "r+");
+    if (f->stream)
+        return true;
+    (void)close(fd);
+    return complain(f->part, strerror(errno));
+}
+
+bool rowfile_open(rowfile *f, const char *name, bool resume, rowfile_check *check, void *user)
+{
+    *f = (rowfile){.name = name, .stream = name ? NULL : stdout};
+    if (!name)
+        return true;
+    if (resume && !open_whole(f, check, user))
+        return false;
+    if (f->whole)
+        return true;
+    if (asprintf(&f->part, "%s.part", name) < 0) {
+        f->part = NULL;
+        return complain(name, "out of memory");
+    }
+    if (!open_part(f))
+        return false;
+    if (resume)
+        return continue_part(f, check, user);
+    return ftruncate(fileno(f->stream), 0) == 0 || complain(f->part, strerror(errno));
+}
+
+/* Makes the rows safe before the file gets its name. */
+static bool finish(const rowfile *f)
+{
+    if (fflush(f->stream) != 0 || ferror(f->stream) || fsync(fileno(f->stream)) != 0)
+        return complain(f->part, strerror(errno));
+    return rename(f->part, f->name) == 0 || complain(f->name, strerror(errno));
+}
+
+bool rowfile_close(rowfile *f, bool done)
+{
+    bool good = true;
+    if (f->name && f->stream) {
+        good = !done || finish(f);
+        good = fclose(f->stream) == 0 && good;
+    }
+    free(f->part);
+    f->part = NULL;
+    f->stream = NULL;
+    return good;
+}

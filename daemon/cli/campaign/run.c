@@ -1,0 +1,186 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * run.c - `canwire campaign run`: the rows of a campaign.
+ */
+#include "cli/campaign/parts.h"
+
+#include "base/plain.h"
+#include "campaign/runner.h"
+#include "campaign/tally.h"
+#include "cli/campaign/rowfile.h"
+#include "cli/cli.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+typedef struct run {
+    const campaign *campaign;
+    runner *runner;
+    rowfile file;
+    tally tally;
+    uint64_t first;
+    uint64_t count;    /* of the rows of the shard */
+    uint64_t there;    /* of these, rows of an earlier run */
+    uint64_t taken;
+    uint64_t bad;      /* the first row that could not be run; UINT64_MAX: none */
+    struct timespec start;
+    bool shows;        /* progress on a terminal */
+} run;
+
+/* ---- Rows ------------------------------------------------------------------------------------ */
+
+static unsigned char make(void *user, uint64_t number, rowtext *row)
+{
+    const run *r = user;
+    return (unsigned char)runner_row(r->runner, number, row);
+}
+
+static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, rowtext *row)
+{
+    const run *r = user;
+    return (unsigned char)runner_lost(r->runner, number, loss, row);
+}
+
+/* Counts the next row. */
+static void count_row(run *r, outcome o)
+{
+    const bool bad = o == OUTCOME_INVALID || o == OUTCOME_BROKEN;
+    if (bad && r->bad == UINT64_MAX)
+        r->bad = r->first + r->there + r->taken;
+    r->tally.count[o]++;
+}
+
+static bool take(void *user, unsigned char code, const char *row, size_t length)
+{
+    run *r = user;
+    count_row(r, (outcome)code);
+    r->taken++;
+    if (fwrite(row, 1, length, r->file.stream) == length)
+        return true;
+    const char *error = strerror(errno);
+    plain_print(stderr, "canwire campaign: %s: %s\n",
+                r->file.name ? r->file.part : "standard output", error);
+    return false;
+}
+
+/* Takes a row of an earlier run, which must be the next one. */
+static bool check_row(void *user, const char *line, size_t length)
+{
+    run *r = user;
+    rowtext head = {.no_memory = false};
+    runner_head(r->runner, r->first + r->there, &head);
+    const size_t size = buffer_length(&head.bytes);
+    bool good = !head.no_memory && r->there < r->count && length > size &&
+                memcmp(line, buffer_first(&head.bytes), size) == 0;
+    rowtext_free(&head);
+    if (!good)
+        return false;
+    for (unsigned i = 0; i < OUTCOME_COUNT; i++) {
+        const char *name = outcome_name((outcome)i);
+        if (strncmp(line + size, name, strlen(name)) == 0)
+            count_row(r, (outcome)i);
+    }
+    r->there++;
+    return true;
+}
+
+/* ---- Progress -------------------------------------------------------------------------------- */
+
+static double seconds_since(const struct timespec *start)
+{
+    struct timespec now;
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)(now.tv_sec - start->tv_sec) + (double)(now.tv_nsec - start->tv_nsec) / 1e9;
+}
+
+static void wipe(const run *r)
+{
+    if (r->shows)
+        fputs("\r\033[K", stderr);
+}
+
+static void look(void *user, uint64_t made)
+{
+    const run *r = user;
+    const double rate = (double)made / seconds_since(&r->start);
+    const uint64_t left = r->count - r->there - made;
+    const uint64_t seconds = rate > 0 ? (uint64_t)((double)left / rate) : 0;
+    (void)fflush(r->file.stream); /* little is lost when the program is killed */
+    if (!r->shows)
+        return;
+    wipe(r);
+    fprintf(stderr, "%" PRIu64 " of %" PRIu64 " rows, %.0f a second", r->there + made, r->count,
+            rate);
+    if (rate > 0)
+        fprintf(stderr, ", %" PRIu64 ":%02u:%02u left", seconds / 3600,
+                (unsigned)(seconds / 60 % 60), (unsigned)(seconds % 60));
+}
+
+/* ---- The run --------------------------------------------------------------------------------- */
+
+static bool run_rows(run *r, const campaign_run_options *o)
+{
+    static const pool_calls calls = {.make = make, .lose = lose, .take = take, .look = look};
+    const pool_work work = {.calls = &calls,
+                            .user = r,
+                            .first = r->first + r->there,
+                            .count = r->count - r->there,
+                            .jobs = o->jobs > 0 ? o->jobs : pool_jobs_default(),
+                            .limit_ms = r->campaign->limit_ms};
+    (void)clock_gettime(CLOCK_MONOTONIC, &r->start);
+    r->shows = r->file.name && isatty(STDERR_FILENO);
+    const bool good = pool_run(&work);
+    const int error = errno;
+    wipe(r);
+    if (!good && error != 0)
+        plain_print(stderr, "canwire campaign: %s\n", strerror(error));
+    return good;
+}
+
+/* Says what has come of it. Returns the exit status. */
+static int conclude(const run *r)
+{
+    const uint64_t total = tally_total(&r->tally);
+    fprintf(stderr, "canwire campaign: %" PRIu64 " row%s: ", total, total == 1 ? "" : "s");
+    tally_print(stderr, &r->tally);
+    fputc('\n', stderr);
+    if (r->bad != UINT64_MAX) {
+        plain_print(stderr, "canwire campaign: row %" PRIu64 " is no scenario:\n", r->bad);
+        runner_explain(r->campaign, r->bad, stderr);
+        return CLI_BAD_INPUT;
+    }
+    return tally_all_passed(&r->tally) ? CLI_OK : CLI_EXPECTATION;
+}
+
+static void choose_rows(run *r, const campaign_run_options *o)
+{
+    const uint64_t rows = r->campaign->rows;
+    r->first = o->has_only ? o->only : shard_begin(&o->shard, o->shard.k, rows);
+    r->count = o->has_only ? 1 : shard_begin(&o->shard, o->shard.k + 1, rows) - r->first;
+}
+
+int campaign_run(const campaign *c, const campaign_run_options *o)
+{
+    run r = {.campaign = c, .runner = runner_new(c, o->reload), .bad = UINT64_MAX};
+    if (o->has_only && o->only >= c->rows) {
+        plain_print(stderr, "canwire campaign: --only %" PRIu64 ": the last row is %" PRIu64 "\n",
+                    o->only, c->rows - 1);
+        runner_free(r.runner);
+        return CLI_BAD_INPUT;
+    }
+    choose_rows(&r, o);
+    bool good = r.runner && rowfile_open(&r.file, o->out, o->resume, check_row, &r);
+    if (good && r.file.whole && r.there < r.count) {
+        plain_print(stderr, "canwire campaign: %s: rows are missing in it; remove it\n", o->out);
+        good = false;
+    }
+    if (good && !r.file.whole)
+        good = run_rows(&r, o);
+    good = rowfile_close(&r.file, good) && good;
+    runner_free(r.runner);
+    return good ? conclude(&r) : CLI_BAD_INPUT;
+}

@@ -1,0 +1,345 @@
+# SPDX-License-Identifier: MIT
+"""canwire campaign: one scenario with many values of what varies."""
+
+import itertools
+import json
+import os
+import shlex
+import signal
+import subprocess
+import time
+
+import jsonschema
+import pytest
+import yaml
+
+from simtool import CANWIRE, ROOT, canwire, run, sim
+
+SCHEMA = json.loads((ROOT / "config/schema/canwire-campaign.schema.json").read_text())
+BUS = """# a comment stays
+bus: { name: powertrain, bitrate: 500000 }
+nodes:
+  - name: engine
+    traffic: [ { send: 123#DEADBEEF, every: 10ms, count: 3 } ]
+  - name: gearbox
+  - { name: dash }
+faults:
+  - name: hit
+    when: { frame: "123", count: 1 }
+    do: { flip: "crc[3]", at: [gearbox] }
+expect:
+  - { name: calm, errors: { max: 3 } }
+"""
+MANY = """scenario: bus.yaml
+vary:
+  - { name: rate, set: bus.bitrate, values: [ 250000, 500000 ] }
+  - { name: bit, set: faults.hit.do.flip, positions: [ "data[0..7].*", "crc.*", "bit[0]" ],
+      frame: "123#DEADBEEF" }
+  - { set: faults.hit.do.at, nodes: all }
+  - { set: "faults[0].when.skip", range: { from: 0, to: 2, step: 1 } }
+  - { set: seed, range: { from: 1, to: 1, step: 1 } }
+"""
+INLINE = """scenario:
+  bus: { name: powertrain, bitrate: 500000 }
+  nodes:
+    - { name: engine, traffic: [ { send: 123#DEADBEEF, every: 10ms } ] }
+    - name: gearbox
+    - name: dash
+until: 25ms
+vary:
+"""
+
+
+def campaign(*arguments, status=0, cwd=None):
+    return canwire("campaign", *arguments, status=status, cwd=cwd)
+
+
+def rows_of(text):
+    return [json.loads(line) for line in text.splitlines()]
+
+
+@pytest.fixture(name="make")
+def fixture_make(write):
+    """make(text) writes a campaign beside the scenario BUS; its path."""
+    def make(text, bus=BUS):
+        write(bus)
+        jsonschema.validate(yaml.load(text, yaml.BaseLoader), SCHEMA)
+        return write(text, "campaign.yaml")
+    return make
+
+
+# ---- rows ----------------------------------------------------------------------------------------
+
+def test_the_full_product_has_all_combinations_in_order(make):
+    text = "scenario: bus.yaml\nvary:\n" \
+        "  - { name: rate, set: bus.bitrate, values: [ 250000, 500000 ] }\n" \
+        "  - { set: nodes.dash.queue, range: { from: 1, to: 5, step: 2 } }\n" \
+        "  - { set: faults.hit.when.time, values: [ \"0s..1s\", 5ms..1s ] }\n"
+    rows = rows_of(campaign("run", make(text)).stdout)
+    assert [list(row["factors"].values()) for row in rows] == [
+        list(values) for values in itertools.product([250000, 500000], [1, 3, 5],
+                                                     ["0s..1s", "5ms..1s"])]
+    assert [row["number"] for row in rows] == list(range(12))
+    # the rate decides about the latency, and the window about the frame
+    for row in rows:
+        rate, _, window = row["factors"].values()
+        assert row["latency"] == 14 / rate
+        assert row["first_error"]["t"] == pytest.approx((0.01 if window[0] == "5" else 22 / rate)
+                                                        + 82 / rate - 22 / rate, abs=21 / rate)
+
+
+def test_rows_are_the_same_with_whole_loads_and_any_number_of_processes(make):
+    file = make(MANY)
+    wanted = campaign("run", file, "--jobs", "1").stdout
+    assert len(wanted.splitlines()) == 2 * (32 + 15 + 1) * 3 * 3
+    assert campaign("run", file, "--jobs", "3").stdout == wanted
+    assert campaign("run", file, "--reload").stdout == wanted
+    parts = [campaign("run", file, "--shard", f"{k}/4").stdout for k in range(1, 5)]
+    assert "".join(parts) == wanted
+    assert {row["first_error"]["type"] if row["first_error"] else None
+            for row in rows_of(wanted)} == {"crc", "stuff", "form", "bit"}
+
+
+def test_a_row_is_the_scenario_that_show_prints(make, write):
+    file = make(MANY)
+    rows = rows_of(campaign("run", file).stdout)
+    for row in rows[::171]:
+        text = campaign("show", file, row["number"]).stdout
+        assert "# a comment stays" in text
+        shown = write(text, "shown.yaml")
+        canwire("check", shown)
+        alone = rows_of(sim(shown, "--seeds", row["seed"]).stdout)[0]
+        for key in "outcome", "t", "first_error", "latency", "nodes", "faults", "error_frames":
+            assert alone[key] == row[key]
+        words = shlex.split(row["repeat"])
+        assert words[0] == "canwire"
+        assert rows_of(run(CANWIRE, *words[1:]).stdout) == [row]
+
+
+def test_each_bit_of_a_frame(make):
+    text = INLINE + "  - { name: bit, each-bit: { from: engine, at: gearbox } }\n"
+    rows = rows_of(campaign("run", make(text)).stdout)
+    wire = canwire("bits", "123#DEADBEEF", "--raw").stdout.strip()
+    assert len(rows) == len(wire)
+    assert [row["factors"]["bit"]["bit"] for row in rows] == list(range(len(wire)))
+    assert rows[0]["factors"]["bit"] == {"frame": "123", "bit": 0, "place": "sof"}
+    by_place = {row["factors"]["bit"]["place"]: row for row in rows}
+    assert by_place["crc[3]"]["first_error"]["type"] == "crc"
+    assert by_place["crc[3]"]["first_error"]["node"] == "gearbox"
+    assert by_place["eof[6]"]["first_error"] is None  # a receiver ignores it but for an overload
+    assert all(row["faults"] == 1 and row["frames"] == 3 for row in rows)
+    stuff = {place for place in by_place if place.endswith(" stuff")}
+    assert all(by_place[place]["first_error"]["type"] == "stuff" for place in stuff) and stuff
+
+
+def test_pairs_of_bits_of_a_field(make):
+    text = INLINE + "  - { pairs-of-bits: { frame: 123#DEADBEEF, at: [ dash ], field: crc } }\n"
+    rows = rows_of(campaign("run", make(text)).stdout)
+    assert len(rows) == 15 * 14 // 2
+    assert all(row["factors"]["pairs-of-bits"]["places"][0][:4] == "crc[" for row in rows)
+    assert {row["outcome"] for row in rows} == {"passed"}
+    assert all(row["first_error"]["node"] == "dash" for row in rows)
+
+
+def test_rules_of_spaces_join_those_that_are_there(make):
+    space = "  - { name: bit, each-bit: { frame: 123#DEADBEEF, at: dash, skip: 1 } }\n"
+    for bus in BUS, BUS.replace("faults:\n  - name: hit\n    when: { frame: \"123\", count: 1 }\n"
+                                "    do: { flip: \"crc[3]\", at: [gearbox] }",
+                                "faults: [ { name: hit, when: { frame: \"123\", count: 1 }, "
+                                "do: { flip: \"crc[3]\", at: [gearbox] } } ]"):
+        file = make("scenario: bus.yaml\nvary:\n" + space + space.replace("bit,", "other,"), bus)
+        row = json.loads(campaign("run", file, "--only", "300", status=3).stdout)
+        assert row["faults"] == 3 and row["error_frames"] == 3 or row["faults"] == 2
+
+
+# ---- samples -------------------------------------------------------------------------------------
+
+FACTORS = [("a", "nodes.engine.queue", 4), ("b", "nodes.gearbox.queue", 3),
+           ("c", "nodes.dash.queue", 5), ("d", "nodes.dash.warning-limit", 2)]
+
+
+def sampled(make, sample):
+    lines = "".join(f"  - {{ name: {n}, set: {p}, range: {{ from: 1, to: {c}, step: 1 }} }}\n"
+                    for n, p, c in FACTORS)
+    file = make(f"scenario: bus.yaml\nseed: 7\nsample: {sample}\nvary:\n{lines}")
+    return [row["factors"] for row in rows_of(campaign("run", file).stdout)]
+
+
+def test_pairwise_has_each_pair_of_values(make):
+    rows = sampled(make, "pairwise")
+    assert 20 <= len(rows) <= 28  # 5 * 4 is the least possible number; the product has 120
+    for (n1, _, c1), (n2, _, c2) in itertools.combinations(FACTORS, 2):
+        assert {(row[n1], row[n2]) for row in rows} == set(
+            itertools.product(range(1, c1 + 1), range(1, c2 + 1)))
+
+
+@pytest.mark.parametrize("sample", ["random", "low-discrepancy"])
+def test_samples_are_even_and_the_begin_of_larger_ones(make, sample):
+    rows = sampled(make, f"{{ {sample}: 400 }}")
+    assert len(rows) == 400
+    assert sampled(make, f"{{ {sample}: 30 }}") == rows[:30]
+    for name, _, count in FACTORS:
+        found = [sum(row[name] == value for row in rows) for value in range(1, count + 1)]
+        slack = 8 if sample == "low-discrepancy" else 45
+        assert all(abs(number - 400 / count) <= slack for number in found)
+
+
+def test_distributions(make):
+    text = "scenario: bus.yaml\nsample: { random: 1000 }\nvary:\n" \
+        "  - { name: u, set: \"nodes.engine.traffic[0].offset\",\n" \
+        "      uniform: { from: 0ms, to: 9.5ms, step: 0.5ms } }\n" \
+        "  - { name: n, set: nodes.gearbox.ppm, normal: { mean: 20, deviation: 10, step: 1 } }\n"
+    rows = rows_of(campaign("run", make(text), "--reload").stdout)
+    u = [float(row["factors"]["u"].removesuffix("ms")) for row in rows]
+    n = [row["factors"]["n"] for row in rows]
+    assert set(u) == {i / 2 for i in range(20)}
+    mean = sum(n) / len(n)
+    deviation = (sum((x - mean) ** 2 for x in n) / len(n)) ** 0.5
+    assert abs(mean - 20) < 1.5 and abs(deviation - 10) < 1  # 4.7 and 4.5 standard errors
+    assert abs(sum(u) / len(u) - 4.75) < 0.5
+
+
+# ---- runs ----------------------------------------------------------------------------------------
+
+def test_a_run_that_was_killed_goes_on(make, tmp_path):
+    file, out = make(MANY), tmp_path / "rows.ndjson"
+    part = tmp_path / "rows.ndjson.part"
+    wanted = campaign("run", file).stdout
+    for rows, torn in (100, 37), (850, 0):
+        lines = wanted.splitlines(True)
+        part.write_text("".join(lines[:rows]) + lines[rows][:torn])
+        campaign("run", file, "--out", out, "--resume")
+        assert out.read_text() == wanted and not part.exists()
+        out.unlink()
+    campaign("run", file, "--out", out)
+    before = out.stat()
+    again = campaign("run", file, "--out", out, "--resume")
+    assert "864 rows: 864 passed" in again.stderr and out.stat().st_mtime_ns == before.st_mtime_ns
+
+
+def test_processes_that_are_killed_cost_no_row(make, tmp_path):
+    file, out = make(MANY), tmp_path / "rows.ndjson"
+    wanted = campaign("run", file).stdout
+    with subprocess.Popen([CANWIRE, "campaign", "run", file, "--reload", "--jobs", "2", "--out",
+                           out], stderr=subprocess.PIPE) as running:
+        killed = 0
+        end = time.monotonic() + 60
+        while running.poll() is None and killed < 3 and time.monotonic() < end:
+            children = open(f"/proc/{running.pid}/task/{running.pid}/children",
+                            encoding="ascii").read().split()
+            for child in children[:1]:
+                os.kill(int(child), signal.SIGKILL)
+                killed += 1
+        assert running.wait(60) == 0
+    assert out.read_text() == wanted
+
+
+def test_rows_of_another_campaign_are_not_continued(make, tmp_path):
+    out = tmp_path / "rows.ndjson"
+    first = campaign("run", make(MANY), "--only", "0").stdout
+    (tmp_path / "rows.ndjson.part").write_text(first.replace("250000", "125000"))
+    message = campaign("run", tmp_path / "campaign.yaml", "--out", out, "--resume", status=1).stderr
+    assert "rows.ndjson.part: it has other rows than this campaign" in message
+    out.write_text(first)
+    message = campaign("run", tmp_path / "campaign.yaml", "--out", out, "--resume", status=1).stderr
+    assert "rows are missing in it" in message
+
+
+@pytest.mark.parametrize("environment, number", [
+    ({"SLURM_ARRAY_TASK_ID": "12", "SLURM_ARRAY_TASK_COUNT": "4", "SLURM_ARRAY_TASK_MIN": "10"}, 3),
+    ({"JOB_COMPLETION_INDEX": "2", "JOB_COMPLETIONS": "4"}, 3),
+    ({"CI_NODE_INDEX": "3", "CI_NODE_TOTAL": "4"}, 3),
+])
+def test_the_shard_comes_from_the_environment(make, monkeypatch, environment, number):
+    file = make(MANY)
+    wanted = campaign("run", file, "--shard", f"{number}/4").stdout
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    assert campaign("run", file).stdout == wanted
+    monkeypatch.delenv(list(environment)[1])
+    assert "in the environment makes no sense" in campaign("run", file, status=1).stderr
+
+
+def test_failed_expectations_and_invalid_rows(make):
+    text = "scenario: bus.yaml\nvary:\n" \
+        "  - { set: faults.hit.when.count, values: [ 1, 2 ] }\n"
+    result = campaign("run", make(text), status=3)
+    assert [row["outcome"] for row in rows_of(result.stdout)] == ["passed", "failed"]
+    assert "2 rows: 1 passed, 1 failed" in result.stderr
+    result = campaign("run", make(text.replace("2 ]", "0, 1 ]")), status=1)
+    assert [row["outcome"] for row in rows_of(result.stdout)] == ["passed", "invalid", "passed"]
+    assert "row 1 is no scenario" in result.stderr and "bus.yaml:10:34: count:" in result.stderr
+
+
+def test_plan_tells_what_there_is(make):
+    lines = campaign("plan", make(MANY)).stdout.splitlines()
+    assert lines[0] == "864 rows: the full product; 576 rows are pruned"
+    assert "  bit: 48 values, 32 pruned" in lines
+    assert lines[6] == 'row 0: rate=250000 bit="data[0.0]" faults.hit.do.at="engine" ' \
+        'faults[0].when.skip=0 seed=1'
+    assert lines[-1].startswith("about ") and lines[-1].endswith(" us a row")
+
+
+# ---- bad files -----------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("factor, message", [
+    ("{ set: bus.bitrate }", "4:5: expected one of values, range, uniform"),
+    ("{ values: [ 1 ] }", "4:5: expected 'set', the path of what varies"),
+    ("{ set: nodes.motor.ppm, values: [ 1 ] }",
+     "4:12: set: 'nodes.motor.ppm': the scenario has no 'motor' there"),
+    ("{ set: nodes[7].ppm, values: [ 1 ] }", "has no '7' there"),
+    ("{ set: a..b, values: [ 1 ] }", "the scenario has no 'a' there"),
+    ("{ set: bus.bitrate, range: { from: 1, to: 2 } }", "range: the key 'step' is missing"),
+    ("{ set: bus.bitrate, range: { from: 1, to: 2, step: 0 } }", "range: 'step' is more than 0"),
+    ("{ set: bus.bitrate, range: { from: 1us, to: 2ms, step: 1us } }",
+     "range: the numbers have different units"),
+    ("{ set: bus.bitrate, range: { from: 3, to: 2, step: 1 } }", "range: 'to' is below 'from'"),
+    ("{ set: bus.bitrate, uniform: { from: 1, to: 2, step: 1 } }",
+     "uniform: 'draws' says how many values there are"),
+    ("{ set: faults.hit.do.flip, positions: [ crc(3) ] }", "positions: "),
+    ("{ set: faults.hit.do.flip, positions: [ \"crc[9..3]\" ] }",
+     "expected a position, or several"),
+    ("{ set: faults.hit.do.at, nodes: [ motor ] }", "nodes: the scenario has no node 'motor'"),
+    ("{ each-bit: { from: dash } }", "the node of 'from' sends no frames"),
+    ("{ each-bit: { at: dash } }", "it needs 'frame', or 'from'"),
+    ("{ pairs-of-bits: { frame: 123#, field: crc } }", "it needs 'at'"),
+    ("{ pairs-of-bits: { frame: 123#, at: dash, field: sof } }", "the frame has no two bits there"),
+    ("{ set: seed, values: [ 1.5 ] }", "seeds are whole numbers from 0 on"),
+    ("{ set: bus, values: [ 1 ] }\n  - { set: bus.bitrate, values: [ 1 ] }",
+     "'bus.bitrate' is part of what 'bus' varies"),
+    ("{ set: seed, values: [ 1 ] }\n  - { set: seed, values: [ 1 ] }", "5:5: duplicate factor"),
+    ("{ set: seed, valeus: [ 1 ] }", "unknown key 'valeus' (did you mean 'values'?)"),
+])
+def test_bad_factors(write, factor, message):
+    write(BUS)
+    file = write(f"scenario: bus.yaml\nuntil: 1s\nvary:\n  - {factor}\n", "campaign.yaml")
+    found = campaign("plan", file, status=1).stderr
+    assert f"{file}:" in found and message in found
+
+
+def test_bad_scenarios(write):
+    write(BUS.replace("500000", "501"))
+    file = write("scenario: bus.yaml\nvary: [ { set: seed, values: [ 1 ] } ]\n", "campaign.yaml")
+    found = campaign("plan", file, status=1).stderr
+    assert "bus.yaml:2:35: " in found and "campaign.yaml:1:11: scenario: there are errors" in found
+    inline = write(INLINE.replace("500000", "501") + "  - { set: seed, values: [ 1 ] }\n", "i.yaml")
+    assert "i.yaml:2:37: bitrate" in campaign("plan", inline, status=1).stderr
+    endless = write(INLINE.replace("until: 25ms\n", "") + "  - { set: seed, values: [ 1 ] }\n")
+    found = campaign("run", endless, status=1).stderr
+    assert "never ends: give `until` in the campaign" in found
+
+
+@pytest.mark.parametrize("arguments, status, message", [
+    (["run"], 2, "usage: canwire campaign"),
+    (["walk", "campaign.yaml"], 2, "usage: canwire campaign"),
+    (["plan", "campaign.yaml", "--out", "x"], 2, "usage: canwire campaign"),
+    (["run", "campaign.yaml", "--resume"], 2, "--resume needs --out F"),
+    (["run", "campaign.yaml", "--shard", "5/4"], 1, "--shard 5/4: expected K/N, such as 1/4"),
+    (["run", "campaign.yaml", "--jobs", "x"], 1, "--jobs x: expected a whole number"),
+    (["run", "campaign.yaml", "--only", "864"], 1, "--only 864: the last row is 863"),
+    (["show", "campaign.yaml", "864"], 1, "there is no row 864, the last one is 863"),
+    (["show", "campaign.yaml", "x"], 1, "row x: expected its number, from 0 on"),
+])
+def test_wrong_use(make, tmp_path, arguments, status, message):
+    make(MANY)
+    assert message in campaign(*arguments, status=status, cwd=tmp_path).stderr
