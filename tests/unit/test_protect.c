@@ -260,6 +260,7 @@ static void check_take_over_of(const cw_protection *before, uint8_t from, uint32
     nodes[0] = from;
     again.counter.max = max;
     old->config.protections = before;
+    old->config.protection_count = before ? 1 : 0;
     r->config.protections = &again;
     r->config.protection_count = 1;
     rig_start(old);
@@ -298,6 +299,7 @@ static void counters_go_on_on_another_bus(void **state)
     (void)state;
     check_take_over(0, 4, 3);
     check_take_over(CW_NO_NODE, 4, 1); /* another node */
+    check_take_over_of(NULL, 0, 4, 1); /* the old bus had none at all */
     check_take_over(0, 2, 1);          /* it knows no 3 */
 }
 
