@@ -38,19 +38,34 @@ static bool take_number(unsigned *out, const char *text, size_t length)
     return *out <= UINT16_MAX;
 }
 
-bool address_parse(net_address *out, const char *text, size_t length, unsigned number)
+/* Returns the bytes before the colon of a port; all of them without one. */
+static size_t host_length(const char *text, size_t length)
 {
     size_t host = length;
+    while (host > 0 && text[host - 1] != ':' && text[host - 1] != ']')
+        host--;
+    return host == 0 || text[host - 1] == ']' ? length : host - 1;
+}
+
+bool address_parse(net_address *out, const char *text, size_t length, unsigned number)
+{
+    const size_t host = host_length(text, length);
     strcpy(out->host, "127.0.0.1");
     out->number = number;
     if (length == 0 || take_number(&out->number, text, length))
         return true;
-    while (host > 0 && text[host - 1] != ':' && text[host - 1] != ']')
-        host--;
-    if (host == 0 || text[host - 1] == ']')
-        return take_host(out->host, text, length);
-    return take_host(out->host, text, host - 1) &&
-           take_number(&out->number, text + host, length - host);
+    return take_host(out->host, text, host) &&
+           (host == length || take_number(&out->number, text + host + 1, length - host - 1));
+}
+
+const char *address_expected(const char *text, size_t length)
+{
+    char host[ADDRESS_HOST_BYTES];
+    const size_t bytes = host_length(text, length);
+    const bool is_number = length > 0 && strspn(text, "0123456789") >= length;
+    if (is_number || (bytes < length && take_host(host, text, bytes)))
+        return "a port number 1..65535 without leading zeros";
+    return "an IPv4 address, an IPv6 address in brackets, or localhost, maybe with :PORT";
 }
 
 const char *address_of_many(const net_address *address)

@@ -13,6 +13,8 @@
 #define ADDRESS_HOST_BYTES INET6_ADDRSTRLEN
 #define ADDRESS_BYTES (ADDRESS_HOST_BYTES + 16u) /* of a whole text */
 
+#define ADDRESS_WHY_BYTES 240u /* for a message about the name of a port */
+
 typedef struct net_address {
     char host[ADDRESS_HOST_BYTES]; /* in numbers, without brackets */
     unsigned number;               /* of the port, 1 to 65535 */
@@ -21,6 +23,9 @@ typedef struct net_address {
 /* Reads HOST:PORT, HOST or PORT. HOST is an IPv4 address, an IPv6 address in brackets, or
  * localhost; without it the address is 127.0.0.1. A missing PORT is `number`. */
 bool address_parse(net_address *out, const char *text, size_t length, unsigned number);
+
+/* Returns what is expected in place of the wrong part of an address that address_parse() refuses. */
+const char *address_expected(const char *text, size_t length);
 
 /* Returns "broadcast" or "multicast" for an address of many, of which no program has one end; NULL
  * for others. The broadcast addresses of its networks are known to the machine alone. */

@@ -413,12 +413,15 @@ static char *complete_tunnel(schema *self, const schema_key *key, const yaml_nod
 static char *read_port_name(schema *self, const schema_key *key, const yaml_node_t *value,
                             const cfg_node *node)
 {
+    char why[ADDRESS_WHY_BYTES];
     const char *text = schema_text(self, key, value, PORTNAME_EXPECTED);
 
     if (!text)
         return NULL;
     const portname name = portname_parse(text);
-    if (name.kind == PORTNAME_INVALID || name.kind == PORTNAME_USB)
+    if (portname_explain(why, text))
+        schema_complain(self, value, "%s: %s", key->name, why);
+    else if (name.kind == PORTNAME_INVALID)
         schema_expected(self, key, value, PORTNAME_EXPECTED);
     if (name.kind == PORTNAME_TCP) {
         check_address(self, key, value, &name.address);

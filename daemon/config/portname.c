@@ -4,6 +4,7 @@
  */
 #include "config/portname.h"
 
+#include "base/plain.h"
 #include "config/tunnelname.h"
 
 #include <ctype.h>
@@ -72,6 +73,70 @@ void portname_print_tcp(char out[PORTNAME_TCP_MAX], const portname *name, const 
     address_print(address, &name->address);
     (void)snprintf(out, PORTNAME_TCP_MAX, "tcp:%s/%.*s", address, (int)PORTNAME_BUS_MAX,
                    name->bus ? name->bus : node);
+}
+
+/* Writes what is wrong with [HOST:]PORT[/NAME]. */
+static void explain_tcp(char why[ADDRESS_WHY_BYTES], const char *text)
+{
+    const char *slash = strchr(text, '/');
+    const size_t length = slash ? (size_t)(slash - text) : strlen(text);
+    net_address address;
+    if (address_parse(&address, text, length, PORTNAME_TCP_DEFAULT))
+        (void)snprintf(why, ADDRESS_WHY_BYTES,
+                       "tcp: expected a name of at most %u letters, digits, '-', '_' and '.' "
+                       "behind '/', not '%.40s'", PORTNAME_BUS_MAX, slash ? slash + 1 : "");
+    else
+        (void)snprintf(why, ADDRESS_WHY_BYTES, "tcp: expected %s, not '%.*s'",
+                       address_expected(text, length), (int)(length < 40 ? length : 40), text);
+}
+
+/* Writes what a port is like whose name is the word for its kind alone. */
+static bool explain_kind(char why[ADDRESS_WHY_BYTES], const char *text)
+{
+    static const struct { const char *word, *expected; } kinds[] = {
+        {"tcp", "tcp:[HOST:]PORT[/NAME]"},
+        {"unix", "unix:PATH"},
+        {"fd", "fd:NUMBER"},
+        {"usb", "{ usb: INTERFACE }"},
+        {"cannelloni", "cannelloni:udp,peer=HOST:PORT or cannelloni:tcp,listen=PORT"},
+    };
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
+        if (strcmp(text, kinds[i].word) != 0)
+            continue;
+        (void)snprintf(why, ADDRESS_WHY_BYTES, "expected %s, not '%s' alone", kinds[i].expected,
+                       text);
+        return true;
+    }
+    return false;
+}
+
+bool portname_explain(char why[ADDRESS_WHY_BYTES], const char *text)
+{
+    char part[ADDRESS_WHY_BYTES];
+    const char *tcp = behind(text, "tcp:"), *fd = behind(text, "fd:");
+    tunnelname tunnel;
+    const portname_kind kind = portname_parse(text).kind;
+    if (kind == PORTNAME_INTERFACE)
+        return explain_kind(why, text);
+    if (behind(text, "usb:"))
+        (void)snprintf(why, ADDRESS_WHY_BYTES,
+                       "an adapter is written as { usb: INTERFACE }, not '%.40s'", text);
+    else if (kind != PORTNAME_INVALID)
+        return false;
+    else if (behind(text, TUNNELNAME_PREFIX) && !tunnelname_read(&tunnel, text, part))
+        (void)snprintf(why, ADDRESS_WHY_BYTES, "cannelloni: %.*s", (int)(sizeof part - 20), part);
+    else if (tcp)
+        explain_tcp(why, tcp);
+    else if (fd)
+        (void)snprintf(why, ADDRESS_WHY_BYTES,
+                       "fd: expected a descriptor 3..999999 without leading zeros, not '%.40s'",
+                       fd);
+    else if (behind(text, "unix:"))
+        (void)snprintf(why, ADDRESS_WHY_BYTES, "unix: expected the path of a socket behind it");
+    else
+        return false;
+    plain_make(why, '?'); /* a cut may have left half a character */
+    return true;
 }
 
 portname portname_parse(const char *text)

@@ -40,6 +40,10 @@ typedef struct portname {
 /* Reads the name of a port. The text must live as long as the result. */
 portname portname_parse(const char *text);
 
+/* Writes what is wrong with the name of a port that has a kind, and what is allowed. Returns false
+ * for a name that is good, or has no kind. */
+bool portname_explain(char why[ADDRESS_WHY_BYTES], const char *text);
+
 /* Prints the name of a TCP port in full, so that equal ports have equal names. */
 void portname_print_tcp(char out[PORTNAME_TCP_MAX], const portname *name, const char *node);
 

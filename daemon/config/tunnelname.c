@@ -4,9 +4,12 @@
  */
 #include "config/tunnelname.h"
 
+#include "base/nearest.h"
 #include "base/number.h"
+#include "base/plain.h"
 
 #include <inttypes.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -18,65 +21,114 @@
 #define NS_PER_US 1000u
 #define VALUE_BYTES (ADDRESS_BYTES + 1u)
 
-/* A key with its value, and the part of the text behind them. */
+/* A key with its value. */
 typedef struct pair {
     char key[16];
     char value[VALUE_BYTES];
 } pair;
 
+/* A name that is being read. */
+typedef struct reading {
+    tunnelname *name;
+    bool listens; /* `listen` is there ... */
+    bool host;    /* ... with an address */
+    char *why;    /* what is wrong */
+} reading;
+
+/* Writes what is wrong. Returns false. */
+__attribute__((format(printf, 2, 3))) static bool wrong(reading *r, const char *format, ...)
+{
+    va_list values;
+    va_start(values, format);
+    (void)vsnprintf(r->why, ADDRESS_WHY_BYTES, format, values);
+    va_end(values);
+    plain_make(r->why, '?'); /* a cut may have left half a character */
+    return false;
+}
+
+static bool wrong_value(reading *r, const pair *p, const char *expected)
+{
+    return wrong(r, "%s: expected %s, not '%.40s'", p->key, expected, p->value);
+}
+
+static const char *transport(const reading *r)
+{
+    return r->name->tcp ? "tcp" : "udp";
+}
+
 /* Takes KEY=VALUE up to the next comma. Returns the text behind it, NULL for something else. */
-static const char *take_pair(pair *out, const char *text)
+static const char *take_pair(reading *r, pair *out, const char *text)
 {
     const size_t length = strcspn(text, ",");
     const size_t key = strcspn(text, "=,");
-    if (key == length || key >= sizeof out->key || length - key > sizeof out->value)
+    if (key == length || key >= sizeof out->key || length - key > sizeof out->value) {
+        (void)wrong(r, "expected KEY=VALUE behind a comma, not '%.*s'",
+                    (int)(length < 40 ? length : 40), text);
         return NULL;
+    }
     (void)snprintf(out->key, sizeof out->key, "%.*s", (int)key, text);
     (void)snprintf(out->value, sizeof out->value, "%.*s", (int)(length - key - 1), text + key + 1);
     return text + length;
 }
 
-static bool take_address(net_address *out, bool *has, const char *value)
+static bool take_address(reading *r, net_address *out, bool *has, const pair *p)
 {
-    const bool first = !*has;
+    const size_t length = strlen(p->value);
+    if (*has)
+        return wrong(r, "%s: there is such an address already", p->key);
     *has = true;
-    return first && *value && address_parse(out, value, strlen(value), TUNNELNAME_PORT_DEFAULT);
+    if (length > 0 && address_parse(out, p->value, length, TUNNELNAME_PORT_DEFAULT))
+        return true;
+    return wrong_value(r, p, address_expected(p->value, length));
 }
 
-static bool take_timeout(tunnelname *name, const char *value)
+static bool take_timeout(reading *r, const pair *p)
 {
     cfg_time time;
-    if (text_parse_time(&time, value) || time.bits > 0 || time.ns > TIMEOUT_MAX_NS ||
+    if (text_parse_time(&time, p->value) || time.bits > 0 || time.ns > TIMEOUT_MAX_NS ||
         time.ns % NS_PER_US != 0)
-        return false;
-    name->timeout_ns = time.ns;
+        return wrong_value(r, p, "a time from 0 to 1s in whole microseconds, such as 1ms");
+    r->name->timeout_ns = time.ns;
     return true;
 }
 
-static bool take_mtu(tunnelname *name, const char *value)
+static bool take_mtu(reading *r, const pair *p)
 {
     uint64_t mtu;
-    if (text_parse_uint(&mtu, value) || mtu < MTU_MIN || mtu > MTU_MAX)
-        return false;
-    name->mtu = (unsigned)mtu;
+    if (text_parse_uint(&mtu, p->value) || mtu < MTU_MIN || mtu > MTU_MAX)
+        return wrong_value(r, p, "bytes 80..65507");
+    r->name->mtu = (unsigned)mtu;
     return true;
 }
 
-static bool take(tunnelname *name, bool *listens, bool *host, const pair *p)
+/* Complains about a key that a tunnel does not have. */
+static bool unknown(reading *r, const pair *p)
 {
+    static const char *const keys[] = {"listen", "peer", "timeout", "mtu", "connect"};
+    nearest guess = {.word = p->key};
+    for (size_t i = 0; i < sizeof keys / sizeof keys[0] - !r->name->tcp; i++)
+        nearest_consider(&guess, keys[i]);
+    return wrong(r, "unknown key '%s'%s%s%s; %s has listen, peer, timeout, mtu%s", p->key,
+                 guess.best ? " (did you mean '" : "", guess.best ? guess.best : "",
+                 guess.best ? "'?)" : "", transport(r), r->name->tcp ? ", connect" : "");
+}
+
+static bool take(reading *r, const pair *p)
+{
+    tunnelname *name = r->name;
     if (strcmp(p->key, "listen") == 0) {
-        *host = p->value[strspn(p->value, "0123456789")] != '\0';
-        return take_address(&name->listen, listens, p->value);
+        r->host = p->value[strspn(p->value, "0123456789")] != '\0';
+        return take_address(r, &name->listen, &r->listens, p);
     }
     if (strcmp(p->key, "peer") == 0)
-        return take_address(&name->peer, &name->has_peer, p->value);
-    if (strcmp(p->key, "connect") == 0) {
+        return take_address(r, &name->peer, &name->has_peer, p);
+    if (strcmp(p->key, "connect") == 0 && name->tcp) {
         name->connects = true;
-        return take_address(&name->peer, &name->has_peer, p->value);
+        return take_address(r, &name->peer, &name->has_peer, p);
     }
     if (strcmp(p->key, "timeout") == 0)
-        return take_timeout(name, p->value);
-    return strcmp(p->key, "mtu") == 0 && take_mtu(name, p->value);
+        return take_timeout(r, p);
+    return strcmp(p->key, "mtu") == 0 ? take_mtu(r, p) : unknown(r, p);
 }
 
 /* The own end of a UDP tunnel to another machine has any address of this one. Only packets of the
@@ -92,33 +144,52 @@ static void complete_host(tunnelname *name)
 }
 
 /* Returns true when the ends of a tunnel fit: UDP needs a peer, and of TCP one end connects. */
-static bool fits(const tunnelname *name, bool listens)
+static bool fits(reading *r)
 {
+    const tunnelname *name = r->name;
     const bool six = strchr(name->listen.host, ':') != NULL;
+    if (!name->tcp && !name->has_peer)
+        return wrong(r, "udp needs peer=HOST[:PORT]");
+    if (name->tcp && name->connects == r->listens)
+        return wrong(r, "tcp needs either listen=[HOST:]PORT or connect=HOST[:PORT]");
     if (name->has_peer && !name->connects && six != (strchr(name->peer.host, ':') != NULL))
-        return false;
-    return name->tcp ? name->connects != listens : name->has_peer && !name->connects;
+        return wrong(r, "listen and peer: one is an IPv4 address, the other one an IPv6 address");
+    return true;
+}
+
+/* Returns the text behind the transport, which comes first; NULL for something else. */
+static const char *take_transport(reading *r, const char *text)
+{
+    const char *rest = text + strlen(TUNNELNAME_PREFIX);
+    const size_t length = strcspn(rest, ",");
+    r->name->tcp = length == 3 && strncmp(rest, "tcp", length) == 0;
+    if (r->name->tcp || (length == 3 && strncmp(rest, "udp", length) == 0))
+        return rest + length;
+    (void)wrong(r, "expected udp or tcp first, not '%.*s'", (int)(length < 40 ? length : 40), rest);
+    return NULL;
+}
+
+bool tunnelname_read(tunnelname *out, const char *text, char why[ADDRESS_WHY_BYTES])
+{
+    reading r = {.name = out, .why = why};
+    pair p;
+    *out = (tunnelname){.timeout_ns = TIMEOUT_DEFAULT_NS, .mtu = MTU_DEFAULT};
+    (void)address_parse(&out->listen, "", 0, TUNNELNAME_PORT_DEFAULT);
+    text = take_transport(&r, text);
+    while (text && *text) {
+        text = take_pair(&r, &p, text + 1);
+        if (!text || !take(&r, &p))
+            return false;
+    }
+    if (text && !out->tcp && !r.host && out->has_peer)
+        complete_host(out);
+    return text && fits(&r);
 }
 
 bool tunnelname_parse(tunnelname *out, const char *text)
 {
-    bool listens = false, host = false;
-    pair p;
-    *out = (tunnelname){.timeout_ns = TIMEOUT_DEFAULT_NS, .mtu = MTU_DEFAULT};
-    if (strncmp(text, TUNNELNAME_PREFIX "udp", strlen(TUNNELNAME_PREFIX "udp")) != 0 &&
-        strncmp(text, TUNNELNAME_PREFIX "tcp", strlen(TUNNELNAME_PREFIX "tcp")) != 0)
-        return false;
-    text += strlen(TUNNELNAME_PREFIX);
-    out->tcp = text[0] == 't';
-    (void)address_parse(&out->listen, "", 0, TUNNELNAME_PORT_DEFAULT);
-    for (text += strlen("udp"); *text == ',';) {
-        text = take_pair(&p, text + 1);
-        if (!text || !take(out, &listens, &host, &p))
-            return false;
-    }
-    if (!out->tcp && !host && out->has_peer)
-        complete_host(out);
-    return *text == '\0' && fits(out, listens);
+    char why[ADDRESS_WHY_BYTES];
+    return tunnelname_read(out, text, why);
 }
 
 void tunnelname_print(char out[TUNNELNAME_BYTES], const tunnelname *name)

@@ -24,7 +24,10 @@ typedef struct tunnelname {
     unsigned mtu;        /* bytes of a packet */
 } tunnelname;
 
-/* Reads the name of a tunnel. */
+/* Reads the name of a tunnel. Returns false after writing what is wrong. */
+bool tunnelname_read(tunnelname *out, const char *text, char why[ADDRESS_WHY_BYTES]);
+
+/* The same without a reason. */
 bool tunnelname_parse(tunnelname *out, const char *text);
 
 /* Prints it in full, so that equal tunnels have equal names. */
