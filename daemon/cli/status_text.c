@@ -389,6 +389,23 @@ static void print_push_back(FILE *out, const json_t *node)
                 times == 1 ? "" : "s", now ? ", and does now" : "");
 }
 
+/* Prints what came to a port beside frames, if something did not come in, and how programs share
+ * it, where that is not as on a vcan. */
+static void print_port(FILE *out, const json_t *node)
+{
+    const json_t *counts = json_object_get(node, "interface");
+    const bool late = strcmp(text(node, "echo"), "sent") == 0;
+    const bool told = json_is_true(json_object_get(node, "beacon"));
+    const intmax_t wrong =
+        number(counts, "refused") + number(counts, "gave_way") + number(counts, "malformed");
+    if (late || told)
+        fprintf(out, "    clients%s%s\n", late ? " echo sent" : "", told ? " beacon on" : "");
+    if (wrong > 0)
+        fprintf(out, "    port: connected %jd refused %jd gave-way %jd malformed %jd\n",
+                number(counts, "connected"), number(counts, "refused"),
+                number(counts, "gave_way"), number(counts, "malformed"));
+}
+
 /* Prints the programs at a port that share it. */
 static void print_clients(FILE *out, const json_t *node)
 {
@@ -413,10 +430,11 @@ static void print_tunnel(FILE *out, const json_t *node)
         return;
     fprintf(out,
             "    tunnel %s: packets read %jd written %jd missing %jd late %jd duplicate %jd "
-            "malformed %jd\n",
+            "malformed %jd restarts %jd strangers %jd\n",
             text(tunnel, "state"), number(tunnel, "packets_read"),
             number(tunnel, "packets_written"), number(tunnel, "missing"), number(tunnel, "late"),
-            number(tunnel, "duplicate"), number(tunnel, "malformed"));
+            number(tunnel, "duplicate"), number(tunnel, "malformed"), number(tunnel, "restarts"),
+            number(tunnel, "strangers"));
     fprintf(out, "    tunnel delay: held here up to %jd us, waited to be read up to %jd us\n",
             number(tunnel, "held_max_ns") / NS_PER_US, number(tunnel, "waited_max_ns") / NS_PER_US);
 }
@@ -436,6 +454,7 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
     print_read_failed(out, node);
     print_loopless(out, node);
     print_rounded(out, node);
+    print_port(out, node);
     print_clients(out, node);
     print_tunnel(out, node);
     print_counters(out, node);

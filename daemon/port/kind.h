@@ -17,6 +17,10 @@
 #define PORT_STAMP_BYTES CMSG_SPACE(sizeof(struct timespec))
 #define PORT_CONTROL_BYTES (PORT_STAMP_BYTES + CMSG_SPACE(sizeof(uint32_t)))
 
+/* Of a connection over TCP: bytes that wait to be read, and that a segment has at most. */
+#define PORT_TCP_BYTES (1 << 15)
+#define PORT_TCP_SEGMENT_BYTES 1400
+
 /* The result of sending a frame to the ECU. */
 typedef enum port_sent {
     PORT_SENT = 0,
@@ -123,5 +127,9 @@ int64_t port_take_control(port *p, struct msghdr *header);
 
 /* Sets the kernel's count of dropped frames of a socket since it was opened, modulo 2^32. */
 void port_count_drops(port *p, uint32_t drops);
+
+/* Bounds what the kernel keeps of a peer over TCP that has to wait. To be called before listen() and
+ * connect(); accepted connections have it, too. */
+void port_bound_tcp(int fd);
 
 #endif

@@ -7,6 +7,8 @@
 #include <errno.h>
 #include <linux/can/error.h>
 #include <net/if.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -413,4 +415,13 @@ void port_get_stats(port *p, port_stats *stats)
         p->kind->count(p);
     p->stats.errors_left_out = p->limit.left_out;
     *stats = p->stats;
+}
+
+/* Left alone, the buffer of the receiver grows to megabytes, and so does that of the sender, by the
+ * size of segments, which is 64 KB on one machine. */
+void port_bound_tcp(int fd)
+{
+    const int room = PORT_TCP_BYTES, segment = PORT_TCP_SEGMENT_BYTES;
+    (void)setsockopt(fd, SOL_SOCKET, SO_RCVBUF, &room, sizeof room);
+    (void)setsockopt(fd, IPPROTO_TCP, TCP_MAXSEG, &segment, sizeof segment);
 }

@@ -385,6 +385,7 @@ static void connect_to_peer(tunnel *t)
     t->state = CONNECTING;
     if (t->link >= 0) {
         prepare_connection(t->link);
+        port_bound_tcp(t->link);
         const int result = connect(t->link, (const struct sockaddr *)&peer, size);
         t->room_watched = true;
         if ((result == 0 || errno == EINPROGRESS) && watch(t, t->link, LINK, EPOLLIN | EPOLLOUT))
@@ -702,10 +703,12 @@ static int bind_socket(const tunnel *t, int type)
     const int fd = socket(address.ss_family, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     if (fd < 0)
         return -1;
-    if (type == SOCK_STREAM)
+    if (type == SOCK_STREAM) {
         (void)setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-    else if (setsockopt(fd, SOL_SOCKET, SO_RCVBUFFORCE, &room, sizeof room) != 0)
+        port_bound_tcp(fd);
+    } else if (setsockopt(fd, SOL_SOCKET, SO_RCVBUFFORCE, &room, sizeof room) != 0) {
         (void)setsockopt(fd, SOL_SOCKET, SO_RCVBUF, &room, sizeof room);
+    }
     (void)setsockopt(fd, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on);
     (void)setsockopt(fd, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on);
     if (bind(fd, (const struct sockaddr *)&address, size) == 0)

@@ -151,6 +151,13 @@ static json_t *clients_json(const port *p)
     return array;
 }
 
+/* Puts how programs share a port, with the words of the configuration. */
+static void put_sharing(json_t *object, const cfg_node *node)
+{
+    put_text(object, "echo", node->clients.echo == CFG_ECHO_SENT ? "sent" : "at-once");
+    put_bool(object, "beacon", node->clients.beacon);
+}
+
 /* Puts what is known of the tunnel at a port, if it is one. */
 static void put_tunnel(json_t *node, const port *p)
 {
@@ -203,6 +210,8 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     if (own->port && (portname_is_shared(config->nodes[node].port) ||
                       cfg_is_usb(&config->nodes[node])))
         put(object, "clients", clients_json(own->port));
+    if (own->port && portname_is_shared(config->nodes[node].port))
+        put_sharing(object, &config->nodes[node]);
     put_tunnel(object, own->port);
     put_bool(object, "conserved", own->conserved);
     return object;

@@ -174,7 +174,7 @@ int main(int argc, char **argv)
     if (!open_vhci(&files))
         return EXIT_FAILURE;
     if (!privileges_become(s.user)) {
-        log_error("user %s: %s", s.user, strerror(errno));
+        log_error("user %s: %s", s.user, errno == ENOENT ? "no such user" : strerror(errno));
         return EXIT_FAILURE;
     }
     catch_signals();

@@ -152,6 +152,23 @@ def test_the_example_of_the_page(rig):
     r.stop()
 
 
+def test_what_python_can_does_not_say_is_counted(rig):
+    """Its interface has one command for all frames (config/ports.md)."""
+    r = rig()
+    lamp = r.lamp()
+    with r.can() as engine:
+        engine.send(can.Message(arbitration_id=0x123, is_extended_id=False, is_remote_frame=True,
+                                dlc=3))
+        engine.send(can.Message(arbitration_id=0x124, is_extended_id=False, is_fd=True,
+                                data=bytes(12)))
+        engine.send(can.Message(arbitration_id=0x125, is_extended_id=False, is_fd=True, data=b"a"))
+        assert (message := lamp.receive()).can_id == 0x125 and message.data == b"a"
+        assert r.node()["interface"]["malformed"] == 2
+        assert "    port: connected 1 refused 0 gave-way 0 malformed 2\n" in r.run(
+            "status", "./talk.sock").stdout
+    r.stop()
+
+
 def test_python_can_sends_periodically(rig):
     r = rig()
     with r.can() as engine, r.can("dash") as dash:
@@ -530,6 +547,22 @@ def test_what_a_program_has_sent_before_it_goes_is_sent(rig):
         assert [dash.frame()[0] for _ in range(0x80)] == [f"{i:X}" for i in range(0x100, 0x180)]
     assert r.node()["interface"]["pushed_back"] > 0
     assert r.node()["dropped"] == {} or sum(r.node()["dropped"].values()) == 0
+    r.stop()
+
+
+def test_a_program_is_held_back_soon(rig):
+    """The kernel keeps 64 KB of it here, and not the megabytes that it would."""
+    r = rig(engine=", queue: 4", dash=", listen-only: on", lamp=", listen-only: on")
+    t = r.talk()
+    t.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 8192)
+    t.socket.settimeout(1)  # whole: it only ends the test
+    frame, sent = b"< send 123 8 11 22 33 44 55 66 77 88 >", 0
+    with pytest.raises(TimeoutError):
+        while sent < 1 << 20:
+            sent += t.socket.send(frame[sent % len(frame):])
+    assert r.node()["pushing_back"] and sent < 130_000, sent
+    assert t.socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG) <= 1400
+    t.close()
     r.stop()
 
 
