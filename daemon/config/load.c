@@ -159,6 +159,21 @@ static cfg_owner *make_owner(const char *file)
     return NULL;
 }
 
+/* Gives a bus of guests alone an empty list of nodes. Nodes of the document have other addresses
+ * then. */
+static void complete_root(yaml_document_t *document, schema *self)
+{
+    yaml_node_t *root = yaml_document_get_root_node(document);
+    if (root->type != YAML_MAPPING_NODE || !schema_find(self, root, "guests") ||
+        schema_find(self, root, "nodes"))
+        return;
+    const int key = yaml_document_add_scalar(document, NULL, (const yaml_char_t *)"nodes", -1,
+                                             YAML_PLAIN_SCALAR_STYLE);
+    const int list = yaml_document_add_sequence(document, NULL, YAML_FLOW_SEQUENCE_STYLE);
+    if (key == 0 || list == 0 || !yaml_document_append_mapping_pair(document, 1, key, list))
+        diag_add(self->errors, 0, 0, "out of memory");
+}
+
 static void read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted kind)
 {
     cfg_walk *walk = self->user;
@@ -209,11 +224,12 @@ static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start,
     owner->config.bus_name = schema_copy(&self, "can");
     owner->config.line_ps_per_m = LINE_PS_DEFAULT;
     owner->config.catch_up.ns = CATCH_UP_DEFAULT_NS;
-    yaml_node_t *root = yaml_document_get_root_node(&document);
-    if (!root)
+    if (!yaml_document_get_root_node(&document)) {
         diag_add(errors, 1, 1, "the file is empty; it needs at least the keys bus and nodes");
-    else
-        read_root(&self, root, is_profile, kind);
+    } else {
+        complete_root(&document, &self);
+        read_root(&self, yaml_document_get_root_node(&document), is_profile, kind);
+    }
     yaml_document_delete(&document);
     assert(errors->errors > 0 || *is_profile || is_whole(&owner->config));
     return errors->errors == 0;

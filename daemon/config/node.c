@@ -294,9 +294,9 @@ void cfg_read_defaults(schema *self, const schema_key *key, yaml_node_t *value, 
 void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
-    size_t count = schema_count(self, key, value, 1, CW_NODES_MAX);
-
     const cfg_walk *walk = self->user;
+    size_t count = schema_count(self, key, value, walk->guests ? 0 : 1, CW_NODES_MAX);
+
     const size_t room = walk->guests ? CW_NODES_MAX : count;
     config->nodes = schema_alloc(self, room + 1, sizeof *config->nodes);
     if (!config->nodes)

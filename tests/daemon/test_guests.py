@@ -9,6 +9,7 @@ import json
 import socket
 import threading
 from collections import Counter
+from contextlib import closing
 
 import pytest
 
@@ -97,6 +98,25 @@ def test_guests_see_each_other_through_the_bus_alone(rig):
     b.send(0x124)
     assert a.receive().can_id == 0x124
     assert r.nodes()["a"]["interface"]["echoed"] == 0
+    r.stop()
+
+
+def test_a_bus_of_guests_alone(rig):
+    """Two of them are enough for each other; with one there is nobody to acknowledge."""
+    r = rig()
+    for nodes in "nodes: []\n", "":
+        r.reload('bus: { name: hotel, bitrate: 500000 }\ncontrol: hotel.sock\n' + nodes +
+                 'guests: { count: 2, port: "unix:bus.sock" }\n')
+        assert r.links() == {"guest-1": "down", "guest-2": "down"}
+        with closing(r.guest("left")) as left, closing(r.guest("right")) as right:
+            left.send(0x123, b"ab")
+            message = right.receive()
+            assert (message.can_id, message.data) == (0x123, b"ab")
+            assert r.links() == {"left": "up", "right": "up"}
+        r.wait(lambda now: "guest-1" in now and "guest-2" in now, "both to be gone")
+    (r.folder / "alone.yaml").write_text((r.folder / "bus.yaml").read_text())
+    for words in ("check",), ("analyse",), ("sim", "--until", "1ms"):
+        canwire(*words, "alone.yaml", cwd=r.folder)
     r.stop()
 
 
