@@ -389,8 +389,8 @@ static void print_push_back(FILE *out, const json_t *node)
                 times == 1 ? "" : "s", now ? ", and does now" : "");
 }
 
-/* Prints what came to a port beside frames, if something did not come in, and how programs share
- * it, where that is not as on a vcan. */
+/* Prints how programs share a port, where that is not as on a vcan. Prints what came to the port
+ * beside frames, if something did not come in. */
 static void print_port(FILE *out, const json_t *node)
 {
     const json_t *counts = json_object_get(node, "interface");

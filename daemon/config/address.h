@@ -24,7 +24,7 @@ typedef struct net_address {
  * localhost; without it the address is 127.0.0.1. A missing PORT is `number`. */
 bool address_parse(net_address *out, const char *text, size_t length, unsigned number);
 
-/* Returns what is expected in place of the wrong part of an address that address_parse() refuses. */
+/* Returns what is expected in place of the wrong part of an address that cannot be read. */
 const char *address_expected(const char *text, size_t length);
 
 /* Returns "broadcast" or "multicast" for an address of many, of which no program has one end; NULL

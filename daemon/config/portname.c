@@ -118,11 +118,13 @@ bool portname_explain(char why[ADDRESS_WHY_BYTES], const char *text)
     const portname_kind kind = portname_parse(text).kind;
     if (kind == PORTNAME_INTERFACE)
         return explain_kind(why, text);
+    const bool known = tcp || fd || behind(text, "unix:") || behind(text, TUNNELNAME_PREFIX);
+    const bool is_wrong = kind == PORTNAME_INVALID && known;
+    if (!is_wrong && !behind(text, "usb:"))
+        return false;
     if (behind(text, "usb:"))
         (void)snprintf(why, ADDRESS_WHY_BYTES,
                        "an adapter is written as { usb: INTERFACE }, not '%.40s'", text);
-    else if (kind != PORTNAME_INVALID)
-        return false;
     else if (behind(text, TUNNELNAME_PREFIX) && !tunnelname_read(&tunnel, text, part))
         (void)snprintf(why, ADDRESS_WHY_BYTES, "cannelloni: %.*s", (int)(sizeof part - 20), part);
     else if (tcp)
@@ -131,10 +133,8 @@ bool portname_explain(char why[ADDRESS_WHY_BYTES], const char *text)
         (void)snprintf(why, ADDRESS_WHY_BYTES,
                        "fd: expected a descriptor 3..999999 without leading zeros, not '%.40s'",
                        fd);
-    else if (behind(text, "unix:"))
-        (void)snprintf(why, ADDRESS_WHY_BYTES, "unix: expected the path of a socket behind it");
     else
-        return false;
+        (void)snprintf(why, ADDRESS_WHY_BYTES, "unix: expected the path of a socket behind it");
     plain_make(why, '?'); /* a cut may have left half a character */
     return true;
 }

@@ -32,7 +32,7 @@ typedef struct reading {
     tunnelname *name;
     bool listens; /* `listen` is there ... */
     bool host;    /* ... with an address */
-    char *why;    /* what is wrong */
+    char *why;    /* takes the reason of a failure */
 } reading;
 
 /* Writes what is wrong. Returns false. */

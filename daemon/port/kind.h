@@ -128,8 +128,8 @@ int64_t port_take_control(port *p, struct msghdr *header);
 /* Sets the kernel's count of dropped frames of a socket since it was opened, modulo 2^32. */
 void port_count_drops(port *p, uint32_t drops);
 
-/* Bounds what the kernel keeps of a peer over TCP that has to wait. To be called before listen() and
- * connect(); accepted connections have it, too. */
+/* Bounds what the kernel keeps of a peer over TCP that has to wait. To be called before listen()
+ * and connect(); accepted connections have it, too. */
 void port_bound_tcp(int fd);
 
 #endif

@@ -417,7 +417,7 @@ void port_get_stats(port *p, port_stats *stats)
     *stats = p->stats;
 }
 
-/* Left alone, the buffer of the receiver grows to megabytes, and so does that of the sender, by the
+/* Left alone, the buffer of the receiver grows to megabytes. So does that of the sender, by the
  * size of segments, which is 64 KB on one machine. */
 void port_bound_tcp(int fd)
 {
