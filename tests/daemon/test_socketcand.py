@@ -555,7 +555,7 @@ def test_a_program_is_held_back_soon(rig):
     r = rig(engine=", queue: 4", dash=", listen-only: on", lamp=", listen-only: on")
     t = r.talk()
     t.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 8192)
-    t.socket.settimeout(1)  # whole: it only ends the test
+    t.socket.settimeout(1)  # poll: a program that is held back later sends more, and fails
     frame, sent = b"< send 123 8 11 22 33 44 55 66 77 88 >", 0
     with pytest.raises(TimeoutError):
         while sent < 1 << 20:
