@@ -6,6 +6,7 @@
 
 #include "base/log.h"
 #include "config/portname.h"
+#include "usb/access.h"
 #include "usb/naming.h"
 #include "usb/privileges.h"
 #include "usb/serve.h"
@@ -25,6 +26,8 @@
 
 #define SILENT_TICKS 10u /* of this process, which a busy machine delays, too */
 #define RETRY_TICKS 10u
+#define TAKEN_TICKS 100u /* each attempt plugs it in */
+#define BACK_TICKS 10u   /* between two looks for an interface that has come back */
 #define NAMESPACE_BYTES 80u
 #define PATH_BYTES 108u
 
@@ -41,7 +44,9 @@ typedef struct adapter {
     bool settled;  /* it has its name, or could not have it */
     bool named;    /* since it was plugged in */
     bool unnamed;  /* there was no process to name it: it is tried again */
-    int told;      /* the errno that the log has */
+    int told;      /* the errno that the log has ... */
+    serve_end barred; /* ... and why canwired could not be reached; 0: it could */
+    unsigned look; /* ticks until it is looked for again */
     bool wanted;
 } adapter;
 
@@ -95,7 +100,7 @@ static _Noreturn void run_server(const adapters *all, const adapter *a, int kern
         log_node_error(a->name, "privileges: %s", strerror(errno));
         _exit(EXIT_FAILURE);
     }
-    _exit(serve(kernel, beat, &who, a->path) ? EXIT_SUCCESS : EXIT_FAILURE);
+    _exit((int)serve(kernel, beat, &who, a->path));
 }
 
 static void start_namer(adapter *a)
@@ -147,6 +152,45 @@ static void complain(adapter *a, int number)
     a->rest = RETRY_TICKS;
 }
 
+/* Says once why an adapter is not plugged in. */
+static void complain_barred(adapter *a, serve_end why)
+{
+    char text[ACCESS_WHY_BYTES];
+    if (a->barred != why && why == SERVE_FORBIDDEN) {
+        access_explain(text, a->path);
+        log_node_error(a->name, "%s: it is not plugged in until that changes; --user names "
+                       "another user", text);
+    } else if (a->barred != why) {
+        log_node_error(a->name, "its node has a controller already, such as another canwire-usb "
+                       "(%s): it is not plugged in while that is there", a->path);
+    }
+    a->barred = why;
+    a->settled = true;
+    a->rest = why == SERVE_TAKEN ? TAKEN_TICKS : RETRY_TICKS;
+}
+
+static void complain_namespace(adapter *a)
+{
+    if (a->told != ENOENT)
+        log_node_error(a->name, "there is no network namespace %s: it is not plugged in until "
+                       "there is (ip netns add %s)", a->netns, a->netns);
+    a->told = ENOENT;
+    a->settled = true;
+    a->rest = RETRY_TICKS;
+}
+
+/* Returns false, after saying why, for an adapter whose interface would be of no use. */
+static bool may_plug_in(adapter *a)
+{
+    const bool denied = access_is_denied(a->path);
+    const bool there = !*a->netns || naming_has_namespace(a->netns);
+    if (denied)
+        complain_barred(a, SERVE_FORBIDDEN);
+    else if (!there)
+        complain_namespace(a);
+    return !denied && there;
+}
+
 static int find_port(const adapters *all)
 {
     int used[ADAPTERS_MAX];
@@ -174,6 +218,8 @@ static bool start_server(const adapters *all, adapter *a, const int kernel[2], c
 static void plug_in(adapters *all, adapter *a)
 {
     int kernel[2], beat[2];
+    if (!may_plug_in(a))
+        return;
     a->port = find_port(all);
     if (a->port < 0) {
         complain(a, errno);
@@ -199,26 +245,27 @@ static void plug_in(adapters *all, adapter *a)
     start_namer(a);
 }
 
-static bool has_ended(pid_t *process, bool *good)
+/* *result: its exit status; EXIT_FAILURE for one that was killed. */
+static bool has_ended(pid_t *process, int *result)
 {
     int status;
     if (*process <= 0 || waitpid(*process, &status, WNOHANG) != *process)
         return false;
     *process = 0;
-    *good = WIFEXITED(status) && WEXITSTATUS(status) == EXIT_SUCCESS;
+    *result = WIFEXITED(status) ? WEXITSTATUS(status) : EXIT_FAILURE;
     return true;
 }
 
 static void look_at_namer(adapters *all, adapter *a)
 {
-    bool good;
-    if (!has_ended(&a->namer, &good))
+    int result;
+    if (!has_ended(&a->namer, &result))
         return;
     a->settled = true;
-    if (good) {
+    if (result == EXIT_SUCCESS) {
         a->told = 0;
         log_node_info(a->name, "%s at port %d of vhci-hcd%s%s",
-                      a->named ? "its driver has taken it again" : "plugged in", a->port,
+                      a->named ? "it has its name again" : "plugged in", a->port,
                       *a->netns ? ", in namespace " : "", a->netns);
         a->named = true;
     } else {
@@ -234,15 +281,48 @@ static void look_at_beat(adapter *a)
     const ssize_t count = read(a->beat, signs, sizeof signs);
     a->silent = count > 0 ? 0 : a->silent + 1;
     const bool claimed = count > 0 && memchr(signs, SERVE_CLAIMED, (size_t)count);
+    if (count > 0 && memchr(signs, SERVE_LINKED, (size_t)count))
+        a->barred = SERVE_UNPLUGGED;
     if (claimed)
         stop_process(&a->namer);
     if ((claimed || a->unnamed) && a->namer == 0)
         start_namer(a);
 }
 
+/* Returns true for an interface that has been moved and is here again. The kernel does that when
+ * its namespace is deleted. */
+static bool has_come_back(adapter *a)
+{
+    if (!*a->netns || !a->named || a->namer > 0 || a->look-- > 0)
+        return false;
+    a->look = BACK_TICKS;
+    return naming_find(a->port) != 0;
+}
+
+static void look_for_interface(adapters *all, adapter *a)
+{
+    if (!has_come_back(a))
+        return;
+    log_node_warning(a->name, "it is back from namespace %s, and down", a->netns);
+    if (naming_has_namespace(a->netns))
+        start_namer(a);
+    else
+        unplug(all, a);
+}
+
+static void look_at_end(adapters *all, adapter *a, int result)
+{
+    unplug(all, a);
+    if (result == SERVE_FORBIDDEN || result == SERVE_TAKEN)
+        complain_barred(a, (serve_end)result);
+    else
+        log_node_warning(a->name, "unplugged%s", result == SERVE_UNPLUGGED
+                                                     ? " by the kernel" : ": its process has ended");
+}
+
 static void look_after(adapters *all, adapter *a)
 {
-    bool good;
+    int result;
     if (a->port < 0) {
         a->rest -= a->rest > 0;
         if (a->rest == 0)
@@ -250,16 +330,15 @@ static void look_after(adapters *all, adapter *a)
         return;
     }
     look_at_beat(a);
-    if (has_ended(&a->server, &good)) {
-        log_node_warning(a->name, "unplugged%s",
-                         good ? " by the kernel" : ": its process has ended");
-        unplug(all, a);
+    if (has_ended(&a->server, &result)) {
+        look_at_end(all, a, result);
     } else if (a->silent >= SILENT_TICKS) {
         log_node_error(a->name, "its process does not answer: unplugged, so that the network's "
                                 "configuration does not wait for it");
         unplug(all, a);
     } else {
         look_at_namer(all, a);
+        look_for_interface(all, a);
     }
 }
 

@@ -42,13 +42,29 @@ static unsigned find_interface(const char *bus_id)
     return index;
 }
 
-static unsigned wait_for_interface(int port)
+unsigned naming_find(int port)
 {
     char bus_id[VHCI_BUS_ID_MAX];
+    return vhci_bus_id(bus_id, port) ? find_interface(bus_id) : 0;
+}
+
+static void print_path(char out[PATH_BYTES], const char *netns)
+{
+    (void)snprintf(out, PATH_BYTES, "/run/netns/%s", netns);
+}
+
+bool naming_has_namespace(const char *netns)
+{
+    char path[PATH_BYTES];
+    print_path(path, netns);
+    return access(path, F_OK) == 0 || errno != ENOENT;
+}
+
+static unsigned wait_for_interface(int port)
+{
     unsigned index = 0;
     for (unsigned i = 0; index == 0 && i < LOOKS; i++) {
-        if (vhci_bus_id(bus_id, port))
-            index = find_interface(bus_id);
+        index = naming_find(port);
         if (index == 0)
             wait_a_little();
     }
@@ -90,7 +106,7 @@ bool name_interface(int port, const char *name, const char *netns)
         return complain(name, "the kernel makes no interface", "modprobe peak_usb");
     if (!netns && has_name(index, name))
         return true;
-    (void)snprintf(path, sizeof path, "/run/netns/%s", netns ? netns : "");
+    print_path(path, netns ? netns : "");
     const int fd = netns ? open(path, O_RDONLY | O_CLOEXEC) : -1;
     if (netns && fd < 0)
         return complain(name, path, strerror(errno));

@@ -65,6 +65,13 @@ static void tell_claim(int beat, usb_device *d)
         d->claimed = false;
 }
 
+/* A full pipe is read soon, and the sign comes again then. */
+static void tell_link(int beat, wire *w)
+{
+    if (w->news && write_sign(beat, SERVE_LINKED))
+        w->news = false;
+}
+
 /* Gives a sign of life when it is time. */
 static void give_signs(int beat, int64_t *next_ms, wire *w)
 {
@@ -91,25 +98,36 @@ static bool go_on(int kernel, int beat, usb_device *d, wire *w, bool *good)
     if (watched[NODE].revents && watched[NODE].fd == w->fd)
         wire_read(w);
     tell_claim(beat, d);
+    tell_link(beat, w);
     return write_kernel(kernel, d);
 }
 
-bool serve(int kernel, int beat, const usb_identity *who, const char *path)
+/* The kernel must not keep an interface that leads nowhere. */
+static serve_end judge(const wire *w, bool good)
+{
+    if (w->barred == EACCES)
+        return SERVE_FORBIDDEN;
+    if (w->barred)
+        return SERVE_TAKEN;
+    return good ? SERVE_UNPLUGGED : SERVE_FAILED;
+}
+
+serve_end serve(int kernel, int beat, const usb_identity *who, const char *path)
 {
     bool good = true;
     int64_t next_ms = 0;
     usb_device *d = calloc(1, sizeof *d);
     if (!d)
-        return false;
+        return SERVE_FAILED;
     wire w = {.path = path, .name = who->serial, .device = d, .fd = -1};
     device_init(d, who, &wire_calls, &w);
     do
         give_signs(beat, &next_ms, &w);
-    while (go_on(kernel, beat, d, &w, &good));
+    while (w.barred == 0 && go_on(kernel, beat, d, &w, &good));
     if (!good)
         log_node_error(who->serial, "the kernel sends what no USB device understands");
     wire_close(&w);
     device_free(d);
     free(d);
-    return good;
+    return judge(&w, good);
 }

@@ -13,8 +13,17 @@
 #define SERVE_ALIVE '.'   /* at least every SERVE_BEAT_MS */
 #define SERVE_CLAIMED 'c' /* a driver has taken the adapter, and makes an interface */
 
-/* Serves the kernel at one descriptor until it hangs up. Bytes at `beat` are signs. Returns false
- * when a request could not be understood. */
-bool serve(int kernel, int beat, const usb_identity *who, const char *path);
+#define SERVE_LINKED 'l'  /* canwired has answered: it is the controller of its node */
+
+/* Why a server has ended; the exit status of its process. */
+typedef enum serve_end {
+    SERVE_UNPLUGGED = 0,
+    SERVE_FAILED,    /* a request could not be understood, or memory is short */
+    SERVE_FORBIDDEN, /* the socket of the node may not be opened */
+    SERVE_TAKEN      /* the node has another controller, which stays */
+} serve_end;
+
+/* Serves the kernel at one descriptor until it hangs up. Bytes at `beat` are signs. */
+serve_end serve(int kernel, int beat, const usb_identity *who, const char *path);
 
 #endif

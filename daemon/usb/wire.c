@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #define NS_PER_US 1000u
+#define BUSY_MAX 10u /* attempts, SERVE_BEAT_MS apart */
 /* Classes that the driver does not make of its own state. */
 #define ERROR_MASK (CAN_ERR_LOSTARB | CAN_ERR_PROT | CAN_ERR_TRX | CAN_ERR_ACK | CAN_ERR_BUSERROR)
 
@@ -77,6 +78,11 @@ static void take_error(wire *w, message *m, size_t size)
 {
     m->error.text[size < sizeof m->error ? size - sizeof m->error.code : MESSAGE_TEXT_BYTES - 1] =
         '\0';
+    if (!w->there && m->error.code == EBUSY) {
+        w->busy++; /* the one before may have gone a moment ago */
+        w->barred = w->busy < BUSY_MAX ? 0 : EBUSY;
+        return;
+    }
     if (!w->there && w->told == (int)m->error.code)
         return;
     log_node_warning(w->name, "canwired refuses: %s", m->error.text);
@@ -88,8 +94,9 @@ static void take(wire *w, message *m, size_t whole)
     const size_t size = whole - sizeof m->head;
     switch (m->head.type) {
     case MESSAGE_HELLO:
-        w->there = true;
+        w->there = w->news = true;
         w->told = 0;
+        w->busy = 0;
         log_node_info(w->name, "connected to %s", w->path);
         device_begin(w->device, m->hello.mtu == CANFD_MTU);
         break;
@@ -170,6 +177,10 @@ void wire_connect(wire *w)
     }
     const int number = errno;
     wire_close(w);
+    if (number == EACCES || number == EPERM) {
+        w->barred = EACCES;
+        return;
+    }
     if (number != w->told)
         log_node_warning(w->name, "waiting for canwired at %s: %s", w->path, strerror(number));
     w->told = number;

@@ -15,7 +15,10 @@ typedef struct wire {
     usb_device *device;
     int fd;           /* -1: not connected */
     bool there;       /* the hello was answered */
+    bool news;        /* it has been answered, and nobody was told yet */
     int told;         /* the errno that the log has */
+    unsigned busy;    /* how often another controller was in its place, one after the other */
+    int barred;       /* EACCES, EBUSY: it will not be let in; 0: it may be */
 } wire;
 
 extern const device_calls wire_calls; /* of the device; their user is a wire */

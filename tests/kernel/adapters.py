@@ -39,7 +39,8 @@ def node(name, interface, more="", port=""):
 class Rig:
     """canwired and canwire-usb for one bus."""
 
-    def __init__(self, nodes, more=""):
+    def __init__(self, nodes, more="", user=None):
+        self.words = ["--user", user] if user else []
         self.folder = Path(tempfile.mkdtemp(dir="/run"))
         self.folder.chmod(0o755)  # processes without privileges read the configuration
         self.text = BUS.format(nodes="\n".join(nodes), more=more)
@@ -55,7 +56,8 @@ class Rig:
 
     def start_adapters(self):
         with (self.folder / "usb.log").open("a") as log:
-            self.adapters = subprocess.Popen([CANWIRE_USB, self.daemon.config], stderr=log)
+            self.adapters = subprocess.Popen([CANWIRE_USB, *self.words, self.daemon.config],
+                                             stderr=log)
 
     def log(self):
         text = (self.folder / "usb.log").read_text()

@@ -7,6 +7,7 @@ Needs the kernel's modules for it and the initial network namespace: the QEMU gu
 import contextlib
 import os
 import re
+import select
 import shutil
 import signal
 import socket
@@ -19,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from adapters import (CANWIRE_USB, Rig, batch, can_info, counter, exists,
+from adapters import (CANWIRE_USB, Rig, batch, can_info, counter, details, exists,
                       fixture_quiet_kernel,  # pylint: disable=unused-import
                       ip, lines_up, node, run, state, tx_packets, up)
 from canbits import ERROR, FD, Frame
@@ -152,7 +153,7 @@ def both_up(options="bitrate 500000"):
 
 def test_the_example_of_the_readme():
     """It comes before `pair`, which has the names of its interfaces, too."""
-    text, (modules, bus, adapters, link, show) = example("real")
+    text, (modules, bus, adapters, wait, link, show) = example("real")
     folder = Path(tempfile.mkdtemp(dir="/run"))
     folder.chmod(0o755)  # the adapters' processes have no privileges
     (folder / "real.yaml").write_text(text)
@@ -161,12 +162,28 @@ def test_the_example_of_the_readme():
             session.run(line)
         wait_until((folder / "real.sock").exists, "the bus")
         session.run(adapters)
-        wait_until(lambda: exists("can0"), "can0")
+        session.run(wait)
         session.run(link)
         shown = session.run(show)
         assert "can state ERROR-ACTIVE" in shown and "bitrate 500000" in shown
         session.run("cansend can0 123#DEADBEEF")
         wait_until(lambda: tx_packets("can0") == 1, "the frame")
+    wait_until(lambda: not exists("can0"), "the end of can0")
+
+
+def test_the_example_of_the_page():
+    page = (ROOT / "config/usb.md").read_text(encoding="utf-8")
+    text = re.search(r"```yaml\n(bus:.*?)```", page, re.S)[1]
+    lines = [line[2:] for line in re.search(r"```console\n(.*?)```", page, re.S)[1].splitlines()]
+    folder = Path(tempfile.mkdtemp(dir="/run"))
+    folder.chmod(0o755)
+    (folder / "bus.yaml").write_text(text)
+    try:
+        with Session(folder) as session:
+            shown = [session.run(line) for line in lines][-1]
+            assert "can state ERROR-ACTIVE" in shown and "bitrate 500000" in shown
+    finally:
+        ip("netns del gearbox")
     wait_until(lambda: not exists("can0"), "the end of can0")
 
 
@@ -235,6 +252,28 @@ def test_a_held_bus_and_its_state(ends):
     assert can_info("can0")["info_xstats"]["error_passive"] >= 1
     up("can1")
     wait_until(lambda: tx_packets("can0") == sent + ACCEPTED, "all frames to be sent")
+
+
+def test_poll_waits_until_the_bus_has_sent(ends):
+    """With the default txqueuelen. Ten frames are with the driver, and the buffer of the socket is
+    full before the queue of the interface is."""
+    up("can0")
+    engine, sent = ends("can0"), tx_packets("can0")
+    assert details("can0")["txqlen"] == 10
+    engine.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+    room, count = select.poll(), 0
+    room.register(engine.socket, select.POLLOUT)
+    for _ in range(2 * ACCEPTED):
+        if not room.poll(0):
+            break
+        engine.send("123#1122")
+        count += 1
+    wait_until(lambda: not room.poll(0), "a full buffer")
+    assert 10 < count < ACCEPTED and tx_packets("can0") == sent
+    up("can1")
+    assert room.poll(1000 * PATIENCE_S) == [(engine.socket.fileno(), select.POLLOUT)]
+    assert tx_packets("can0") > sent
+    wait_until(lambda: tx_packets("can0") == sent + count, "all frames to be sent")
 
 
 # ---- States --------------------------------------------------------------------------------------
@@ -512,7 +551,7 @@ def test_a_device_that_is_suspended_and_its_driver_bound_again(pair, ends):
         assert not exists(name)
     for name in "can1", "can0":
         (driver / "bind").write_text(f"{devices[name].name}:1.0")
-    wait_until(lambda: pair.log().count("its driver has taken it again") == 2, "the names")
+    wait_until(lambda: pair.log().count("it has its name again") == 2, "the names")
     assert [serial(name) for name in devices] == list(devices)
     exchange(ends)
     assert pair.servers() == servers and files_of(servers) == before
@@ -629,10 +668,53 @@ def test_namespaces_and_many_adapters():
         ip("netns exec engine ip link set can0 type can bitrate 500000")
         ip("netns exec engine ip link set can0 up")
         wait_until(lambda: rig.node("own")["link"] == "up", "the node on the bus")
+        ip("netns del engine")
+        wait_until(lambda: "no network namespace engine" in rig.log(), "the end of the namespace")
+        wait_until(lambda: rig.node("own")["link"] == "down", "the node off the bus")
+        print(rig.log())
+        assert "back from namespace engine" in rig.log() and not exists("can0")
+        ip("netns add engine")
+        wait_until(lambda: "can0" in ip("netns exec engine ip -o link show"), "can0 again")
+        assert rig.log().count("no network namespace engine") == 1
     finally:
         rig.close()
         ip("netns del engine")
     wait_until(lambda: not any(map(exists, names)), "the interfaces to go")
+
+
+def test_a_socket_that_may_not_be_opened_makes_no_interface():
+    """The sockets are for the group canwire."""
+    rig = Rig([node("engine", "own0")], user="nobody")
+    try:
+        mine = rig.folder / "engine.usb"
+        denied = (f"own0: user nobody may not open the socket {mine} (owner root, group canwire, "
+                  "mode 0660)")
+        wait_until(lambda: denied in rig.log(), "the reason")
+        assert "--user" in rig.log() and not rig.servers() and not exists("own0")
+        mine.chmod(0o666)
+        rig.wait_for("own0")
+        wait_until(lambda: rig.node("engine")["clients"], "the controller")
+        mine.chmod(0o660)
+        rig.daemon.process.kill()
+        rig.daemon.wait()
+        rig.start_daemon()
+        wait_until(lambda: not exists("own0"), "the end of the interface")
+        assert rig.log().count(denied) == 2
+    finally:
+        rig.close()
+
+
+def test_a_second_canwire_usb_is_told_of_the_first(pair, ends):
+    both_up()
+    with (pair.folder / "second.log").open("w") as log, subprocess.Popen(
+            [CANWIRE_USB, pair.daemon.config], stderr=log) as second:
+        text = (pair.folder / "second.log").read_text
+        for name in "can0", "can1":
+            wait_until(lambda n=name: f"{n}: its node has a controller already" in text(), name)
+        second.terminate()
+        assert second.wait(PATIENCE_S) == 0
+    assert text().count("has a controller already") == 2
+    exchange(ends)
 
 
 def test_what_is_missing_is_said():
@@ -643,6 +725,6 @@ def test_what_is_missing_is_said():
     assert done.returncode == 1 and "bus.yaml:2:34: usb: expected the name" in done.stderr
     done = subprocess.run([CANWIRE_USB, "--user", "nobody-here", file], capture_output=True,
                           text=True, check=False)
-    assert done.returncode == 1 and "user nobody-here: No such file" in done.stderr
+    assert done.returncode == 1 and "user nobody-here: no such user" in done.stderr
     assert subprocess.run([CANWIRE_USB], capture_output=True, check=False).returncode == 2
     assert CANWIRE and shutil.which("ip")
