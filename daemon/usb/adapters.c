@@ -47,6 +47,8 @@ typedef struct adapter {
     int told;      /* the errno that the log has ... */
     serve_end barred; /* ... and why canwired could not be reached; 0: it could */
     unsigned look; /* ticks until it is looked for again */
+    bool claimed;  /* a driver has taken it since it was plugged in */
+    bool denied;   /* its socket could not be opened when that was last tried */
     bool wanted;
 } adapter;
 
@@ -138,7 +140,7 @@ static void unplug(adapters *all, adapter *a)
     (void)close(a->beat);
     a->beat = -1;
     a->port = -1;
-    a->named = false;
+    a->named = a->claimed = false;
     a->rest = RETRY_TICKS;
 }
 
@@ -182,13 +184,17 @@ static void complain_namespace(adapter *a)
 /* Returns false, after saying why, for an adapter whose interface would be of no use. */
 static bool may_plug_in(adapter *a)
 {
-    const bool denied = access_is_denied(a->path);
-    const bool there = !*a->netns || naming_has_namespace(a->netns);
-    if (denied)
+    const bool before = a->denied;
+    a->denied = access_is_denied(a->path);
+    if (a->denied && before)
         complain_barred(a, SERVE_FORBIDDEN);
-    else if (!there)
+    else if (a->denied)
+        a->rest = RETRY_TICKS; /* a new socket gets its group a moment later */
+    else if (!*a->netns || naming_has_namespace(a->netns))
+        return true;
+    else
         complain_namespace(a);
-    return !denied && there;
+    return false;
 }
 
 static int find_port(const adapters *all)
@@ -273,19 +279,30 @@ static void look_at_namer(adapters *all, adapter *a)
     }
 }
 
+static unsigned count_claims(const char *signs, ssize_t count)
+{
+    unsigned claims = 0;
+    for (ssize_t i = 0; i < count; i++)
+        claims += signs[i] == SERVE_CLAIMED;
+    return claims;
+}
+
 /* Takes the signs. A driver that is bound again makes a new interface, with a name of its own, as
- * is after a suspend of the device. A process that is naming may have seen the one before. */
+ * is after a suspend of the device. A process that is naming may have seen the one before. The
+ * first interface is for the process that was started with the adapter. It may be moved by now. */
 static void look_at_beat(adapter *a)
 {
     char signs[64];
     const ssize_t count = read(a->beat, signs, sizeof signs);
     a->silent = count > 0 ? 0 : a->silent + 1;
-    const bool claimed = count > 0 && memchr(signs, SERVE_CLAIMED, (size_t)count);
+    const unsigned claims = count_claims(signs, count);
+    const bool anew = claims > (a->claimed ? 0u : 1u);
+    a->claimed = a->claimed || claims > 0;
     if (count > 0 && memchr(signs, SERVE_LINKED, (size_t)count))
         a->barred = SERVE_UNPLUGGED;
-    if (claimed)
+    if (anew)
         stop_process(&a->namer);
-    if ((claimed || a->unnamed) && a->namer == 0)
+    if ((anew || a->unnamed) && a->namer == 0)
         start_namer(a);
 }
 
@@ -316,8 +333,8 @@ static void look_at_end(adapters *all, adapter *a, int result)
     if (result == SERVE_FORBIDDEN || result == SERVE_TAKEN)
         complain_barred(a, (serve_end)result);
     else
-        log_node_warning(a->name, "unplugged%s", result == SERVE_UNPLUGGED
-                                                     ? " by the kernel" : ": its process has ended");
+        log_node_warning(a->name, "unplugged%s",
+                         result == SERVE_UNPLUGGED ? " by the kernel" : ": its process has ended");
 }
 
 static void look_after(adapters *all, adapter *a)

@@ -16,7 +16,9 @@
 #include <unistd.h>
 
 #define NS_PER_US 1000u
-#define BUSY_MAX 10u /* attempts, SERVE_BEAT_MS apart */
+/* Attempts, SERVE_BEAT_MS apart. */
+#define BUSY_MAX 10u
+#define DENIED_MAX 5u
 /* Classes that the driver does not make of its own state. */
 #define ERROR_MASK (CAN_ERR_LOSTARB | CAN_ERR_PROT | CAN_ERR_TRX | CAN_ERR_ACK | CAN_ERR_BUSERROR)
 
@@ -96,7 +98,7 @@ static void take(wire *w, message *m, size_t whole)
     case MESSAGE_HELLO:
         w->there = w->news = true;
         w->told = 0;
-        w->busy = 0;
+        w->busy = w->denied = 0;
         log_node_info(w->name, "connected to %s", w->path);
         device_begin(w->device, m->hello.mtu == CANFD_MTU);
         break;
@@ -178,7 +180,8 @@ void wire_connect(wire *w)
     const int number = errno;
     wire_close(w);
     if (number == EACCES || number == EPERM) {
-        w->barred = EACCES;
+        w->denied++; /* a new socket gets its group a moment later */
+        w->barred = w->denied < DENIED_MAX ? 0 : EACCES;
         return;
     }
     if (number != w->told)

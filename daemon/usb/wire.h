@@ -17,7 +17,8 @@ typedef struct wire {
     bool there;       /* the hello was answered */
     bool news;        /* it has been answered, and nobody was told yet */
     int told;         /* the errno that the log has */
-    unsigned busy;    /* how often another controller was in its place, one after the other */
+    unsigned busy;    /* attempts in a row at which the node had another controller */
+    unsigned denied;  /* attempts in a row at which the socket was not to be opened */
     int barred;       /* EACCES, EBUSY: it will not be let in; 0: it may be */
 } wire;
 

@@ -232,7 +232,7 @@ static void the_sign_of_a_driver_comes_before_its_answer(void **state)
     assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM, 0, ends), 0);
     assert_int_equal(write(ends[0], claim, sizeof claim), sizeof claim);
     assert_int_equal(shutdown(ends[0], SHUT_WR), 0);
-    assert_true(serve(ends[1], ends[1], &who, "/nowhere"));
+    assert_int_equal(serve(ends[1], ends[1], &who, "/nowhere"), SERVE_UNPLUGGED);
     assert_int_equal(close(ends[1]), 0);
     assert_int_equal(recv(ends[0], got, sizeof got, MSG_DONTWAIT), 2 + HEAD_BYTES);
     assert_memory_equal(got, ((const char[]){SERVE_ALIVE, SERVE_CLAIMED, 0, 0, 0, 3}), 6);
