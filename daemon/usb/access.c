@@ -5,6 +5,7 @@
 #include "usb/access.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <grp.h>
 #include <pwd.h>
 #include <stdio.h>
@@ -19,7 +20,7 @@
 
 bool access_is_denied(const char *path)
 {
-    return access(path, W_OK) != 0 && errno == EACCES;
+    return faccessat(AT_FDCWD, path, W_OK, AT_EACCESS) != 0 && errno == EACCES;
 }
 
 /* Copies a name, or a number without one. */

@@ -13,6 +13,7 @@
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -56,8 +57,9 @@ static void print_path(char out[PATH_BYTES], const char *netns)
 bool naming_has_namespace(const char *netns)
 {
     char path[PATH_BYTES];
+    struct stat what;
     print_path(path, netns);
-    return access(path, F_OK) == 0 || errno != ENOENT;
+    return stat(path, &what) == 0 || errno != ENOENT;
 }
 
 static unsigned wait_for_interface(int port)

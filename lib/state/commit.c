@@ -4,7 +4,6 @@
  */
 #include "state/state.h"
 
-#define LONG_AGO 1u
 #define PASSIVE_BITS 16u /* see sends_now() */
 
 void cw_count_clean_bits_now(cw_bus *bus)
@@ -34,14 +33,6 @@ static void count_sent(cw_bus *bus, bus_node *n, const cw_queue_slot *slot, unsi
     cw_delay_add(&n->stats.delay, cw_now(bus) - slot->handed_in);
 }
 
-/* Notes when a transmission ends, and the time of its frame. The slot may have another frame when
- * the last receiver has this one. */
-static void note_end(cw_bus *bus, unsigned i, uint64_t tick)
-{
-    bus->starts[i].stopped = tick;
-    bus->starts[i].handed_in = offered_slot(&bus->nodes[i])->handed_in;
-}
-
 /* Adds what time-triggered operation has to say of a frame that has been sent. */
 static void commit_time(cw_bus *bus, unsigned i, const cw_queue_slot *slot, cw_event *e)
 {
@@ -55,7 +46,7 @@ void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
     bus_node *n = &bus->nodes[i];
     const cw_queue_slot *slot = offered_slot(n);
     count_sent(bus, n, slot, wire_bits);
-    note_end(bus, i, cw_now(bus));
+    cw_note_end(bus, i, cw_now(bus));
     cw_remove_slot(bus, i, n->offered_slot);
     cw_event *e = cw_push_node_event(bus, CW_EVENT_TX, i);
     cw_frame_copy(&e->frame, slot->frame);
@@ -90,25 +81,6 @@ void cw_report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
     cw_frame_copy(&e->frame, offered_slot(&bus->nodes[i])->frame);
     e->frame.flags &= (uint8_t)~CW_FRAME_ESI; /* it has not been sent */
     cw_rules_error(&bus->rules, i, e);
-}
-
-void cw_note_stopped(cw_bus *bus, unsigned i, cw_place place)
-{
-    if (bus->starts[i].stopped == 0)
-        note_end(bus, i, place.field < CW_FIELD_CRC ? LONG_AGO : cw_now(bus));
-}
-
-void cw_note_left(cw_bus *bus, unsigned i)
-{
-    const cw_mac *m = &bus->nodes[i].mac;
-    if (m->role == CW_ROLE_TRANSMITTER)
-        cw_note_stopped(bus, i, cw_mac_place(m));
-}
-
-void cw_note_report(cw_bus *bus, unsigned i, const cw_mac_report *r)
-{
-    if ((r->what & CW_REPORT_ERROR) && r->error.role == CW_ROLE_TRANSMITTER)
-        cw_note_stopped(bus, i, r->error.place);
 }
 
 static void report_error(cw_bus *bus, unsigned i, const cw_error *error, bool fast)

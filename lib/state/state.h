@@ -719,6 +719,10 @@ void cw_commit_early(cw_bus *bus, unsigned node);
 /* Reports that the node has lost arbitration at a bit with the frame of its offered slot. */
 void cw_report_arbitration_lost(cw_bus *bus, unsigned node, uint8_t bit);
 
+/* Notes when a transmission ends, and the time of its frame. The slot may have another frame when
+ * the last receiver has this one. */
+void cw_note_end(cw_bus *bus, unsigned node, uint64_t tick);
+
 /* Notes that something at this place ends a transmission, unless it has ended before. */
 void cw_note_stopped(cw_bus *bus, unsigned node, cw_place place);
 
