@@ -64,7 +64,8 @@ PRELOAD_SOURCES := $(wildcard daemon/preload/*.c)
 SIM_FOLDERS := base timing trace config run record sim embed
 SIM_SOURCES := $(LIB_SOURCES) $(filter-out daemon/base/jsonexit.c, \
   $(foreach folder,$(SIM_FOLDERS),$(wildcard daemon/$(folder)/*.c)))
-DAEMON_SOURCES := daemon/main.c $(filter-out daemon/cli/% daemon/usb/%,$(PARTS_SOURCES))
+DAEMON_SOURCES := daemon/main.c \
+  $(filter-out daemon/campaign/% daemon/cli/% daemon/usb/%,$(PARTS_SOURCES))
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
 FUZZ_TARGETS := $(patsubst tests/fuzz/%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
