@@ -172,11 +172,11 @@ static void tell_reached(const sim_group *g)
 }
 
 /* Goes up to a tick in strides. */
-static void stride(sim_group *g, uint64_t tick)
+static void stride(sim_group *g, uint64_t tick, uint32_t buses)
 {
     for (size_t i = 0; i < g->count; i++)
         meeting_look(&g->meeting, i);
-    (void)meeting_run(&g->meeting, tick, all_buses(g));
+    (void)meeting_run(&g->meeting, tick, buses);
     tell_reached(g);
 }
 
@@ -236,7 +236,7 @@ static void meet(sim_group *g, uint64_t tick)
 void sim_group_go_to(sim_group *g, uint64_t tick)
 {
     if (g->meeting.gateways)
-        stride(g, tick);
+        stride(g, tick, all_buses(g));
     else
         sim_release_to(g->runs[0], tick);
 }
@@ -245,8 +245,13 @@ void sim_group_settle(sim_group *g, uint64_t tick)
 {
     for (size_t i = 0; i < g->count; i++) {
         sim_run *run = g->runs[i];
-        if (sim_owes_events(run, tick))
-            sim_release_to(run, cw_bus_tick_after(run->bus, 1));
+        if (!sim_owes_events(run, tick))
+            continue;
+        const uint64_t end = cw_bus_tick_after(run->bus, 1);
+        if (g->meeting.gateways)
+            stride(g, end, UINT32_C(1) << i);
+        else
+            sim_release_to(run, end);
     }
 }
 
@@ -285,7 +290,7 @@ static uint64_t go_on(sim_group *g)
     if (until_of(g) == CW_NEVER && tick > quiet_end(g))
         return CW_NEVER;
     if (strides)
-        stride(g, tick);
+        stride(g, tick, all_buses(g));
     else
         meet(g, tick);
     return tick;

@@ -153,6 +153,8 @@ static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsig
     bus->restarts[i].off_at = old_restart->off_at;
     take_over_sleep(bus, i, old_bus, from);
     take_over_queue(bus, i, old_bus, from);
+    if (!are_alike(&n->mac, &old->mac) && old->mac.role == CW_ROLE_TRANSMITTER)
+        cw_note_stopped(bus, i, cw_mac_place(&old->mac));
     take_over_mac(&n->mac, &old->mac);
     n->mac.offered = are_alike(&n->mac, &old->mac) && has_begun(&old->mac);
     n->mac.no_ack = false;
@@ -262,7 +264,7 @@ static void take_over_buffers(cw_bus *bus, const cw_bus *old, const uint8_t *fro
     }
 }
 
-/* Arbitrations that are under way go on. */
+/* Arbitrations that are under way go on. Nodes may be taken from their transmissions after this. */
 static void take_over_starts(cw_bus *bus, const cw_bus *old, const uint8_t *from,
                              const uint8_t *to)
 {
@@ -289,6 +291,16 @@ static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
            bus->inbox.capacity - bus->inbox.kept_free >= old->inbox.count;
 }
 
+/* The inverse of from[]. */
+static void find_new_numbers(uint8_t to[CW_NODES_MAX], const cw_bus *bus, const uint8_t *from)
+{
+    for (unsigned i = 0; i < CW_NODES_MAX; i++)
+        to[i] = CW_NO_NODE;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (from[i] != CW_NO_NODE)
+            to[from[i]] = (uint8_t)i;
+}
+
 cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
 {
     uint8_t to[CW_NODES_MAX];
@@ -298,8 +310,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     cw_leave(old, old->all);
     cw_set_contenders(old, 0);
     cw_set_listeners(old, 0);
-    for (unsigned i = 0; i < CW_NODES_MAX; i++)
-        to[i] = CW_NO_NODE;
+    find_new_numbers(to, bus, from);
     bus->time = old->time;
     bus->stepping = old->stepping;
     bus->watching = old->watching;
@@ -313,12 +324,12 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     bus->stats = old->stats;
     bus->error_flag = old->error_flag;
     bus->overload_flag = old->overload_flag;
+    take_over_starts(bus, old, from, to);
     for (unsigned i = 0; i < bus->node_count; i++) {
         if (from[i] == CW_NO_NODE) {
             bus->sleeps[i].since = cw_now(bus);
             continue;
         }
-        to[from[i]] = (uint8_t)i;
         take_over_node(bus, i, old, from[i]);
         bus->detached &= ~cw_node_bit(i);
         if (!cw_node_attached(old, from[i]))
@@ -326,7 +337,6 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
         if (old->removed & cw_node_bit(from[i]))
             bus->removed |= cw_node_bit(i);
     }
-    take_over_starts(bus, old, from, to);
     cw_timed_catch_up(old);
     cw_timed_take_over(bus, old, from);
     take_over_sync_stats(bus, old, from);

@@ -161,18 +161,21 @@ static uint64_t find_senders(const cw_bus *bus, unsigned receiver)
     return nodes;
 }
 
+/* Returns the tick of the frame that a node sends, or has just sent. */
+static uint64_t handed_in_of(const cw_bus *bus, unsigned i)
+{
+    const cw_start *start = &bus->starts[i];
+    const bool over = start->stopped != 0 && !bus->frame_step.active;
+    return over ? start->handed_in : offered_slot(&bus->nodes[i])->handed_in;
+}
+
 static frame_origin find_origin(const cw_bus *bus, unsigned receiver)
 {
     frame_origin origin = {.from = find_senders(bus, receiver), .handed_in = CW_NEVER};
     if (origin.from & bus->rules.raw)
         origin.handed_in = cw_now(bus); /* no host has handed it in */
-    for (uint64_t rest = origin.from & ~bus->rules.raw; rest; rest &= rest - 1) {
-        const unsigned i = cw_lowest_node(rest);
-        const cw_start *start = &bus->starts[i];
-        const bool over = start->stopped != 0 && !bus->frame_step.active;
-        origin.handed_in = cw_least(origin.handed_in, over ? start->handed_in
-                                                  : offered_slot(&bus->nodes[i])->handed_in);
-    }
+    for (uint64_t rest = origin.from & ~bus->rules.raw; rest; rest &= rest - 1)
+        origin.handed_in = cw_least(origin.handed_in, handed_in_of(bus, cw_lowest_node(rest)));
     return origin;
 }
 
@@ -195,13 +198,12 @@ void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
 
 cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes)
 {
-    const cw_queue_slot *slot = offered_slot(&bus->nodes[sender]);
     cw_set_listeners(bus, receivers | cw_node_bit(sender));
     cw_count_received(bus, sender, bytes);
     cw_event *e = cw_push_node_event(bus, CW_EVENT_RX, cw_lowest_node(receivers));
     e->nodes = receivers;
     e->from = cw_node_bit(sender);
-    e->handed_in = slot->handed_in;
+    e->handed_in = handed_in_of(bus, sender);
     return e;
 }
 

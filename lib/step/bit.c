@@ -58,6 +58,7 @@ void cw_note_start(cw_bus *bus, unsigned i)
     cw_share_lost(bus, i);
     n->stats.retransmissions += slot->tried;
     slot->tried = true;
+    bus->starts[i].stopped = 0; /* in loopback its own receptions are of this frame */
     if (n->mac.modes & CW_MODE_LOOPBACK) /* M15: the frame is not on the wire */
         return;
     bus->error_flag = (flag_watch){.now = false};

@@ -170,3 +170,35 @@ def test_junit_without_expectations_is_empty(write):
     path.write_text(BUS.replace("expect:\n", ""))
     (suite,) = junit(path, status=0)
     assert (suite.get("tests"), len(suite)) == ("0", 0)
+
+
+# ---- Delays begin when the host has handed the frame in ------------------------------------------
+
+OWN_FRAMES = """
+bus: { bitrate: 500000 }
+nodes:
+  - { name: a, loopback: on, traffic: [ { send: 100#01, every: 1ms, count: 3 } ] }
+  - { name: b }
+"""
+
+# The sender is gone and has its next frame when the others receive this one.
+LEFT = """
+bus: { bitrate: 500000 }
+nodes:
+  - name: a
+    traffic: [ { send: 100#01, offset: 1ms, count: 1 }, { send: 200#01, offset: 1102us, count: 1 } ]
+  - { name: b }
+  - { name: c }
+faults: [ { name: gone, when: { time: 1098us }, do: { hardware-reset: a } } ]
+"""
+
+
+@pytest.mark.parametrize("step", [[], ["--step"]], ids=["fast", "step"])
+@pytest.mark.parametrize("text, to, longest_us", [(OWN_FRAMES, "a", 130), (LEFT, "c", 108)],
+                         ids=["own", "left"])
+def test_a_delay_is_that_of_the_frame_itself(tmp_path, text, to, longest_us, step):
+    path = tmp_path / "bus.yaml"
+    for limit_us, status in ((longest_us, 0), (longest_us - 1, 3)):
+        path.write_text(text + f"expect: [ {{ name: d, delay: {limit_us}us, to: {to}, "
+                        "frame: 100 } ]\n")
+        sim(path, *step, status=status)

@@ -4,7 +4,7 @@
  *
  * Senders leave the bus while their last bits are on the wire, all of them recessive. Others are
  * still at a frame before.
-
+ *
  * Each case runs in single bits and in fast ones, with the sender before and behind the receivers.
  */
 #include "rules.h"
