@@ -11,9 +11,10 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <linux/magic.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/stat.h>
+#include <sys/vfs.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -57,9 +58,11 @@ static void print_path(char out[PATH_BYTES], const char *netns)
 bool naming_has_namespace(const char *netns)
 {
     char path[PATH_BYTES];
-    struct stat what;
+    struct statfs what;
     print_path(path, netns);
-    return stat(path, &what) == 0 || errno != ENOENT;
+    if (statfs(path, &what) != 0)
+        return errno != ENOENT;
+    return what.f_type == NSFS_MAGIC; /* else its mount is yet to come, or has gone */
 }
 
 static unsigned wait_for_interface(int port)
