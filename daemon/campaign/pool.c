@@ -21,6 +21,8 @@
 #define CHUNK_MAX 256u    /* lines that a process makes at a time */
 #define CHUNKS_A_JOB 16u  /* at least, so that all processes end at about the same time */
 #define AHEAD_A_JOB 4u    /* chunks that wait for earlier ones */
+#define TRIES_ALONE 1u    /* of a line whose process has ended */
+#define TRIES_KILLED 2u   /* of one whose process was killed, perhaps for want of memory */
 #define LOOK_MS 200
 #define READ_BYTES (64u << 10)
 
@@ -36,7 +38,7 @@ typedef struct worker {
     pid_t pid; /* 0: there is none */
     int fd;
     chunk *chunk; /* NULL: it has nothing to do */
-    bool singly;
+    unsigned tries; /* how often the first line that has not come has been tried alone */
     bool late;
     int64_t since_ms; /* the last sign of it */
     buffer part;      /* of a line */
@@ -118,7 +120,7 @@ static bool order(pool *p, worker *w)
 {
     const pool_order o = {.first = w->chunk->first + w->chunk->made,
                           .count = w->chunk->count - w->chunk->made,
-                          .singly = w->singly};
+                          .singly = w->tries > 0};
     if (w->pid == 0 && !start(p, w))
         return false;
     w->since_ms = wall_ms();
@@ -152,7 +154,7 @@ static bool give_out(pool *p)
         w->chunk->first = p->work->first + begin;
         w->chunk->count = rest < p->chunk_size ? rest : p->chunk_size;
         w->chunk->made = 0;
-        w->singly = false;
+        w->tries = 0;
         if (!order(p, w))
             return false;
     }
@@ -192,6 +194,7 @@ static bool take_chunks(pool *p)
 static void count_line(pool *p, worker *w)
 {
     p->made++;
+    w->tries = 0;
     if (++w->chunk->made == w->chunk->count)
         w->chunk = NULL;
 }
@@ -230,15 +233,23 @@ static bool lose_line(pool *p, worker *w, int status)
     return true;
 }
 
+/* Returns how often a line may be tried alone, by the end of its process. */
+static unsigned tries_allowed(const worker *w, int status)
+{
+    const bool killed = !w->late && WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL;
+    return killed ? TRIES_KILLED : TRIES_ALONE;
+}
+
 /* The process has ended: another one goes on with the first line that has not come. */
 static bool replace(pool *p, worker *w)
 {
     const int status = stop(w);
     if (!w->chunk)
         return true;
-    if (w->singly && !lose_line(p, w, status))
+    if (w->tries < tries_allowed(w, status))
+        w->tries++;
+    else if (!lose_line(p, w, status))
         return false;
-    w->singly = true;
     return !w->chunk || order(p, w);
 }
 

@@ -3,7 +3,8 @@
  * pool.h - makes numbered lines in several processes, and hands them on in the order of numbers.
  *
  * The processes are forks of this one. A line whose process ends, or makes none in time, is made
- * once more alone. If that fails, too, the caller says what the line is.
+ * once more alone, and twice more when the process was killed. If that fails, too, the caller says
+ * what the line is.
  */
 #ifndef CANWIRE_CAMPAIGN_POOL_H
 #define CANWIRE_CAMPAIGN_POOL_H

@@ -19,6 +19,7 @@
 #define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define FIRST 1000u
 #define LINE_BYTES 64
+#define SHAKY_ENDS 2u /* of the process of a shaky line, before it is made */
 
 /* The end of the process that makes a line. */
 typedef enum fate { MADE = 'm', CRASHED = 'c', EXITED = 'e', LATE = 'l', SHAKY = 's' } fate;
@@ -26,7 +27,7 @@ typedef enum fate { MADE = 'm', CRASHED = 'c', EXITED = 'e', LATE = 'l', SHAKY =
 typedef struct lines {
     fate (*fate_of)(uint64_t number);
     pid_t parent;
-    int file; /* of a byte for each attempt at a line that is shaky */
+    int file; /* of a byte for each line that is shaky: its attempts */
     char *text;
     size_t size;
     FILE *out;
@@ -51,9 +52,9 @@ static fate one_late(uint64_t number)
     return number == FIRST + 3 ? LATE : MADE;
 }
 
-static fate one_shaky(uint64_t number)
+static fate some_shaky(uint64_t number)
 {
-    return number == FIRST + 5 ? SHAKY : MADE;
+    return number % 2 ? SHAKY : MADE;
 }
 
 static void put_line(rowtext *line, const char *word, uint64_t number)
@@ -61,6 +62,18 @@ static void put_line(rowtext *line, const char *word, uint64_t number)
     char text[LINE_BYTES];
     (void)snprintf(text, sizeof text, "%s %u\n", word, (unsigned)number);
     rowtext_put(line, text);
+}
+
+/* Ends the process of a shaky line that has been tried too seldom. */
+static void shake(const lines *l, uint64_t number)
+{
+    unsigned char attempts = 0;
+    const off_t at = (off_t)(number - FIRST);
+    (void)!pread(l->file, &attempts, 1, at);
+    attempts++;
+    assert_int_equal(pwrite(l->file, &attempts, 1, at), 1);
+    if (attempts <= SHAKY_ENDS)
+        (void)raise(SIGKILL);
 }
 
 static unsigned char make(void *user, uint64_t number, rowtext *line)
@@ -74,10 +87,8 @@ static unsigned char make(void *user, uint64_t number, rowtext *line)
         _exit(9);
     while (f == LATE)
         (void)pause();
-    if (f == SHAKY && lseek(l->file, 0, SEEK_END) == 0) {
-        (void)!write(l->file, "x", 1);
-        (void)raise(SIGKILL);
-    }
+    if (f == SHAKY)
+        shake(l, number);
     put_line(line, "made", number);
     return MADE;
 }
@@ -173,18 +184,20 @@ static void a_process_that_hangs_is_ended(void **state)
     free(l.text);
 }
 
-static void a_line_that_can_be_made_once_more_is_not_lost(void **state)
+static void lines_whose_processes_are_killed_are_not_lost(void **state)
 {
-    char name[] = "/tmp/test_pool.XXXXXX";
-    lines l = {.fate_of = one_shaky, .file = mkstemp(name)};
     (void)state;
-    assert_true(l.file >= 0);
-    assert_int_equal(unlink(name), 0);
-    assert_true(run(&l, 100, 2, 0));
-    assert_lines(&l, 100, NULL, NULL, 0);
-    assert_int_equal(lseek(l.file, 0, SEEK_END), 1);
-    assert_int_equal(close(l.file), 0);
-    free(l.text);
+    for (unsigned jobs = 1; jobs <= 2; jobs++) {
+        char name[] = "/tmp/test_pool.XXXXXX";
+        lines l = {.fate_of = some_shaky, .file = mkstemp(name)};
+        assert_true(l.file >= 0);
+        assert_int_equal(unlink(name), 0);
+        assert_true(run(&l, 60, jobs, 0));
+        assert_lines(&l, 60, NULL, NULL, 0);
+        assert_int_equal(lseek(l.file, 0, SEEK_END), 60);
+        assert_int_equal(close(l.file), 0);
+        free(l.text);
+    }
 }
 
 static void whoever_takes_the_lines_may_end_it(void **state)
@@ -204,7 +217,7 @@ int main(void)
         cmocka_unit_test(lines_are_in_order_for_any_number_of_processes),
         cmocka_unit_test(a_process_that_ends_costs_its_line_alone),
         cmocka_unit_test(a_process_that_hangs_is_ended),
-        cmocka_unit_test(a_line_that_can_be_made_once_more_is_not_lost),
+        cmocka_unit_test(lines_whose_processes_are_killed_are_not_lost),
         cmocka_unit_test(whoever_takes_the_lines_may_end_it),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
