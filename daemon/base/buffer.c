@@ -5,6 +5,7 @@
 #include "base/buffer.h"
 
 #include <assert.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,8 +29,11 @@ bool buffer_reserve(buffer *self, size_t count)
         return true;
     move_to_front(self);
     size_t size = self->size > SIZE_MIN ? self->size : SIZE_MIN;
-    while (size - self->end < count)
+    while (size - self->end < count) {
+        if (size > SIZE_MAX / 2)
+            return false;
         size *= 2;
+    }
     if (size == self->size)
         return true;
     char *data = realloc(self->data, size);

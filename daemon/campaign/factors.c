@@ -5,6 +5,7 @@
 #include "campaign/campaign_owner.h"
 #include "campaign/jsonvalue.h"
 #include "campaign/space.h"
+#include "campaign/variant.h"
 #include "trace/frametext.h"
 
 #include <string.h>
@@ -423,13 +424,9 @@ static void check_factor(schema *self, const yaml_node_t *item, const reading *r
     else if (!f->path == !f->rules)
         schema_complain(self, item, f->path ? "a space of faults has no 'set'"
                                             : "expected 'set', the path of what varies");
-    for (size_t i = 0; i < index && f->name; i++) {
+    for (size_t i = 0; i < index && f->name; i++)
         if (all[i].name && strcmp(all[i].name, f->name) == 0)
             schema_complain(self, item, "duplicate factor '%s'", f->name);
-        else if (f->path && all[i].path && f->edit.begin < all[i].edit.end &&
-                 all[i].edit.begin < f->edit.end)
-            schema_complain(self, item, "'%s' is part of what '%s' varies", f->name, all[i].name);
-    }
     if (f->is_seed && r->kinds == 1)
         check_seed(self, item, f);
 }
@@ -455,6 +452,42 @@ static void place_spaces(schema *self, const yaml_node_t *list, campaign_owner *
     }
 }
 
+/* Returns true when two factors put the same key in. */
+static bool is_same_key(const factor *a, const factor *b)
+{
+    const size_t length = strcspn(a->edit.before, ":");
+    return !(a->rules && b->rules) && length == strcspn(b->edit.before, ":") &&
+           strncmp(a->edit.before, b->edit.before, length) == 0;
+}
+
+/* Complains about two edits of the text, the first of which comes before the other one. */
+static void check_edits(schema *self, yaml_node_t *list, const campaign *c, size_t first,
+                        size_t second)
+{
+    const factor *a = &c->factors[first];
+    const factor *b = &c->factors[second];
+    const yaml_node_t *last = schema_item(self, list, first > second ? first : second);
+    if (b->edit.begin < a->edit.end)
+        schema_complain(self, last, "'%s' is part of what '%s' varies", b->name, a->name);
+    else if (a->edit.begin == b->edit.begin && b->edit.begin < b->edit.end)
+        schema_complain(self, last, "'%s' is part of what '%s' varies", a->name, b->name);
+    else if (a->edit.begin == b->edit.begin && is_same_key(a, b))
+        schema_complain(self, last, "'%s' and '%s' vary the same", a->name, b->name);
+}
+
+/* Compares each edit with all before it: one that is put in at the same place may be between. */
+static void check_all_edits(schema *self, yaml_node_t *list, const campaign *c)
+{
+    size_t order[CAMPAIGN_FACTORS_MAX];
+    size_t count = 0;
+    uint64_t done = 0;
+    for (size_t i; (i = variant_next_edit(c, done)) != SIZE_MAX; done |= UINT64_C(1) << i) {
+        for (size_t k = 0; k < count; k++)
+            check_edits(self, list, c, order[k], i);
+        order[count++] = i;
+    }
+}
+
 void campaign_read_factors(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     campaign_owner *o = object;
@@ -472,4 +505,5 @@ void campaign_read_factors(schema *self, const schema_key *key, yaml_node_t *val
             check_factor(self, item, &r, i);
     }
     place_spaces(self, value, o);
+    check_all_edits(self, value, &o->campaign);
 }

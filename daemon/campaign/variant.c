@@ -4,6 +4,7 @@
  */
 #include "campaign/variant.h"
 
+#include <assert.h>
 #include <string.h>
 
 static void put_bytes(rowtext *out, const char *bytes, size_t count)
@@ -17,17 +18,24 @@ static bool is_in_text(const factor *f)
     return f->edit.before != NULL;
 }
 
-/* Returns the next factor in the text behind a place, or SIZE_MAX. Those at one place come in the
- * order of the file. */
-static size_t next_edit(const campaign *c, uint64_t done)
+/* Returns true when an edit comes before another one in the text. At one place, what is put in comes
+ * before what is replaced, and all spaces come before other keys: their rules are one list. */
+static bool comes_before(const factor *a, const factor *b)
+{
+    if (a->edit.begin != b->edit.begin)
+        return a->edit.begin < b->edit.begin;
+    if (a->edit.end != b->edit.end)
+        return a->edit.end < b->edit.end;
+    return a->rules && !b->rules;
+}
+
+size_t variant_next_edit(const campaign *c, uint64_t done)
 {
     size_t next = SIZE_MAX;
-    for (size_t i = 0; i < c->factor_count; i++) {
-        const factor *f = &c->factors[i];
-        if (is_in_text(f) && !(done >> i & 1) &&
-            (next == SIZE_MAX || f->edit.begin < c->factors[next].edit.begin))
+    for (size_t i = 0; i < c->factor_count; i++)
+        if (is_in_text(&c->factors[i]) && !(done >> i & 1) &&
+            (next == SIZE_MAX || comes_before(&c->factors[i], &c->factors[next])))
             next = i;
-    }
     return next;
 }
 
@@ -35,8 +43,9 @@ void variant_text(rowtext *out, const campaign *c, const choice *choices)
 {
     uint64_t done = 0;
     size_t at = 0;
-    for (size_t i; (i = next_edit(c, done)) != SIZE_MAX; done |= UINT64_C(1) << i) {
+    for (size_t i; (i = variant_next_edit(c, done)) != SIZE_MAX; done |= UINT64_C(1) << i) {
         const factor *f = &c->factors[i];
+        assert(at <= f->edit.begin);
         put_bytes(out, c->text + at, f->edit.begin - at);
         rowtext_put(out, f->edit.before);
         if (f->rules)

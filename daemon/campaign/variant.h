@@ -14,4 +14,8 @@ void variant_text(rowtext *out, const campaign *c, const choice *choices);
 /* Reads the seed of the choices. Returns false when the seed does not vary. */
 bool variant_seed(uint64_t *seed, const campaign *c, const choice *choices);
 
+/* Returns the next factor in the order of the text, but for a set of those that are done, or
+ * SIZE_MAX. */
+size_t variant_next_edit(const campaign *c, uint64_t done);
+
 #endif

@@ -161,6 +161,17 @@ def test_rules_of_spaces_join_those_that_are_there(make):
         assert row["faults"] == 3 and row["error_frames"] == 3 or row["faults"] == 2
 
 
+@pytest.mark.parametrize("sample", ["full", "{ random: 4 }"])
+def test_keys_that_are_put_in_keep_out_of_spaces(make, write, sample):
+    space = "  - { name: NAME, each-bit: { frame: 123#DEADBEEF, at: dash } }\n"
+    text = INLINE.replace("until:", f"sample: {sample}\nuntil:") + space.replace("NAME", "a") + \
+        "  - { set: seed, values: [ 7 ] }\n" + space.replace("NAME", "b")
+    file = make(text)
+    shown = yaml.safe_load(campaign("show", file, "3").stdout)
+    assert [rule["name"] for rule in shown["faults"]] == ["a", "b"] and shown["seed"] == 7
+    assert json.loads(campaign("run", file, "--only", "3").stdout)["faults"] > 0
+
+
 # ---- samples -------------------------------------------------------------------------------------
 
 FACTORS = [("a", "nodes.engine.queue", 4), ("b", "nodes.gearbox.queue", 3),
@@ -317,6 +328,12 @@ def test_plan_tells_what_there_is(make):
     ("{ set: seed, values: [ 1.5 ] }", "seeds are whole numbers from 0 on"),
     ("{ set: bus, values: [ 1 ] }\n  - { set: bus.bitrate, values: [ 1 ] }",
      "'bus.bitrate' is part of what 'bus' varies"),
+    ("{ set: faults, values: [ [] ] }\n  - { each-bit: { frame: 123#, at: dash } }",
+     "5:5: 'each-bit' is part of what 'faults' varies"),
+    ("{ set: \"nodes[0].ppm\", values: [ 1 ] }\n  - { set: \"nodes[0]\", values: [ {} ] }",
+     "5:5: 'nodes[0].ppm' is part of what 'nodes[0]' varies"),
+    ("{ set: nodes.dash.ppm, values: [ 1 ] }\n  - { set: \"nodes[2].ppm\", values: [ 1 ] }",
+     "5:5: 'nodes.dash.ppm' and 'nodes[2].ppm' vary the same"),
     ("{ set: seed, values: [ 1 ] }\n  - { set: seed, values: [ 1 ] }", "5:5: duplicate factor"),
     ("{ set: seed, valeus: [ 1 ] }", "unknown key 'valeus' (did you mean 'values'?)"),
 ])
