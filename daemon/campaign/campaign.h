@@ -31,7 +31,7 @@ typedef struct factor {
     uint64_t count;      /* of values; of draws in a full product */
     uint64_t pruned;     /* values that no node can sample, which are left out */
     const char **texts;  /* LIST: the values as JSON */
-    const char **rules;  /* of a space: the rules of each value, as JSON with commas between */
+    const char **rules;  /* of a space: the rules of each value, as lines of JSON */
     const char *rule_names[2]; /* of a space, or of the rule that the path is in; NULL: none */
     number_text from;    /* RANGE, UNIFORM; NORMAL: the mean */
     number_text to;      /* UNIFORM; NORMAL: the deviation */

@@ -192,7 +192,7 @@ static void add_pair(space_list *values, space_list *rules, const space *s, cons
                                   id, pair[0], pair[1], places[0], places[1]));
     const char *first = rule_text(rules->memory, s, ".1", frame, pair[0]);
     const char *second = rule_text(rules->memory, s, ".2", frame, pair[1]);
-    space_add(rules, first && second ? arena_print(rules->memory, "%s,%s", first, second) : NULL);
+    space_add(rules, first && second ? arena_print(rules->memory, "%s\n%s", first, second) : NULL);
 }
 
 const char *space_add_pairs(space_list *values, space_list *rules, const space *s,

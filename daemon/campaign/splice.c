@@ -32,6 +32,13 @@ static const char *next_line(const splice_text *t, const yaml_mark_t *mark)
     return arena_print(t->memory, "\n%*s", (int)mark->column, "");
 }
 
+static bool is_first_of_line(const splice_text *t, size_t at)
+{
+    while (at > 0 && t->text[at - 1] == ' ')
+        at--;
+    return at == 0 || t->text[at - 1] == '\n';
+}
+
 /* Replaces a value. A block ends at the next line, whose blanks belong to it; they stay. */
 static const char *replace(splice *out, const splice_text *t, const yaml_node_t *value)
 {
@@ -41,7 +48,8 @@ static const char *replace(splice *out, const splice_text *t, const yaml_node_t 
                     .after = ""};
     while (out->end > out->begin && strchr(" \t\r\n", t->text[out->end - 1]))
         out->end--;
-    if (out->begin == out->end) /* `key:` without a value */
+    /* `key:` without a value, or a block that is perhaps not further right than its key */
+    if (out->begin == out->end || is_first_of_line(t, out->begin))
         out->before = " ";
     return NULL;
 }
@@ -125,6 +133,24 @@ static const char *name_of(schema *self, yaml_node_t *item)
     return name && name->type == YAML_SCALAR_NODE ? (const char *)name->data.scalar.value : NULL;
 }
 
+/* Returns how many places name a node; an alias names it once more. */
+static size_t count_places(const schema *self, const yaml_node_t *node)
+{
+    const int number = (int)(node - self->document->nodes.start) + 1;
+    size_t count = 0;
+    for (const yaml_node_t *n = self->document->nodes.start; n < self->document->nodes.top; n++) {
+        if (n->type == YAML_SEQUENCE_NODE)
+            for (yaml_node_item_t *i = n->data.sequence.items.start;
+                 i < n->data.sequence.items.top; i++)
+                count += *i == number;
+        if (n->type == YAML_MAPPING_NODE)
+            for (yaml_node_pair_t *i = n->data.mapping.pairs.start;
+                 i < n->data.mapping.pairs.top; i++)
+                count += (size_t)(i->key == number) + (size_t)(i->value == number);
+    }
+    return count;
+}
+
 /* Goes down by one part. Returns NULL where there is nothing. */
 static yaml_node_t *step_down(schema *self, yaml_node_t *node, const part *p)
 {
@@ -153,6 +179,8 @@ static const char *walk(splice *out, const splice_text *t, const char *rest, con
             return insert(out, t, node, p.text);
         if (!next)
             return arena_print(t->memory, "the scenario has no '%s' there", p.text);
+        if (count_places(&self, next) > 1)
+            return arena_print(t->memory, "'%s' is shared by an alias", p.text);
         in_faults = depth == 0 && strcmp(p.text, "faults") == 0;
         node = next;
     }
@@ -178,6 +206,7 @@ const char *splice_find_rules(splice *out, const splice_text *t, bool first, boo
         if (wrong)
             return wrong;
         out->before = first ? "faults: [" : "";
+        out->between = ", ";
         out->after = last ? arena_print(t->memory, "]%s", out->after) : ", ";
         return out->after ? NULL : NO_MEMORY;
     }
@@ -188,5 +217,6 @@ const char *splice_find_rules(splice *out, const splice_text *t, bool first, boo
     out->end = out->begin;
     out->before = flow ? "" : "- ";
     out->after = flow ? ", " : next_line(t, &faults->start_mark);
-    return out->after ? NULL : NO_MEMORY;
+    out->between = flow ? ", " : arena_print(t->memory, "%s- ", out->after ? out->after : "");
+    return out->after && out->between ? NULL : NO_MEMORY;
 }

@@ -15,6 +15,7 @@ typedef struct splice {
     size_t end;   /* ... to here are replaced */
     const char *before;
     const char *after;
+    const char *between; /* two rules of a space */
 } splice;
 
 /* A text whose document is loaded. */

@@ -39,6 +39,17 @@ size_t variant_next_edit(const campaign *c, uint64_t done)
     return next;
 }
 
+/* Writes the rules of a space, which are lines. */
+static void put_rules(rowtext *out, const char *rules, const char *between)
+{
+    const char *end = strchr(rules, '\n');
+    put_bytes(out, rules, end ? (size_t)(end - rules) : strlen(rules));
+    if (!end)
+        return;
+    rowtext_put(out, between);
+    rowtext_put(out, end + 1);
+}
+
 void variant_text(rowtext *out, const campaign *c, const choice *choices)
 {
     uint64_t done = 0;
@@ -49,7 +60,7 @@ void variant_text(rowtext *out, const campaign *c, const choice *choices)
         put_bytes(out, c->text + at, f->edit.begin - at);
         rowtext_put(out, f->edit.before);
         if (f->rules)
-            rowtext_put(out, f->rules[choices[i].index]);
+            put_rules(out, f->rules[choices[i].index], f->edit.between);
         else
             sample_value(out, f, &choices[i]);
         rowtext_put(out, f->edit.after);
