@@ -125,6 +125,8 @@ static void take_list(reading *r, schema *self, const yaml_node_t *value, const 
     f->pruned = list->pruned;
     if (list->no_memory)
         schema_complain(self, value, "out of memory");
+    else if (list->count == 0 && list->pruned > 0)
+        schema_complain(self, value, "all its values are pruned");
 }
 
 static void read_values(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -179,6 +181,8 @@ static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, 
     const cfg *config = r->owner->config;
     space_list list = {.memory = self->arena};
     r->kinds++;
+    if (!config && is_all(value))
+        schema_complain(self, value, "%s: it is for the file of one bus", key->name);
     for (size_t i = 0; config && is_all(value) && i < config->node_count; i++)
         space_add(&list, schema_print(self, "\"%s\"", config->nodes[i].name));
     const size_t count =
@@ -373,6 +377,8 @@ static void read_space(schema *self, const schema_key *key, yaml_node_t *value, 
     if (strlen(m.space.name) > RULE_NAME_BYTES - 2 || !r->owner->config)
         schema_complain(self, value, "%s: it needs the file of one bus, and a short name",
                         key->name);
+    else if (!pairs && m.field)
+        schema_complain(self, value, "%s: 'field' is for pairs-of-bits", key->name);
     else if (pairs && !m.space.at)
         schema_complain(self, value, "%s: it needs 'at', the nodes that sample the bits: on the "
                         "wire the sender stops at the first one", key->name);

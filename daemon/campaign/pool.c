@@ -13,6 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <time.h>
@@ -46,6 +47,7 @@ typedef struct worker {
 
 typedef struct pool {
     const pool_work *work;
+    pid_t parent; /* of the processes */
     worker workers[POOL_JOBS_MAX];
     chunk *chunks; /* a ring */
     size_t chunk_room;
@@ -73,9 +75,11 @@ static bool fail(pool *p, int error)
 
 /* ---- Processes ------------------------------------------------------------------------------- */
 
-/* A process keeps no end of another one's socket: that one ends when this program does. */
+/* A process that outlives this program would hold its locks. One keeps no end of another one's socket: that one ends when this program does. */
 _Noreturn static void be_worker(pool *p, const int ends[2])
 {
+    if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0 || getppid() != p->parent)
+        _exit(EXIT_FAILURE);
     for (unsigned i = 0; i < p->work->jobs; i++)
         if (p->workers[i].pid > 0)
             (void)close(p->workers[i].fd);
@@ -341,6 +345,7 @@ bool pool_run(const pool_work *work)
     if (!p)
         return false;
     p->work = work;
+    p->parent = getpid();
     p->looked_ms = wall_ms();
     bool good = set_up(p);
     while (good && !(is_all_opened(p) && p->closed == p->opened))

@@ -161,6 +161,38 @@ def test_rules_of_spaces_join_those_that_are_there(make):
         assert row["faults"] == 3 and row["error_frames"] == 3 or row["faults"] == 2
 
 
+def test_pairs_of_bits_join_a_block_of_rules(make):
+    for bus in BUS, BUS.replace("faults:\n  - name: hit\n    when", "faults:\n- name: hit\n  when") \
+            .replace("    do:", "  do:"):
+        pairs = "  - { name: p, pairs-of-bits: { frame: 123#DEADBEEF, at: dash, field: NAME } }\n"
+        text = "scenario: bus.yaml\nvary:\n" + pairs.replace("NAME", "crc") + \
+            pairs.replace("NAME", "eof").replace("p,", "q,")
+        file = make(text, bus)
+        shown = yaml.safe_load(campaign("show", file, "3").stdout)
+        assert [rule["name"] for rule in shown["faults"]] == ["p.1", "p.2", "q.1", "q.2", "hit"]
+        row = json.loads(campaign("run", file, "--only", "3", status=3).stdout)
+        assert row["outcome"] == "failed" and row["faults"] >= 4
+
+
+def test_a_block_that_is_not_further_right_than_its_key(make):
+    bus = "bus: { name: b, bitrate: 500000 }\nnodes:\n- name: engine\n  traffic:\n" \
+        "  - { send: 123#, every: 1ms, count: 2 }\n- name: dash\nfaults:\n- name: hit\n" \
+        "  when: { frame: \"123\" }\n  do: { flip: sof }\n"
+    text = "scenario: bus.yaml\nvary:\n" \
+        "  - { set: nodes.engine.traffic, values: [ [ { send: 124#, every: 1ms, count: 3 } ] ] }\n" \
+        "  - { set: faults, values: [ [] ] }\n"
+    assert json.loads(campaign("run", make(text, bus)).stdout)["frames"] == 3
+
+
+def test_a_value_that_is_shared(make):
+    bus = "bus: { name: b, bitrate: 500000 }\nnodes:\n  - { name: a, traffic: &t [ " \
+        "{ send: 123#, every: &e 1ms, count: 2 } ] }\n  - { name: b, traffic: *t }\n"
+    for path in "nodes.b.traffic[0].count", "nodes.a.traffic":
+        text = f"scenario: bus.yaml\nvary:\n  - {{ set: \"{path}\", values: [ 3 ] }}\n"
+        message = campaign("plan", make(text, bus), status=1).stderr
+        assert f"3:12: set: '{path}': 'traffic' is shared by an alias" in message
+
+
 @pytest.mark.parametrize("sample", ["full", "{ random: 4 }"])
 def test_keys_that_are_put_in_keep_out_of_spaces(make, write, sample):
     space = "  - { name: NAME, each-bit: { frame: 123#DEADBEEF, at: dash } }\n"
@@ -328,6 +360,9 @@ def test_plan_tells_what_there_is(make):
     ("{ set: seed, values: [ 1.5 ] }", "seeds are whole numbers from 0 on"),
     ("{ set: bus, values: [ 1 ] }\n  - { set: bus.bitrate, values: [ 1 ] }",
      "'bus.bitrate' is part of what 'bus' varies"),
+    ("{ set: faults.hit.do.flip, positions: [ \"data[0..7].*\" ], frame: 123# }",
+     "all its values are pruned"),
+    ("{ each-bit: { frame: 123#, at: dash, field: crc } }", "each-bit: 'field' is for pairs-of"),
     ("{ set: faults, values: [ [] ] }\n  - { each-bit: { frame: 123#, at: dash } }",
      "5:5: 'each-bit' is part of what 'faults' varies"),
     ("{ set: \"nodes[0].ppm\", values: [ 1 ] }\n  - { set: \"nodes[0]\", values: [ {} ] }",
@@ -342,6 +377,21 @@ def test_bad_factors(write, factor, message):
     file = write(f"scenario: bus.yaml\nuntil: 1s\nvary:\n  - {factor}\n", "campaign.yaml")
     found = campaign("plan", file, status=1).stderr
     assert f"{file}:" in found and message in found
+
+
+@pytest.mark.parametrize("sample", ["full", "pairwise", "{ random: 3 }", "{ low-discrepancy: 3 }"])
+def test_a_factor_without_values(write, sample):
+    write(BUS)
+    file = write(f"scenario: bus.yaml\nsample: {sample}\nvary:\n  - {{ set: faults.hit.do.flip, "
+                 "positions: \"data.*\", frame: 123# }\n", "campaign.yaml")
+    assert "4:43: all its values are pruned" in campaign("plan", file, status=1).stderr
+
+
+def test_a_limit_is_at_least_a_second(write):
+    write(BUS)
+    file = write("scenario: bus.yaml\nlimit: 999ms\nvary: [ { set: seed, values: [ 1 ] } ]\n",
+                 "campaign.yaml")
+    assert "expected a real time from 1s to 24h" in campaign("plan", file, status=1).stderr
 
 
 def test_bad_scenarios(write):
