@@ -39,7 +39,7 @@ typedef struct worker {
     pid_t pid; /* 0: there is none */
     int fd;
     chunk *chunk; /* NULL: it has nothing to do */
-    unsigned tries; /* how often the first line that has not come has been tried alone */
+    unsigned tries; /* of the first line that has not come, alone */
     bool late;
     int64_t since_ms; /* the last sign of it */
     buffer part;      /* of a line */

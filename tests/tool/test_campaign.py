@@ -277,7 +277,7 @@ def test_processes_that_are_killed_cost_no_row(make, tmp_path):
         killed = set()  # two: a row that is killed three times is lost
         end = time.monotonic() + 60
         while running.poll() is None and len(killed) < 2 and time.monotonic() < end:
-            with contextlib.suppress(OSError):  # what has ended already
+            with contextlib.suppress(OSError):  # it may have ended already
                 children = open(f"/proc/{running.pid}/task/{running.pid}/children",
                                 encoding="ascii").read().split()
                 for child in [child for child in children if child not in killed][:1]:
@@ -285,6 +285,19 @@ def test_processes_that_are_killed_cost_no_row(make, tmp_path):
                     killed.add(child)
         assert running.wait(60) == 0
     assert out.read_text() == wanted
+
+
+def test_rows_go_into_regular_files(make, tmp_path):
+    file, real, link = make(MANY), tmp_path / "real.ndjson", tmp_path / "link.ndjson"
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    for name in "folder", "pipe":
+        message = campaign("run", file, "--only", "0", "--out", tmp_path / name, status=1).stderr
+        assert f"{name}: it is no regular file" in message
+    real.write_text("old")
+    link.symlink_to("real.ndjson")
+    campaign("run", file, "--only", "0", "--out", link)
+    assert link.is_symlink() and len(rows_of(real.read_text())) == 1
 
 
 def test_rows_of_another_campaign_are_not_continued(make, tmp_path):

@@ -11,6 +11,7 @@
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define MODE 0666 /* less the umask */
@@ -89,16 +90,33 @@ static bool open_part(rowfile *f)
     return complain(f->part, strerror(errno));
 }
 
+/* The file gets its name in the end, which must replace no device and no link. */
+static bool find_real(rowfile *f)
+{
+    struct stat found;
+    if (stat(f->name, &found) != 0)
+        return errno == ENOENT || complain(f->name, strerror(errno));
+    if (!S_ISREG(found.st_mode))
+        return complain(f->name, "it is no regular file");
+    f->real = realpath(f->name, NULL);
+    if (!f->real)
+        return complain(f->name, strerror(errno));
+    f->name = f->real;
+    return true;
+}
+
 bool rowfile_open(rowfile *f, const char *name, bool resume, rowfile_check *check, void *user)
 {
     *f = (rowfile){.name = name, .stream = name ? NULL : stdout};
     if (!name)
         return true;
+    if (!find_real(f))
+        return false;
     if (resume && !open_whole(f, check, user))
         return false;
     if (f->whole)
         return true;
-    if (asprintf(&f->part, "%s.part", name) < 0) {
+    if (asprintf(&f->part, "%s.part", f->name) < 0) {
         f->part = NULL;
         return complain(name, "out of memory");
     }
@@ -125,7 +143,9 @@ bool rowfile_close(rowfile *f, bool done)
         good = fclose(f->stream) == 0 && good;
     }
     free(f->part);
+    free(f->real);
     f->part = NULL;
+    f->real = NULL;
     f->stream = NULL;
     return good;
 }

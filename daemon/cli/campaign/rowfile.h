@@ -14,6 +14,7 @@
 
 typedef struct rowfile {
     const char *name; /* NULL: standard output */
+    char *real;       /* the file that a link with this name leads to; NULL: there is none */
     char *part;       /* its name while rows are missing */
     FILE *stream;
     bool whole; /* the file is there, and is not written */
