@@ -75,7 +75,8 @@ static bool fail(pool *p, int error)
 
 /* ---- Processes ------------------------------------------------------------------------------- */
 
-/* A process that outlives this program would hold its locks. One keeps no end of another one's socket: that one ends when this program does. */
+/* A process that outlives this program would hold its locks. One keeps no end of another one's
+ * socket: that one ends when this program does. */
 _Noreturn static void be_worker(pool *p, const int ends[2])
 {
     if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0 || getppid() != p->parent)

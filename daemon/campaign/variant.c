@@ -18,8 +18,9 @@ static bool is_in_text(const factor *f)
     return f->edit.before != NULL;
 }
 
-/* Returns true when an edit comes before another one in the text. At one place, what is put in comes
- * before what is replaced, and all spaces come before other keys: their rules are one list. */
+/* Returns true when an edit comes before another one in the text. At one place, what is put in
+ * comes before what is replaced, and all spaces come before other keys: their rules are one
+ * list. */
 static bool comes_before(const factor *a, const factor *b)
 {
     if (a->edit.begin != b->edit.begin)

@@ -162,8 +162,8 @@ def test_rules_of_spaces_join_those_that_are_there(make):
 
 
 def test_pairs_of_bits_join_a_block_of_rules(make):
-    for bus in BUS, BUS.replace("faults:\n  - name: hit\n    when", "faults:\n- name: hit\n  when") \
-            .replace("    do:", "  do:"):
+    left = BUS.replace("faults:\n  - name: hit\n    when", "faults:\n- name: hit\n  when")
+    for bus in BUS, left.replace("    do:", "  do:"):
         pairs = "  - { name: p, pairs-of-bits: { frame: 123#DEADBEEF, at: dash, field: NAME } }\n"
         text = "scenario: bus.yaml\nvary:\n" + pairs.replace("NAME", "crc") + \
             pairs.replace("NAME", "eof").replace("p,", "q,")
@@ -179,7 +179,8 @@ def test_a_block_that_is_not_further_right_than_its_key(make):
         "  - { send: 123#, every: 1ms, count: 2 }\n- name: dash\nfaults:\n- name: hit\n" \
         "  when: { frame: \"123\" }\n  do: { flip: sof }\n"
     text = "scenario: bus.yaml\nvary:\n" \
-        "  - { set: nodes.engine.traffic, values: [ [ { send: 124#, every: 1ms, count: 3 } ] ] }\n" \
+        "  - { set: nodes.engine.traffic,\n" \
+        "      values: [ [ { send: 124#, every: 1ms, count: 3 } ] ] }\n" \
         "  - { set: faults, values: [ [] ] }\n"
     assert json.loads(campaign("run", make(text, bus)).stdout)["frames"] == 3
 
