@@ -3,6 +3,7 @@
 
 import json
 import os
+import random
 import re
 import subprocess
 import sys
@@ -258,6 +259,24 @@ def test_scenarios_shrink_to_what_matters():
     assert len(small.config["faults"]) == 1 and small.config["faults"][0]["when"]["count"] <= 4
     assert sum(len(one.get("traffic", [])) for one in small.config["nodes"]) == 1
     assert Scenario(small.yaml).yaml == small.yaml  # the text is all of it
+
+
+def goes_off(scenario):
+    with scenario.run("100ms", listen=False, events="state") as bus:
+        return any(event["state"] == "bus-off" for event in bus.events("state"))
+
+
+def dash_sends(scenario):
+    with scenario.run("100ms", listen=False, events="tx") as bus:
+        return bool(bus.events("tx", node="dash"))
+
+
+@pytest.mark.parametrize("fails, rules, seed", [(goes_off, 1, 2), (dash_sends, 0, 4)])
+def test_no_superfluous_rule_or_frame_is_left(fails, rules, seed):
+    small = find(scenarios(["engine", "dash"]), fails, random=random.Random(seed),
+                 settings=settings(ALWAYS, derandomize=False))
+    assert len(small.config.get("faults", [])) == rules
+    assert sum(len(one.get("traffic", [])) for one in small.config["nodes"]) == 1
 
 
 def test_frames_are_those_that_exist():

@@ -10,6 +10,7 @@ A failing example becomes the smallest scenario that fails, and is printed as YA
 
 from __future__ import annotations
 
+import itertools
 from typing import Any, Sequence
 
 from hypothesis import strategies as st
@@ -40,53 +41,71 @@ def frames(fd: bool = False, extended: bool | None = None, remote: bool = False,
     return draw_frame()
 
 
+def _some(slots: int, element: st.SearchStrategy[Any]) -> st.SearchStrategy[list[Any]]:
+    """Returns lists of up to so many elements, each of which is left out by one choice alone. Where
+    it takes all the choices of an element, as in st.lists(), hypothesis often leaves some in."""
+    kept = st.tuples(*[st.booleans()] * slots)
+    return st.tuples(kept, st.tuples(*[element] * slots)).map(
+        lambda drawn: [one for keep, one in zip(*drawn) if keep])
+
+
 def traffic(nodes: Sequence[str], most: int = 8, within_us: int = 10_000,
             **options: Any) -> st.SearchStrategy[list[tuple[str, Frame, int]]]:
     """Returns lists of (node, frame, microseconds): what nodes send, and when; at most so many
     frames. options: those of frames()."""
-    return st.lists(st.tuples(st.sampled_from(list(nodes)), frames(**options),
-                              st.integers(0, within_us)), max_size=most)
+    return _some(most, st.tuples(st.sampled_from(list(nodes)), frames(**options),
+                                 st.integers(0, within_us)))
 
 
 def _positions() -> st.SearchStrategy[str]:
-    def indexed(name: str) -> st.SearchStrategy[str]:
-        last = FIELDS[name]
-        return st.integers(0, last).map(lambda n: f"{name}[{n}]") if last else st.just(name)
+    fields = [f"{name}[{n}]" if last else name for name, last in sorted(FIELDS.items())
+              for n in range(last + 1)]
+    bits = [f"data[{byte}.{bit}]" for byte in range(8) for bit in range(8)]
+    return st.sampled_from(fields + bits)
 
-    bits = st.tuples(st.integers(0, 7), st.integers(0, 7)).map(lambda b: f"data[{b[0]}.{b[1]}]")
-    return st.one_of(st.sampled_from(sorted(FIELDS)).flatmap(indexed), bits)
+
+def _groups(nodes: Sequence[str]) -> list[list[str]]:
+    """Returns the groups of nodes, small ones first; of many nodes those of 1, 2 and all."""
+    sizes = range(1, len(nodes) + 1) if len(nodes) < 7 else (1, 2, len(nodes))
+    return [list(group) for size in sizes for group in itertools.combinations(nodes, size)]
+
+
+def _dict(**values: st.SearchStrategy[Any]) -> st.SearchStrategy[dict[str, Any]]:
+    """Returns dicts; a value that is None is left out, which takes no other choices."""
+    return st.fixed_dictionaries({key.replace("_", "-").strip("-"): value
+                                  for key, value in values.items()}).map(
+        lambda drawn: {key: value for key, value in drawn.items() if value is not None})
 
 
 def actions(nodes: Sequence[str]) -> st.SearchStrategy[dict[str, Any]]:
     """Returns what a rule does: bits of the wire or of nodes, levels, controllers, frames."""
     node = st.sampled_from(list(nodes))
-    some = st.lists(node, min_size=1, max_size=len(nodes), unique=True)
+    groups = _groups(nodes)
+    some, place = st.sampled_from(groups), st.sampled_from([None, *groups])
     level = st.sampled_from(["dominant", "recessive"])
     return st.one_of(
-        st.fixed_dictionaries({"flip": _positions()}, optional={"at": some}),
-        st.fixed_dictionaries({"force": level, "from": _positions(), "bits": st.integers(1, 12)},
-                              optional={"at": some}),
-        st.fixed_dictionaries({"no-ack": some}),
-        st.fixed_dictionaries({"wrong-crc": some}),
-        st.fixed_dictionaries({"error-flag": some}),
-        st.fixed_dictionaries({"bus-off": some}),
-        st.fixed_dictionaries({"stuck": level, "for": st.integers(1, 200).map("{}bit".format),
-                               "on": node.map("{}.tx".format)}),
-        st.fixed_dictionaries({"disconnect": some,
-                               "for": st.integers(1, 2000).map("{}bit".format)}),
-        st.fixed_dictionaries({"delay": st.integers(1, 5000).map("{}us".format)}),
-        st.fixed_dictionaries({"drop": st.sampled_from(["rx", "tx"])}))
+        _dict(flip=_positions(), at=place),
+        _dict(force=level, from_=_positions(), bits=st.integers(1, 12), at=place),
+        _dict(no_ack=some),
+        _dict(wrong_crc=some),
+        _dict(error_flag=some),
+        _dict(bus_off=some),
+        _dict(stuck=level, for_=st.integers(1, 200).map("{}bit".format),
+              on=node.map("{}.tx".format)),
+        _dict(disconnect=some, for_=st.integers(1, 2000).map("{}bit".format)),
+        _dict(delay=st.integers(1, 5000).map("{}us".format)),
+        _dict(drop=st.sampled_from(["rx", "tx"])))
 
 
 def faults(nodes: Sequence[str], most: int = 3,
            what: st.SearchStrategy[dict[str, Any]] | None = None
            ) -> st.SearchStrategy[list[dict[str, Any]]]:
     """Returns lists of rules for frames, which act once or a few times. what: actions."""
-    when = st.fixed_dictionaries({"count": st.integers(1, 20)}, optional={
-        "from": st.sampled_from(list(nodes)), "skip": st.integers(0, 5)})
+    when = _dict(count=st.integers(1, 20), from_=st.sampled_from([None, *nodes]),
+                 skip=st.integers(0, 5).map(lambda skip: skip or None))
     what = actions(nodes) if what is None else what
-    pairs = st.lists(st.tuples(when, what), max_size=most)
-    return pairs.map(lambda rules: [_rule(number, *rule) for number, rule in enumerate(rules, 1)])
+    return _some(most, st.tuples(when, what)).map(
+        lambda rules: [_rule(number, *rule) for number, rule in enumerate(rules, 1)])
 
 
 def _rule(number: int, condition: dict[str, Any], action: dict[str, Any]) -> dict[str, Any]:
