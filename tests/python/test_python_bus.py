@@ -243,6 +243,28 @@ def test_frames_that_cannot_exist_are_refused(frame, why):
         bus.send("a", frame)
 
 
+@pytest.mark.parametrize("values, error, why", [
+    ((1 << 40,), ValueError, "0x10000000000 is no identifier; expected 0 to 0x7FF"),
+    ((-1,), ValueError, "-0x1 is no identifier"),
+    (("5",), TypeError, "'5' is not an identifier; expected a whole number"),
+    ((1, [300]), ValueError, "expected numbers from 0 to 255"),
+    ((1, "AB"), TypeError, "'AB' are no data; expected bytes"),
+    ((1, 5), TypeError, "5 are no data"),
+    ((1, b"", False, True, False, False, False, 20), ValueError, "remote frame; expected 0 to 8")])
+def test_wrong_values_are_no_other_frame(values, error, why):
+    with pytest.raises(error, match=why):
+        Frame(*values)
+
+
+def test_data_may_be_numbers():
+    assert Frame(1, [1, 255]) == Frame(1, b"\x01\xff") == Frame.parse("001#01FF")
+
+
+def test_what_is_sent_is_a_frame():
+    with Bus.from_yaml(EMPTY) as bus, pytest.raises(TypeError, match="5 is no frame; expected"):
+        bus.send("a", 5)
+
+
 def test_a_full_queue_drops_with_an_event():
     with Bus.from_yaml(EMPTY) as bus:
         for _ in range(17):

@@ -146,6 +146,9 @@ class Node:
         """Hands a frame to the node, now or at a later time. Events show what becomes of it."""
         if isinstance(frame, str):
             frame = Frame.parse(frame)
+        if not isinstance(frame, Frame):
+            raise TypeError(f"{frame!r} is no frame; expected a canwire.Frame or a text, such as "
+                            "123#DEADBEEF")
         when = 0 if at is None else self._bus._time_ns(at, self.number)
         self._bus._check(self._bus._library.send(self._bus._sim, self.number,
                                                  ctypes.byref(frame._to_c()), when))

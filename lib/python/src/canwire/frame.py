@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import operator
 import re
 from dataclasses import dataclass
+from typing import Any
 
 from . import _library
 
@@ -33,6 +35,18 @@ class Frame:
     error: bool = False
     own: bool = False
     t_ns: int = 0
+
+    def __post_init__(self) -> None:
+        number = _whole("an identifier", self.id)
+        if not 0 <= number <= 0x1FFFFFFF:
+            raise ValueError(f"{number:#x} is no identifier; expected 0 to 0x7FF, or to 0x1FFFFFFF "
+                             "of an extended frame")
+        object.__setattr__(self, "id", number)
+        object.__setattr__(self, "data", _bytes(self.data))
+        most = 8 if self.remote else 15
+        if self.dlc is not None and not 0 <= _whole("a DLC", self.dlc) <= most:
+            kind = "a remote frame" if self.remote else "a frame"
+            raise ValueError(f"{self.dlc} is no DLC of {kind}; expected 0 to {most}")
 
     @property
     def t(self) -> float:
@@ -97,6 +111,27 @@ class Frame:
                    esi=bool(frame.flags & _library.FRAME_ESI),
                    dlc=frame.length if remote else frame.raw_dlc or None,
                    own=bool(frame.flags & _library.FRAME_OWN), t_ns=frame.t)
+
+
+def _whole(what: str, value: Any) -> int:
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise TypeError(f"{value!r} is not {what}; expected a whole number") from None
+
+
+def _bytes(data: Any) -> bytes:
+    """Returns the data as bytes, which may be given as numbers."""
+    if isinstance(data, bytes):
+        return data
+    try:
+        if isinstance(data, int):  # bytes() would make so many zeros
+            raise TypeError
+        return bytes(data)
+    except TypeError:
+        raise TypeError(f"{data!r} are no data; expected bytes, or numbers") from None
+    except ValueError:
+        raise ValueError(f"{data!r} are no data; expected numbers from 0 to 255") from None
 
 
 def _hex(text: str, digits: str, most: int) -> bytes:
