@@ -184,6 +184,7 @@ def test_several_buses_and_any_size(rig, terminal, tmp_path):
                     cwd=tmp_path).stdout
     assert [shown.count(word) for word in ("BUS", "NODE", "RULE", "door", "engine")] == [
         1, 2, 1, 1, 1]
+    assert max(map(len, shown.splitlines())) <= 80
     stop_canwired(body, tmp_path / "body.log")
     r.stop()
 

@@ -25,7 +25,7 @@
 #define MESSAGE_MAX 512
 #define INPUT_MAX 2000
 #define ROWS_MAX 500u
-#define PLAIN_COLUMNS 100u
+#define PLAIN_COLUMNS 80u
 #define INTERVAL_MIN_NS UINT64_C(100000000)
 #define INTERVAL_MAX_NS UINT64_C(60000000000)
 #define NS_PER_MS 1000000u
@@ -305,6 +305,17 @@ static int run(top *t)
     return CLI_OK;
 }
 
+/* Returns the width of plain text: COLUMNS, when it is set, else 80. */
+static unsigned plain_columns(void)
+{
+    const char *text = getenv("COLUMNS");
+    char *end = NULL;
+    const unsigned long columns = text ? strtoul(text, &end, 10) : 0;
+    if (!text || end == text || *end != '\0' || columns < TOP_COLUMNS_MIN)
+        return PLAIN_COLUMNS;
+    return columns < TOP_COLUMNS_MAX ? (unsigned)columns : TOP_COLUMNS_MAX;
+}
+
 /* Prints the buses, and nodes and rules of each. */
 static int print_once(top *t)
 {
@@ -316,13 +327,14 @@ static int print_once(top *t)
         if (!t->shown[i].there)
             return CLI_BAD_INPUT;
     }
+    const unsigned columns = plain_columns();
     for (t->bus = 0; t->bus < t->count; t->bus++) {
-        const top_view view = view_of(t, PLAIN_COLUMNS);
+        const top_view view = view_of(t, columns);
         const unsigned rows = top_layout_rows(&view);
         top_line *all = calloc(rows + TOP_ROWS_MIN, sizeof *all);
         if (!all)
             return CLI_BAD_INPUT;
-        (void)top_layout(all, rows + TOP_ROWS_MIN, PLAIN_COLUMNS, &view);
+        (void)top_layout(all, rows + TOP_ROWS_MIN, columns, &view);
         for (unsigned i = t->bus > 0 ? 1 + t->count : 0; i < rows; i++)
             puts(all[i].text);
         free(all);

@@ -42,8 +42,8 @@ def frames(fd: bool = False, extended: bool | None = None, remote: bool = False,
 
 
 def _some(slots: int, element: st.SearchStrategy[Any]) -> st.SearchStrategy[list[Any]]:
-    """Returns lists of up to so many elements, each of which is left out by one choice alone. Where
-    it takes all the choices of an element, as in st.lists(), hypothesis often leaves some in."""
+    """Returns lists of up to so many elements, each of which is left out by one choice alone. In
+    st.lists() it takes all the choices of an element, and hypothesis often leaves some in."""
     kept = st.tuples(*[st.booleans()] * slots)
     return st.tuples(kept, st.tuples(*[element] * slots)).map(
         lambda drawn: [one for keep, one in zip(*drawn) if keep])
