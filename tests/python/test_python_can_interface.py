@@ -272,7 +272,10 @@ def test_a_running_bus_needs_a_node_with_a_socket(running, opened):
 
 
 def test_an_ordinary_user_finds_the_nodes_of_a_bus(running, opened, monkeypatch):
-    monkeypatch.setattr("canwire.pythoncan.RUN_FOLDER", os.path.dirname(running))
+    monkeypatch.setenv("CANWIRE_RUN", os.path.dirname(running))
+    with pytest.raises(can.CanInitializationError,
+                       match=f"no running bus 'ci' in {os.path.dirname(running)}$"):
+        opened(channel="ci", private=False)
     found = can.detect_available_configs("canwire")
     assert found[:2] == [{"interface": "canwire", "channel": f"running:{node}"}
                          for node in ("engine", "dash")]

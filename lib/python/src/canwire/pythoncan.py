@@ -37,7 +37,7 @@ from .nodebus import STATES, NodeBus, channels, to_frame, to_message, told
 from .virtualtime import current
 
 LOG = logging.getLogger("can.canwire")
-RUN_FOLDER = "/run/canwire"
+RUN_FOLDER = "/run/canwire"  # without CANWIRE_RUN
 QUEUE = 512  # frames of a node in a bus of this process
 GUESTS = 62
 #: A node that acknowledges, so that a single program can send, as it can on `virtual`.
@@ -479,11 +479,16 @@ def is_socket_path(channel: Any) -> bool:
     return isinstance(channel, str) and ("/" in channel or channel.endswith(".sock"))
 
 
+def run_folder() -> str:
+    """Returns the folder of the control sockets, as the tool finds it."""
+    return os.environ.get("CANWIRE_RUN") or RUN_FOLDER
+
+
 def find_running(channel: Any) -> str | None:
     """Returns the control socket of the running bus that a channel names, or None."""
     if not isinstance(channel, str) or not channel:
         return None
-    path = channel if is_socket_path(channel) else f"{RUN_FOLDER}/{channel}.sock"
+    path = channel if is_socket_path(channel) else f"{run_folder()}/{channel}.sock"
     try:
         return path if pathlib.Path(path).is_socket() else None
     except OSError:
@@ -730,7 +735,8 @@ class CanwireBus(can.BusABC):
             self._end = self._attach(channel, running, node, own, errors)
         elif private is False or (private is None and config is None and is_socket_path(where)
                                   and not is_configuration(where)):
-            raise _refuse(f"there is no running bus {where!r}")
+            place = "" if is_socket_path(where) else f" in {run_folder()}"
+            raise _refuse(f"there is no running bus {where!r}{place}")
         else:
             data_rate = data_bitrate or max(bitrate, min(4 * bitrate, 2_000_000))
             self._end = self._inside(channel, where, node, virtual_time, own, errors, config,
@@ -846,7 +852,7 @@ class CanwireBus(can.BusABC):
         if clock is not None:
             return [{"interface": "canwire", "channel": name} for name in channels(clock)]
         found = []
-        for path in sorted(pathlib.Path(RUN_FOLDER).glob("*.sock")):
+        for path in sorted(pathlib.Path(run_folder()).glob("*.sock")):
             try:
                 found += [{"interface": "canwire", "channel": f"{path.stem}:{node}"}
                           for node in ports_of(str(path))]
