@@ -275,7 +275,7 @@ def test_an_ordinary_user_finds_the_nodes_of_a_bus(running, opened, monkeypatch)
     monkeypatch.setenv("CANWIRE_RUN", os.path.dirname(running))
     with pytest.raises(can.CanInitializationError,
                        match=f"no running bus 'ci' in {os.path.dirname(running)}$"):
-        opened(channel="ci", private=False)
+        opened(channel="ci", node="engine")
     found = can.detect_available_configs("canwire")
     assert found[:2] == [{"interface": "canwire", "channel": f"running:{node}"}
                          for node in ("engine", "dash")]

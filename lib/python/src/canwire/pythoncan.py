@@ -737,6 +737,11 @@ class CanwireBus(can.BusABC):
                                   and not is_configuration(where)):
             place = "" if is_socket_path(where) else f" in {run_folder()}"
             raise _refuse(f"there is no running bus {where!r}{place}")
+        elif (node not in (None, LISTENER) and not str(node).startswith("guest-")
+              and isinstance(where, str) and where not in Wire.all
+              and private is None and config is None and not virtual_time
+              and not is_configuration(where)):  # a new bus in this process has no such node
+            raise _refuse(f"there is no running bus {where!r} in {run_folder()}")
         else:
             data_rate = data_bitrate or max(bitrate, min(4 * bitrate, 2_000_000))
             self._end = self._inside(channel, where, node, virtual_time, own, errors, config,
