@@ -4,8 +4,10 @@
 The exact traces of tests/scenarios, and the outputs of `canwire sim`, are the references.
 """
 
+import copy
 import ctypes
 import json
+import math
 import os
 import re
 import subprocess
@@ -192,6 +194,24 @@ def test_from_dict_takes_what_yaml_is_read_as():
     with Bus.from_dict(config) as bus:
         assert [node.name for node in bus] == ["a", "b"]
         assert bus.buses[0].bitrate == 500000 and bus.buses[0].dbitrate is None
+
+
+def test_what_is_no_configuration_is_refused():
+    with pytest.raises(Error, match="None is no configuration; expected a dict"):
+        Bus.from_dict(None)
+    with pytest.raises(Error, match="there is no file 'foo: 1'"):
+        canwire.Scenario("foo: 1")
+
+
+@pytest.mark.parametrize("seconds", [math.nan, math.inf, -1])
+def test_what_is_no_time_is_refused(seconds):
+    with Bus.from_yaml(EMPTY) as bus, pytest.raises(Error, match="a time is 0 s or more"):
+        bus.run(duration=seconds)
+
+
+def test_a_bus_is_not_copied():
+    with Bus.from_yaml(EMPTY) as bus, pytest.raises(Error, match="a bus cannot be copied"):
+        copy.copy(bus)
 
 
 # ---- Frames --------------------------------------------------------------------------------------

@@ -261,6 +261,8 @@ class Bus:
     @classmethod
     def from_dict(cls, config: Mapping[str, Any], **options: Any) -> Bus:
         """Makes a bus from what the YAML would be read as."""
+        if not isinstance(config, Mapping):
+            raise Error(f"{config!r} is no configuration; expected a dict")
         return cls.from_yaml(json.dumps(config), **options)
 
     def close(self) -> None:
@@ -284,6 +286,9 @@ class Bus:
     def __del__(self) -> None:
         self._kept = False
         self.close()
+
+    def __reduce__(self) -> Any:
+        raise Error("a bus cannot be copied; make another one of its configuration")
 
     def __enter__(self) -> Bus:
         return self
@@ -366,7 +371,10 @@ class Bus:
         if isinstance(time, str):
             bus = max(self._library.bus_of_node(self._sim, node), 0)
             return self._check(self._library.time(self._sim, bus, time.encode()))
-        ns = round(time * 1_000_000_000)
+        try:
+            ns = round(time * 1_000_000_000)
+        except (ValueError, OverflowError):  # of "not a number" and infinity
+            ns = -1
         if not 0 <= ns < _library.NEVER:
             raise Error(f"{time}: a time is 0 s or more")
         return ns

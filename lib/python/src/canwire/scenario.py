@@ -12,7 +12,7 @@ import pathlib
 import re
 from typing import Any, Callable
 
-from .bus import Bus
+from .bus import Bus, Error
 
 _PLAIN = re.compile(r"[A-Za-z_][\w.:/-]*|\d+(\.\d+)?[a-z]*")
 _NUMBER = re.compile(r"0\d+|[\d.]+e\d*|\d+\.\d*")  # other tools read these as numbers
@@ -54,8 +54,13 @@ def from_yaml(source: Any) -> dict[str, Any]:
     """Reads a configuration, all values as texts, with absolute paths. It needs PyYAML."""
     import yaml  # pylint: disable=import-outside-toplevel
     folder = pathlib.Path.cwd() if is_text(source) else pathlib.Path(source).resolve().parent
-    text = source if is_text(source) else pathlib.Path(source).read_text(encoding="utf-8")
+    try:
+        text = source if is_text(source) else pathlib.Path(source).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise Error(f"there is no file {str(source)!r}; a text has a line end or a '{{'") from None
     config = yaml.load(text, Loader=yaml.BaseLoader)
+    if not isinstance(config, dict):
+        raise Error(f"{config!r} is no configuration")
     for entry in [traffic for node in config.get("nodes") or [] if isinstance(node, dict)
                   for traffic in node.get("traffic") or []] + (config.get("profiles") or []):
         for key in ("replay", "file"):
@@ -76,6 +81,8 @@ class Scenario:
 
     def __init__(self, config: dict[str, Any] | str):
         self.config = from_yaml(config) if isinstance(config, str) else copy.deepcopy(config)
+        if not isinstance(self.config, dict):
+            raise Error(f"{config!r} is no configuration; expected a dict, or YAML of one")
 
     @property
     def yaml(self) -> str:
