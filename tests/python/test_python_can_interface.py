@@ -512,3 +512,8 @@ def test_a_classical_node_of_a_running_bus_refuses_fd_frames(tmp_path, opened):
         assert dash.protocol is can.CanProtocol.CAN_20
         with pytest.raises(can.CanOperationError, match="no CAN FD frames"):
             dash.send(message(is_fd=True))
+
+
+def test_a_bit_rate_is_a_number(opened):
+    with pytest.raises(can.CanInitializationError, match="bitrate 'fast' is no number of bit/s"):
+        opened(channel="x", bitrate="fast")

@@ -724,6 +724,9 @@ class CanwireBus(can.BusABC):
         self.channel = channel
         self._virtual = virtual_time
         where, node = split(channel, node)
+        for key, rate in ("bitrate", bitrate), ("data_bitrate", data_bitrate):
+            if not isinstance(rate, (int, type(None))):
+                raise _refuse(f"{key} {rate!r} is no number of bit/s, such as 500000")
         own, errors = receive_own_messages, not ignore_rx_error_frames
         running = None if config is not None or private or virtual_time else find_running(where)
         if isinstance(config, os.PathLike):
