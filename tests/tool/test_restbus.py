@@ -434,3 +434,8 @@ def test_the_example_of_the_readme(tmp_path):
         output = [session.run(line) for line in commands]
     canwire("check", tmp_path / "restbus.yaml")
     assert "18FEF1FE#0200" in output[-1] and "0C9#" not in output[-1]
+
+
+def test_a_bit_rate_has_the_limits_of_the_configuration():
+    shown = restbus(f"{NETWORK}.kcd", "--bitrate", 1, status=2)
+    assert "--bitrate: expected 5000..1000000, not 1" in shown.stderr

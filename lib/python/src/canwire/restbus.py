@@ -614,6 +614,9 @@ class Entry:
             self.fail(node, f"{signal.name}: its factor is 0 in the database")
         self.check_limits(signal, node, text, value, (value - offset) / factor)
         raw = (value - offset) / factor
+        if not signal.is_float and raw != round(raw):
+            warn(f"{signal.name}: {text} is sent as {float(round(raw) * factor + offset):g}: its "
+                 f"resolution is {float(factor):g}")
         return float(raw) if signal.is_float else round(raw)
 
     def check_limits(self, signal, node, text, value, raw):
@@ -765,6 +768,8 @@ that are not named have their initial values. Without `every` the cycle time is 
     if options.name is not None and not re.fullmatch(f"[A-Za-z0-9_.-]{{1,{NAME_MAX}}}",
                                                      options.name):
         parser.error(f"--name: 1 to {NAME_MAX} letters, digits, '_', '.' or '-'")
+    if options.bitrate is not None and not 5000 <= options.bitrate <= 1_000_000:
+        parser.error(f"--bitrate: expected 5000..1000000, not {options.bitrate}")
     if options.file.endswith((".yaml", ".yml")) and (options.without or options.only):
         parser.error("--without and --only are for databases")
     return options
