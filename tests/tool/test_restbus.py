@@ -439,3 +439,10 @@ def test_the_example_of_the_readme(tmp_path):
 def test_a_bit_rate_has_the_limits_of_the_configuration():
     shown = restbus(f"{NETWORK}.kcd", "--bitrate", 1, status=2)
     assert "--bitrate: expected 5000..1000000, not 1" in shown.stderr
+
+
+def test_a_value_that_is_rounded_is_a_warning(tmp_path):
+    entries = "- { message: EngineSpeed, signals: { speed: 1234.4321 } }"
+    resolved(tmp_path, entries, f"{NETWORK}.kcd")
+    shown = restbus(tmp_path / "entries.yaml")
+    assert "speed: 1234.4321 is sent as 1234.5: its resolution is " in shown.stderr
