@@ -87,6 +87,13 @@ void rowtext_seconds(rowtext *row, const char *key, uint64_t ticks)
     rowtext_put(row, text);
 }
 
+void rowtext_end(rowtext *row, rowtext *command)
+{
+    (void)buffer_append(&command->bytes, "", 1);
+    rowtext_string(row, "repeat", command->no_memory ? "" : buffer_first(&command->bytes));
+    rowtext_put(row, "}\n");
+}
+
 void rowtext_clear(rowtext *row)
 {
     row->bytes.begin = 0;

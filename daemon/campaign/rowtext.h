@@ -27,6 +27,9 @@ void rowtext_string(rowtext *row, const char *key, const char *text);
 void rowtext_seconds(rowtext *row, const char *key, uint64_t ticks);
 void rowtext_key(rowtext *row, const char *key); /* ... without the value */
 
+/* Ends a row with the command that repeats it. */
+void rowtext_end(rowtext *row, rowtext *command);
+
 /* Forgets the text. */
 void rowtext_clear(rowtext *row);
 

@@ -204,9 +204,7 @@ static void write_repeat(runner *r, rowtext *row, uint64_t number)
     rowtext_put(&r->repeat, "canwire campaign run ");
     shellword_put(&r->repeat, r->campaign->file);
     rowtext_put(&r->repeat, only);
-    (void)buffer_append(&r->repeat.bytes, "", 1);
-    rowtext_string(row, "repeat", r->repeat.no_memory ? "" : buffer_first(&r->repeat.bytes));
-    rowtext_put(row, "}\n");
+    rowtext_end(row, &r->repeat);
 }
 
 static outcome run(runner *r, rowtext *row, const choice *choices)

@@ -39,9 +39,7 @@ static void write_repeat(seeds *s, rowtext *row, uint64_t seed)
         rowtext_put(&s->repeat, " --until ");
         shellword_put(&s->repeat, s->options->until_text);
     }
-    (void)buffer_append(&s->repeat.bytes, "", 1);
-    rowtext_string(row, "repeat", s->repeat.no_memory ? "" : buffer_first(&s->repeat.bytes));
-    rowtext_put(row, "}\n");
+    rowtext_end(row, &s->repeat);
 }
 
 static unsigned char make(void *user, uint64_t seed, rowtext *row)
