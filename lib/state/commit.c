@@ -203,7 +203,7 @@ cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, 
     cw_event *e = cw_push_node_event(bus, CW_EVENT_RX, cw_lowest_node(receivers));
     e->nodes = receivers;
     e->from = cw_node_bit(sender);
-    e->handed_in = handed_in_of(bus, sender);
+    e->handed_in = offered_slot(&bus->nodes[sender])->handed_in;
     return e;
 }
 
@@ -215,8 +215,9 @@ bool cw_commit_reception(cw_bus *bus)
     uint64_t senders = find_senders(bus, cw_lowest_node(bus->followers));
     if (senders == 0 || (senders & (senders - 1)) || is_corrupted(bus, frame))
         return false;
-    cw_event *e = cw_receive_together(bus, cw_lowest_node(senders), bus->followers,
-                                      cw_frame_length(frame));
+    const unsigned sender = cw_lowest_node(senders);
+    cw_event *e = cw_receive_together(bus, sender, bus->followers, cw_frame_length(frame));
+    e->handed_in = handed_in_of(bus, sender);
     cw_frame_copy(&e->frame, frame);
     return true;
 }
