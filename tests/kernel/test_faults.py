@@ -262,9 +262,11 @@ def test_a_spoofed_identifier_gives_its_sender_bit_errors(car):
     c.shell.inject('{ name: spoof, when: { frame: "123", from: engine, count: 1 }, '
                    "do: { send: 123#00, as: gearbox } }")
     c.send("engine", "123#FF")
-    c.settle()
     # Both win the arbitration, and the first data bit is recessive for the engine only. Until both
-    # are error-passive, each destroys the frame of the other one.
+    # are error-passive, each destroys the frame of the other one. While they are suspended, any
+    # other frame would go before theirs.
+    wait_until(lambda: len(c.dash.all()) == 2, "both frames")
+    c.settle()
     wanted = [bit_error(tec, location=0x0A) for tec in range(8, 137, 8)]
     wanted.insert(wanted.index(bit_error(96, 0x0A)) + 1, state(TX_WARNING, 96, 0))
     wanted.insert(wanted.index(bit_error(128, 0x0A)) + 1, state(TX_PASSIVE, 128, 0))
