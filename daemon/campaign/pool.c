@@ -4,6 +4,7 @@
  */
 #include "campaign/pool.h"
 
+#include "base/wall.h"
 #include "campaign/pool_worker.h"
 
 #include <errno.h>
@@ -16,7 +17,6 @@
 #include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
 #define CHUNK_MAX 256u    /* lines that a process makes at a time */
@@ -25,6 +25,7 @@
 #define TRIES_ALONE 1u    /* of a line whose process has ended */
 #define TRIES_KILLED 2u   /* of one whose process was killed, perhaps for want of memory */
 #define LOOK_MS 200
+#define NS_PER_MS 1000000
 #define READ_BYTES (64u << 10)
 
 /* Numbers that one process gets at a time. */
@@ -62,9 +63,7 @@ typedef struct pool {
 
 static int64_t wall_ms(void)
 {
-    struct timespec t;
-    (void)clock_gettime(CLOCK_MONOTONIC, &t);
-    return t.tv_sec * INT64_C(1000) + t.tv_nsec / 1000000;
+    return wall_ns() / NS_PER_MS;
 }
 
 static bool fail(pool *p, int error)
@@ -225,14 +224,10 @@ static bool sort_lines(pool *p, worker *w)
 static bool lose_line(pool *p, worker *w, int status)
 {
     const pool_loss loss = {.timeout = w->late, .status = status};
-    char head[POOL_HEAD_BYTES];
+    const uint64_t number = w->chunk->first + w->chunk->made;
     rowtext_clear(&p->line);
-    head[0] = (char)p->work->calls->lose(p->work->user, w->chunk->first + w->chunk->made, &loss,
-                                         &p->line);
-    const uint32_t length = (uint32_t)buffer_length(&p->line.bytes);
-    memcpy(head + 1, &length, sizeof length);
-    if (p->line.no_memory || !buffer_append(&w->chunk->lines, head, sizeof head) ||
-        !buffer_append(&w->chunk->lines, buffer_first(&p->line.bytes), length))
+    if (!pool_add_line(&w->chunk->lines, p->work->calls->lose(p->work->user, number, &loss,
+                                                              &p->line), &p->line))
         return fail(p, ENOMEM);
     count_line(p, w);
     return true;

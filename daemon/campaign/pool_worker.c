@@ -4,21 +4,15 @@
  */
 #include "campaign/pool_worker.h"
 
+#include "base/wall.h"
+
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 #define GIVE_BYTES (32u << 10) /* lines are given when there are so many bytes ... */
 #define GIVE_NS INT64_C(50000000) /* ... or after this time */
-
-static int64_t wall_ns(void)
-{
-    struct timespec t;
-    (void)clock_gettime(CLOCK_MONOTONIC, &t);
-    return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
-}
 
 /* Returns false when the other end is gone. */
 static bool give(int fd, buffer *lines)
@@ -49,16 +43,20 @@ static bool get(int fd, pool_order *order)
     return true;
 }
 
-/* Adds a line to those that wait. */
-static bool add(const pool_work *work, uint64_t number, rowtext *line, buffer *lines)
+bool pool_add_line(buffer *lines, unsigned char flag, const rowtext *line)
 {
-    char head[POOL_HEAD_BYTES];
-    rowtext_clear(line);
-    head[0] = (char)work->calls->make(work->user, number, line);
+    char head[POOL_HEAD_BYTES] = {(char)flag};
     const uint32_t length = (uint32_t)buffer_length(&line->bytes);
     memcpy(head + 1, &length, sizeof length);
     return !line->no_memory && buffer_append(lines, head, sizeof head) &&
            buffer_append(lines, buffer_first(&line->bytes), length);
+}
+
+/* Adds a line to those that wait. */
+static bool add(const pool_work *work, uint64_t number, rowtext *line, buffer *lines)
+{
+    rowtext_clear(line);
+    return pool_add_line(lines, work->calls->make(work->user, number, line), line);
 }
 
 static bool obey(const pool_work *work, int fd, const pool_order *order, rowtext *line,

@@ -67,8 +67,7 @@ static scenario *load(runner *r, const choice *choices, FILE *messages)
     const char *wrong = s && c->until ? scenario_set_until(s, c->until_time) : NULL;
     if (wrong && messages)
         fprintf(messages, "%s: until: %s\n", c->file, wrong);
-    if (s && !wrong && (!messages || scenario_ends(s, "give `until` in the campaign", messages)) &&
-        (messages || scenario_is_finite(s)))
+    if (s && !wrong && scenario_ends(s, "give `until` in the campaign", messages))
         return s;
     scenario_close(s);
     return NULL;
@@ -200,9 +199,7 @@ static void write_repeat(runner *r, rowtext *row, uint64_t number)
 {
     char only[NUMBER_MAX];
     (void)snprintf(only, sizeof only, " --only %" PRIu64, number);
-    rowtext_clear(&r->repeat);
-    rowtext_put(&r->repeat, "canwire campaign run ");
-    shellword_put(&r->repeat, r->campaign->file);
+    shellword_begin(&r->repeat, "canwire campaign run", r->campaign->file);
     rowtext_put(&r->repeat, only);
     rowtext_end(row, &r->repeat);
 }

@@ -107,25 +107,16 @@ const char *scenario_set_until(scenario *s, cfg_time until)
 bool scenario_ends(const scenario *s, const char *advice, FILE *messages)
 {
     for (size_t i = 0; i < s->count && s->until == CW_NEVER; i++) {
+        const char *what;
         const cfg *config = s->buses[i].config;
-        const cfg_traffic *endless = cfg_find_endless(config);
-        const cfg_place *place = endless ? &endless->place : cfg_find_master(config);
-        if (!place)
-            continue;
-        plain_print(messages, "%s:%d:%d: %s never ends: %s\n", config->file, place->line,
-                    place->column, endless ? "traffic without `count`" : "this schedule", advice);
-        return false;
+        const cfg_place *place = cfg_find_unending(config, &what);
+        if (place && messages)
+            plain_print(messages, "%s:%d:%d: %s never ends: %s\n", config->file, place->line,
+                        place->column, what, advice);
+        if (place)
+            return false;
     }
     return true;
-}
-
-bool scenario_is_finite(const scenario *s)
-{
-    bool finite = true;
-    for (size_t i = 0; i < s->count && s->until == CW_NEVER; i++)
-        finite = finite && !cfg_find_endless(s->buses[i].config) &&
-                 !cfg_find_master(s->buses[i].config);
-    return finite;
 }
 
 uint64_t scenario_now(const scenario *s)

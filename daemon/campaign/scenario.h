@@ -42,12 +42,9 @@ void scenario_close(scenario *s);
 /* Sets the time up to which it runs. Returns what is wrong with it, or NULL. */
 const char *scenario_set_until(scenario *s, cfg_time until);
 
-/* Returns false, after a message that begins with a place in the file and ends with `advice`, when
- * the scenario has no end. */
+/* Returns false when the scenario has no end. The message begins with a place in the file and ends
+ * with `advice`; messages may be NULL. */
 bool scenario_ends(const scenario *s, const char *advice, FILE *messages);
-
-/* Returns true when the scenario has an end. */
-bool scenario_is_finite(const scenario *s);
 
 /* Runs it from time 0 on, with its own seeds or with another one for all buses. Returns false when
  * a file cannot be read, or without memory. */

@@ -22,3 +22,11 @@ void shellword_put(rowtext *line, const char *word)
     }
     rowtext_put(line, "'");
 }
+
+void shellword_begin(rowtext *line, const char *command, const char *file)
+{
+    rowtext_clear(line);
+    rowtext_put(line, command);
+    rowtext_put(line, " ");
+    shellword_put(line, file);
+}

@@ -7,6 +7,9 @@
 
 #include "campaign/rowtext.h"
 
+/* Begins a command line in place of the text before: a command, and a file for it. */
+void shellword_begin(rowtext *line, const char *command, const char *file);
+
 /* Appends a word, in quotes where it needs them. */
 void shellword_put(rowtext *line, const char *word);
 

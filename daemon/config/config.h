@@ -444,6 +444,10 @@ cw_span cfg_local_unit(const cfg_node *node, int32_t ppm);
 /* Returns the place of the schedule of a time master, which never ends by itself, or NULL. */
 const cfg_place *cfg_find_master(const cfg *config);
 
+/* Returns the place of what never ends by itself, traffic or the schedule of a time master; NULL:
+ * all ends. *what gets words for it; `what` may be NULL. */
+const cfg_place *cfg_find_unending(const cfg *config, const char **what);
+
 /* Returns true when settings take `time-triggered` from a node that has a schedule. */
 bool cfg_stops_schedule(const cfg_node *node, const cw_settings *settings);
 

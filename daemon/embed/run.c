@@ -212,8 +212,7 @@ static bool ends(canwire_sim *sim)
 {
     for (size_t i = 0; i < sim->count; i++) {
         const cfg *config = sim->buses[i].config;
-        const cfg_traffic *endless = cfg_find_endless(config);
-        const cfg_place *place = endless ? &endless->place : cfg_find_master(config);
+        const cfg_place *place = cfg_find_unending(config, NULL);
         if (!place)
             continue;
         (void)embed_fail(sim, CANWIRE_SIM_INVALID,

@@ -8,12 +8,12 @@
 #include "usb/serve.h"
 
 #include "base/log.h"
+#include "base/wall.h"
 
 #include <errno.h>
 #include <poll.h>
 #include <stdlib.h>
 #include <sys/socket.h>
-#include <time.h>
 #include <unistd.h>
 
 #define READ_BYTES 65536u
@@ -23,9 +23,7 @@ enum { KERNEL = 0, NODE, WATCHED };
 
 static int64_t now_ms(void)
 {
-    struct timespec t;
-    (void)clock_gettime(CLOCK_MONOTONIC, &t);
-    return t.tv_sec * INT64_C(1000) + t.tv_nsec / NS_PER_MS;
+    return wall_ns() / NS_PER_MS;
 }
 
 /* Reads what the kernel has sent. Returns false at the end, *good false when it is wrong. */

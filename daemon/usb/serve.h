@@ -12,7 +12,6 @@
 /* Signs at `beat`. */
 #define SERVE_ALIVE '.'   /* at least every SERVE_BEAT_MS */
 #define SERVE_CLAIMED 'c' /* a driver has taken the adapter, and makes an interface */
-
 #define SERVE_LINKED 'l'  /* canwired has answered: it is the controller of its node */
 
 /* Why a server has ended; the exit status of its process. */

@@ -5,12 +5,12 @@
 #include "cli/campaign/parts.h"
 
 #include "base/plain.h"
+#include "base/wall.h"
 #include "campaign/runner.h"
 #include "campaign/variant.h"
 #include "cli/cli.h"
 
 #include <inttypes.h>
-#include <time.h>
 
 #define FIRST_ROWS 5u
 #define TRIED_MAX 2000u    /* rows that are run for the estimate ... */
@@ -18,9 +18,7 @@
 
 static double now_seconds(void)
 {
-    struct timespec t;
-    (void)clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + (double)t.tv_nsec / 1e9;
+    return (double)wall_ns() / 1e9;
 }
 
 /* ---- Plan ------------------------------------------------------------------------------------ */

@@ -5,6 +5,7 @@
 #include "cli/campaign/parts.h"
 
 #include "base/plain.h"
+#include "base/wall.h"
 #include "campaign/runner.h"
 #include "campaign/tally.h"
 #include "cli/campaign/rowfile.h"
@@ -14,7 +15,6 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 typedef struct run {
@@ -27,7 +27,7 @@ typedef struct run {
     uint64_t there;    /* of these, rows of an earlier run */
     uint64_t taken;
     uint64_t bad;      /* the first row that could not be run; UINT64_MAX: none */
-    struct timespec start;
+    int64_t start_ns;
     bool shows;        /* progress on a terminal */
 } run;
 
@@ -90,13 +90,6 @@ static bool check_row(void *user, const char *line, size_t length)
 
 /* ---- Progress -------------------------------------------------------------------------------- */
 
-static double seconds_since(const struct timespec *start)
-{
-    struct timespec now;
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)(now.tv_sec - start->tv_sec) + (double)(now.tv_nsec - start->tv_nsec) / 1e9;
-}
-
 static void wipe(const run *r)
 {
     if (r->shows)
@@ -106,7 +99,7 @@ static void wipe(const run *r)
 static void look(void *user, uint64_t made)
 {
     const run *r = user;
-    const double rate = (double)made / seconds_since(&r->start);
+    const double rate = (double)made * 1e9 / (double)(wall_ns() - r->start_ns);
     const uint64_t left = r->count - r->there - made;
     const uint64_t seconds = rate > 0 ? (uint64_t)((double)left / rate) : 0;
     (void)fflush(r->file.stream); /* little is lost when the program is killed */
@@ -131,7 +124,7 @@ static bool run_rows(run *r, const campaign_run_options *o)
                             .count = r->count - r->there,
                             .jobs = o->jobs > 0 ? o->jobs : pool_jobs_default(),
                             .limit_ms = r->campaign->limit_ms};
-    (void)clock_gettime(CLOCK_MONOTONIC, &r->start);
+    r->start_ns = wall_ns();
     r->shows = r->file.name && isatty(STDERR_FILENO);
     const bool good = pool_run(&work);
     const int error = errno;

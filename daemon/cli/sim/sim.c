@@ -5,6 +5,7 @@
 #include "cli/cli.h"
 
 #include "base/plain.h"
+#include "cli/sim/sim_endless.h"
 #include "cli/sim/sim_journal.h"
 #include "cli/sim/sim_judge.h"
 #include "cli/sim/sim_progress.h"
@@ -118,33 +119,15 @@ static const char help[] =
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
-/* Complains about what never ends: traffic, or a time master. */
-static void tell_endless(const cfg *config)
-{
-    const cfg_traffic *endless = cfg_find_endless(config);
-    const cfg_place *master = cfg_find_master(config);
-    if (endless)
-        plain_print(stderr,
-                    "%s:%d:%d: traffic without `count` never ends: give `count`, --until TIME or "
-                    "--until-event EVENT\n",
-                    config->file, endless->place.line, endless->place.column);
-    else if (master)
-        plain_print(stderr,
-                    "%s:%d:%d: the schedule of a time master never ends: give --until TIME or "
-                    "--until-event EVENT\n",
-                    config->file, master->line, master->column);
-}
-
 static bool set_until(sim *s, const time_option *o)
 {
-    const bool endless = !s->journal.player &&
-                         (cfg_find_endless(s->config) || cfg_find_master(s->config));
+    const bool endless = !s->journal.player && cfg_find_unending(s->config, NULL);
     if (o->text) {
         /* the last tick whose time in events, truncated to nanoseconds, is not after TIME */
         const cfg_time beyond = {.ns = 1};
         s->run.until = text_time_ticks_sum(o->time, 1, beyond, s->run.config->rate) - 1;
     } else if (endless && !s->awaited.text) {
-        tell_endless(s->config);
+        sim_endless_tell(s->config);
         return false;
     } else if (endless) {
         sim_until_warn(&s->awaited, stderr);

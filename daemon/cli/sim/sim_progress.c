@@ -4,12 +4,13 @@
  */
 #include "cli/sim/sim_progress.h"
 
+#include "base/wall.h"
+
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
-#include <time.h>
 #include <unistd.h>
 
 #define LOOK_TICKS (CW_CLOCK_HZ / 100u) /* bus time between two readings of the clock */
@@ -19,13 +20,6 @@
 #define COLUMNS_DEFAULT 80 /* of a terminal of unknown width */
 #define CLOCK_MAX 32
 #define AWAITED_MAX 32 /* letters of an awaited event */
-
-static int64_t wall_ns(void)
-{
-    struct timespec t;
-    (void)clock_gettime(CLOCK_MONOTONIC, &t);
-    return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
-}
 
 /* Returns true when a new line is due. It is cheap, for frequent calls. */
 static bool is_due(sim_progress *p, uint64_t now)

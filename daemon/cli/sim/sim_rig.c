@@ -14,6 +14,7 @@
 #include "base/plain.h"
 #include "cli/cli.h"
 #include "cli/gateways_text.h"
+#include "cli/sim/sim_endless.h"
 #include "cli/sim/summary.h"
 #include "config/files.h"
 #include "record/output.h"
@@ -306,22 +307,13 @@ static bool fail(const char *why)
 }
 
 /* Returns true when the buses end some time. */
-static bool check_end(sim_rig *s, const cfg *config)
+static bool check_end(const sim_rig *s, const cfg *config)
 {
-    const cfg_place *master = cfg_find_master(config);
     if (s->options->has_until || s->ends_at != CW_NEVER)
         return true;
-    if (master && !s->looks_ahead)
-        plain_print(stderr, "%s:%d:%d: the schedule of a time master never ends: give --until "
-                    "TIME or --until-event EVENT\n", config->file, master->line, master->column);
-    if (master)
-        return false;
-    const cfg_traffic *traffic = cfg_find_endless(config);
-    if (traffic && !s->looks_ahead)
-        plain_print(stderr, "%s:%d:%d: traffic without `count` never ends: give `count`, "
-                    "--until TIME or --until-event EVENT\n", config->file, traffic->place.line,
-                    traffic->place.column);
-    return !traffic;
+    if (!s->looks_ahead)
+        sim_endless_tell(config);
+    return !cfg_find_unending(config, NULL);
 }
 
 static bool open_run(sim_rig *s, rig_bus *b)

@@ -31,9 +31,7 @@ static void write_repeat(seeds *s, rowtext *row, uint64_t seed)
 {
     char number[NUMBER_MAX];
     (void)snprintf(number, sizeof number, " --seed %" PRIu64, seed);
-    rowtext_clear(&s->repeat);
-    rowtext_put(&s->repeat, "canwire sim ");
-    shellword_put(&s->repeat, s->options->file);
+    shellword_begin(&s->repeat, "canwire sim", s->options->file);
     rowtext_put(&s->repeat, number);
     if (s->options->until_text) {
         rowtext_put(&s->repeat, " --until ");

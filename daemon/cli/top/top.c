@@ -8,6 +8,7 @@
 #include "base/jsonput.h"
 #include "base/number.h"
 #include "base/plain.h"
+#include "base/wall.h"
 #include "cli/buses.h"
 #include "cli/cli.h"
 #include "cli/command.h"
@@ -257,9 +258,7 @@ static bool take_key(top *t, int key)
 
 static uint64_t now_ns(void)
 {
-    struct timespec now;
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
+    return (uint64_t)wall_ns();
 }
 
 static void catch_signals(void)
