@@ -9,12 +9,14 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <libgen.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #define MODE 0666 /* less the umask */
+#define TRIES 3u  /* to open a part that gets another name meanwhile */
 
 static bool complain(const char *name, const char *why)
 {
@@ -74,15 +76,38 @@ static bool continue_part(rowfile *f, rowfile_check *check, void *user)
     return true;
 }
 
+/* Returns true when a file is still the one with that name. */
+static bool has_name(int fd, const char *name)
+{
+    struct stat own;
+    struct stat there;
+    return fstat(fd, &own) == 0 && stat(name, &there) == 0 && own.st_dev == there.st_dev &&
+           own.st_ino == there.st_ino;
+}
+
+/* Opens the part and takes its lock. Returns -1 after a message. Another program may end between
+ * both, and give the part its last name: then the part is opened anew. */
+static int open_locked(const char *part)
+{
+    for (unsigned i = 0; i < TRIES; i++) {
+        const int fd = open(part, O_RDWR | O_CREAT | O_CLOEXEC, MODE);
+        if (fd < 0) {
+            (void)complain(part, strerror(errno));
+            return -1;
+        }
+        if (filelock_take(fd) == 0 && has_name(fd, part))
+            return fd;
+        (void)close(fd);
+    }
+    (void)complain(part, "another program is writing it");
+    return -1;
+}
+
 static bool open_part(rowfile *f)
 {
-    const int fd = open(f->part, O_RDWR | O_CREAT | O_CLOEXEC, MODE);
+    const int fd = open_locked(f->part);
     if (fd < 0)
-        return complain(f->part, strerror(errno));
-    if (filelock_take(fd) != 0) {
-        (void)close(fd);
-        return complain(f->part, "another program is writing it");
-    }
+        return false;
     f->stream = fdopen(fd, "r+");
     if (f->stream)
         return true;
@@ -127,12 +152,27 @@ bool rowfile_open(rowfile *f, const char *name, bool resume, rowfile_check *chec
     return ftruncate(fileno(f->stream), 0) == 0 || complain(f->part, strerror(errno));
 }
 
+/* Makes a new name of a file safe. Not all file systems can do that. */
+static bool sync_folder(const char *name)
+{
+    char *copy = strdup(name);
+    const int fd = copy ? open(dirname(copy), O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
+    free(copy);
+    if (fd < 0)
+        return errno == EACCES || complain(name, strerror(errno));
+    const bool good = fsync(fd) == 0 || errno == EINVAL || complain(name, strerror(errno));
+    (void)close(fd);
+    return good;
+}
+
 /* Makes the rows safe before the file gets its name. */
 static bool finish(const rowfile *f)
 {
     if (fflush(f->stream) != 0 || ferror(f->stream) || fsync(fileno(f->stream)) != 0)
         return complain(f->part, strerror(errno));
-    return rename(f->part, f->name) == 0 || complain(f->name, strerror(errno));
+    if (rename(f->part, f->name) != 0)
+        return complain(f->name, strerror(errno));
+    return sync_folder(f->name);
 }
 
 bool rowfile_close(rowfile *f, bool done)

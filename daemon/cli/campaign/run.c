@@ -6,8 +6,7 @@
 
 #include "base/plain.h"
 #include "base/wall.h"
-#include "campaign/runner.h"
-#include "campaign/tally.h"
+#include "cli/campaign/resume.h"
 #include "cli/campaign/rowfile.h"
 #include "cli/cli.h"
 
@@ -24,7 +23,7 @@ typedef struct run {
     tally tally;
     uint64_t first;
     uint64_t count;    /* of the rows of the shard */
-    uint64_t there;    /* of these, rows of an earlier run */
+    resume old;        /* rows of an earlier run */
     uint64_t taken;
     uint64_t bad;      /* the first row that could not be run; UINT64_MAX: none */
     int64_t start_ns;
@@ -50,7 +49,7 @@ static void count_row(run *r, outcome o)
 {
     const bool bad = o == OUTCOME_INVALID || o == OUTCOME_BROKEN;
     if (bad && r->bad == UINT64_MAX)
-        r->bad = r->first + r->there + r->taken;
+        r->bad = r->first + r->old.there + r->taken;
     r->tally.count[o]++;
 }
 
@@ -71,21 +70,7 @@ static bool take(void *user, unsigned char code, const char *row, size_t length)
 static bool check_row(void *user, const char *line, size_t length)
 {
     run *r = user;
-    rowtext head = {.no_memory = false};
-    runner_head(r->runner, r->first + r->there, &head);
-    const size_t size = buffer_length(&head.bytes);
-    bool good = !head.no_memory && r->there < r->count && length > size &&
-                memcmp(line, buffer_first(&head.bytes), size) == 0;
-    rowtext_free(&head);
-    if (!good)
-        return false;
-    for (unsigned i = 0; i < OUTCOME_COUNT; i++) {
-        const char *name = outcome_name((outcome)i);
-        if (strncmp(line + size, name, strlen(name)) == 0)
-            count_row(r, (outcome)i);
-    }
-    r->there++;
-    return true;
+    return resume_take(&r->old, line, length);
 }
 
 /* ---- Progress -------------------------------------------------------------------------------- */
@@ -100,13 +85,13 @@ static void look(void *user, uint64_t made)
 {
     const run *r = user;
     const double rate = (double)made * 1e9 / (double)(wall_ns() - r->start_ns);
-    const uint64_t left = r->count - r->there - made;
+    const uint64_t left = r->count - r->old.there - made;
     const uint64_t seconds = rate > 0 ? (uint64_t)((double)left / rate) : 0;
     (void)fflush(r->file.stream); /* little is lost when the program is killed */
     if (!r->shows)
         return;
     wipe(r);
-    fprintf(stderr, "%" PRIu64 " of %" PRIu64 " rows, %.0f a second", r->there + made, r->count,
+    fprintf(stderr, "%" PRIu64 " of %" PRIu64 " rows, %.0f a second", r->old.there + made, r->count,
             rate);
     if (rate > 0)
         fprintf(stderr, ", %" PRIu64 ":%02u:%02u left", seconds / 3600,
@@ -120,8 +105,8 @@ static bool run_rows(run *r, const campaign_run_options *o)
     static const pool_calls calls = {.make = make, .lose = lose, .take = take, .look = look};
     const pool_work work = {.calls = &calls,
                             .user = r,
-                            .first = r->first + r->there,
-                            .count = r->count - r->there,
+                            .first = r->first + r->old.there,
+                            .count = r->count - r->old.there,
                             .jobs = o->jobs > 0 ? o->jobs : pool_jobs_default(),
                             .limit_ms = r->campaign->limit_ms};
     r->start_ns = wall_ns();
@@ -154,6 +139,22 @@ static void choose_rows(run *r, const campaign_run_options *o)
     const uint64_t rows = r->campaign->rows;
     r->first = o->has_only ? o->only : shard_begin(&o->shard, o->shard.k, rows);
     r->count = o->has_only ? 1 : shard_begin(&o->shard, o->shard.k + 1, rows) - r->first;
+    r->old = (resume){.campaign = r->campaign, .runner = r->runner, .first = r->first,
+                      .count = r->count, .bad = UINT64_MAX};
+}
+
+/* Opens the file of rows, and checks those that are there. Returns false after a message. */
+static bool open_rows(run *r, const campaign_run_options *o)
+{
+    if (!rowfile_open(&r->file, o->out, o->resume, check_row, r))
+        return false;
+    if (r->file.whole && r->old.there < r->count) {
+        plain_print(stderr, "canwire campaign: %s: rows are missing in it; remove it\n", o->out);
+        return false;
+    }
+    r->tally = r->old.tally;
+    r->bad = r->old.bad;
+    return !o->resume || resume_check(&r->old, r->file.whole ? r->file.name : r->file.part);
 }
 
 int campaign_run(const campaign *c, const campaign_run_options *o)
@@ -166,14 +167,11 @@ int campaign_run(const campaign *c, const campaign_run_options *o)
         return CLI_BAD_INPUT;
     }
     choose_rows(&r, o);
-    bool good = r.runner && rowfile_open(&r.file, o->out, o->resume, check_row, &r);
-    if (good && r.file.whole && r.there < r.count) {
-        plain_print(stderr, "canwire campaign: %s: rows are missing in it; remove it\n", o->out);
-        good = false;
-    }
+    bool good = r.runner && open_rows(&r, o);
     if (good && !r.file.whole)
         good = run_rows(&r, o);
     good = rowfile_close(&r.file, good) && good;
+    resume_free(&r.old);
     runner_free(r.runner);
     return good ? conclude(&r) : CLI_BAD_INPUT;
 }

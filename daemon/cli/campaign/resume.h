@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * resume.h - the rows that an earlier run has left: are they those of this campaign?
+ *
+ * Each row must have the number and the values of the campaign. That says nothing about the
+ * scenario, its profiles and its logs. So the first and the last row are made again.
+ */
+#ifndef CANWIRE_CLI_CAMPAIGN_RESUME_H
+#define CANWIRE_CLI_CAMPAIGN_RESUME_H
+
+#include "campaign/runner.h"
+#include "campaign/tally.h"
+
+typedef struct resume_row {
+    uint64_t number;
+    rowtext line; /* "": there is none */
+} resume_row;
+
+/* All zeros, but for the first members, has no row. */
+typedef struct resume {
+    const campaign *campaign;
+    runner *runner;
+    uint64_t first; /* number of the first row */
+    uint64_t count; /* of the rows that there may be */
+    uint64_t there; /* of these, rows that there are */
+    uint64_t bad;   /* the first row of these that could not be run; UINT64_MAX: none */
+    tally tally;
+    resume_row checked[2]; /* the first row and the last one that can be made again */
+} resume;
+
+/* Takes the next row that is there. Returns false when it is another one. */
+bool resume_take(resume *r, const char *line, size_t length);
+
+/* Makes rows again that are there, and says so on standard error. Returns false after a message
+ * when they differ. `file` is the name of their file. */
+bool resume_check(resume *r, const char *file);
+
+void resume_free(resume *r);
+
+#endif
