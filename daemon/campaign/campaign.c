@@ -6,6 +6,7 @@
 
 #include "base/yamlfile.h"
 #include "campaign/campaign_owner.h"
+#include "campaign/ends.h"
 #include "campaign/sample.h"
 #include "config/rig.h"
 
@@ -99,16 +100,20 @@ static bool read_text(campaign_owner *o, schema *self, const schema_key *key,
 }
 
 /* Reads the configuration without any factor, for names of nodes and for early errors. */
-static bool check_scenario(campaign_owner *o)
+static bool check_scenario(campaign_owner *o, schema *self)
 {
     const campaign *c = &o->campaign;
     const cfg_file file = {.name = c->scenario_name, .text = c->text, .size = c->size};
     if (rig_is_rig_text(&file)) {
         rig *loaded = rig_load_text(&file, o->errors);
+        for (size_t i = 0; loaded && i < loaded->bus_count; i++)
+            ends_note(o, self, loaded->buses[i], false);
         rig_free(loaded);
         return loaded;
     }
     o->config = cfg_load_text(&file, o->errors);
+    if (o->config)
+        ends_note(o, self, o->config, true);
     o->campaign.scenario_seed = o->config ? o->config->seed : 0;
     return o->config;
 }
@@ -117,7 +122,7 @@ static void read_scenario(schema *self, const schema_key *key, yaml_node_t *valu
 {
     campaign_owner *o = object;
     diag found = {.file.name = o->campaign.file};
-    if (!read_text(o, self, key, value) || !check_scenario(o)) {
+    if (!read_text(o, self, key, value) || !check_scenario(o, self)) {
         schema_complain(self, value, "%s: there are errors in the scenario", key->name);
         return;
     }
@@ -135,6 +140,9 @@ static void read_until(schema *self, const schema_key *key, yaml_node_t *value, 
     if (!text)
         return;
     schema_problem(self, key, value, text_parse_time(&o->campaign.until_time, text));
+    if (o->campaign.until_time.bits > 0 && o->has_document && !o->config)
+        schema_complain(self, value, "%s: a rig has bits of several lengths; give a time such as "
+                        "10ms", key->name);
     o->campaign.until = schema_copy(self, text);
 }
 
@@ -184,6 +192,8 @@ static void read_root(campaign_owner *o, diag *errors, yaml_document_t *document
         return;
     }
     schema_map(&self, "campaign", root, campaign_keys, o);
+    if (errors->errors == 0)
+        ends_check(&self, root, o);
     const char *wrong = errors->errors == 0 ? sample_prepare(&o->campaign) : NULL;
     if (wrong)
         schema_complain(&self, root, "%s", wrong);

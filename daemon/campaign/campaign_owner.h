@@ -16,6 +16,9 @@ typedef struct campaign_owner {
     cfg *config;              /* of the scenario; NULL for a rig */
     bool has_document;
     yaml_document_t document; /* of the scenario */
+    const char *unending;     /* a message about what never ends in it; NULL: all ends */
+    cfg_place unending_at;
+    bool unending_inside;     /* ... in the text of the scenario */
 } campaign_owner;
 
 /* Reads the key `vary`. */

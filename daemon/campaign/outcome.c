@@ -5,6 +5,7 @@
 #include "campaign/outcome.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 
 const char *outcome_name(outcome o)
 {
@@ -199,4 +200,12 @@ void outcome_write_none(rowtext *row, outcome o, const char *why)
     rowtext_string(row, "outcome", outcome_name(o));
     if (*why)
         rowtext_string(row, "why", why);
+}
+
+outcome outcome_write_broken(rowtext *row, scenario *s)
+{
+    char *why = scenario_why(s);
+    outcome_write_none(row, OUTCOME_BROKEN, why ? why : "out of memory");
+    free(why);
+    return OUTCOME_BROKEN;
 }

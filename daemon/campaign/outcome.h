@@ -29,4 +29,7 @@ outcome outcome_write(rowtext *row, const scenario *s);
  * has happened, and may be "". */
 void outcome_write_none(rowtext *row, outcome o, const char *why);
 
+/* Does this for a scenario whose last run has failed. Returns the outcome. */
+outcome outcome_write_broken(rowtext *row, scenario *s);
+
 #endif

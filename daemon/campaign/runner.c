@@ -214,8 +214,7 @@ static outcome run(runner *r, rowtext *row, const choice *choices)
     }
     if (scenario_run(r->scenario, varies ? &seed : NULL))
         return outcome_write(row, r->scenario);
-    outcome_write_none(row, OUTCOME_BROKEN, "");
-    return OUTCOME_BROKEN;
+    return outcome_write_broken(row, r->scenario);
 }
 
 outcome runner_row(runner *r, uint64_t number, rowtext *row)
@@ -238,12 +237,28 @@ outcome runner_lost(runner *r, uint64_t number, const pool_loss *loss, rowtext *
     return o;
 }
 
+/* Writes why a scenario that is valid has no result. */
+static void explain_run(const campaign *c, scenario *s, const choice *choices, FILE *out)
+{
+    uint64_t seed;
+    const bool varies = variant_seed(&seed, c, choices);
+    if (scenario_run(s, varies ? &seed : NULL))
+        return;
+    char *why = scenario_why(s);
+    fprintf(out, "%s\n", why ? why : "out of memory");
+    free(why);
+}
+
 void runner_explain(const campaign *c, uint64_t number, FILE *out)
 {
     choice choices[CAMPAIGN_FACTORS_MAX];
     runner *r = runner_new(c, true);
+    scenario *s = NULL;
     sample_choose(choices, c, number);
     if (r)
-        scenario_close(load(r, choices, out));
+        s = load(r, choices, out);
+    if (s)
+        explain_run(c, s, choices, out);
+    scenario_close(s);
     runner_free(r);
 }

@@ -29,7 +29,7 @@ void runner_head(runner *r, uint64_t number, rowtext *row);
 /* Writes the line of a row whose process has ended. */
 outcome runner_lost(runner *r, uint64_t number, const pool_loss *loss, rowtext *row);
 
-/* Writes the messages about a row whose scenario is invalid. */
+/* Writes the messages about a row whose scenario is invalid, or has no result. */
 void runner_explain(const campaign *c, uint64_t number, FILE *out);
 
 #endif

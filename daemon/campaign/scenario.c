@@ -34,7 +34,7 @@ static bool open_bus(scenario *s, cfg *config, FILE *messages)
         fputs(config->warnings, messages);
     if (!sim_open(&b->run, config, messages))
         return false;
-    b->run.messages = NULL; /* of one run of many */
+    b->run.messages = s->told;
     sim_add_sink(&b->run, &sink);
     s->group.runs[s->group.count++] = &b->run;
     return true;
@@ -43,7 +43,8 @@ static bool open_bus(scenario *s, cfg *config, FILE *messages)
 static bool open_buses(scenario *s, FILE *messages)
 {
     const size_t count = s->rig ? s->rig->bus_count : 1;
-    bool good = sim_group_open(&s->group, s->rig);
+    s->told = open_memstream(&s->told_text, &s->told_size);
+    bool good = s->told && sim_group_open(&s->group, s->rig);
     for (size_t i = 0; i < count && good; i++)
         good = open_bus(s, s->rig ? s->rig->buses[i] : s->alone, messages);
     if (!good && messages)
@@ -89,6 +90,9 @@ void scenario_close(scenario *s)
     expect_report_free(&s->report);
     cfg_free(s->alone);
     rig_free(s->rig);
+    if (s->told)
+        (void)fclose(s->told);
+    free(s->told_text);
     free(s);
 }
 
@@ -160,6 +164,7 @@ bool scenario_run(scenario *s, const uint64_t *seed)
     expect_report_free(&s->report);
     s->report = (expect_report){.count = 0};
     s->failed = false;
+    (void)fseeko(s->told, 0, SEEK_SET);
     for (size_t i = 0; i < s->count; i++)
         if (!prepare(s, &s->buses[i], seed))
             return false;
@@ -171,4 +176,17 @@ bool scenario_run(scenario *s, const uint64_t *seed)
         (void)sim_go(&s->buses[0].run);
     s->failed = sim_group_failed(&s->group);
     return conclude(s);
+}
+
+char *scenario_why(scenario *s)
+{
+    if (fflush(s->told) != 0 || s->told_size == 0)
+        return strdup("out of memory");
+    size_t end = s->told_size;
+    while (end > 0 && s->told_text[end - 1] == '\n')
+        end--;
+    size_t begin = end; /* of the last message: others are notes */
+    while (begin > 0 && s->told_text[begin - 1] != '\n')
+        begin--;
+    return strndup(s->told_text + begin, end - begin);
 }

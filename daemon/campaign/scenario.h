@@ -30,6 +30,9 @@ typedef struct scenario {
     uint64_t until; /* tick up to which events are wanted; CW_NEVER: to the end of the traffic */
     bool failed;    /* a file of traffic could not be read, or memory was short */
     expect_report report; /* of the last run */
+    FILE *told;           /* messages of the last run, into `told_text` */
+    char *told_text;
+    size_t told_size;
 } scenario;
 
 /* Reads a file, or a text with the name of one, and makes its buses. Warnings and errors go to
@@ -49,6 +52,9 @@ bool scenario_ends(const scenario *s, const char *advice, FILE *messages);
 /* Runs it from time 0 on, with its own seeds or with another one for all buses. Returns false when
  * a file cannot be read, or without memory. */
 bool scenario_run(scenario *s, const uint64_t *seed);
+
+/* Returns why the last run has failed, for its owner to free; NULL: without memory. */
+char *scenario_why(scenario *s);
 
 /* Returns the time at which the last run has ended. */
 uint64_t scenario_now(const scenario *s);

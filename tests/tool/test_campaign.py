@@ -335,7 +335,24 @@ def test_failed_expectations_and_invalid_rows(make):
     assert "2 rows: 1 passed, 1 failed" in result.stderr
     result = campaign("run", make(text.replace("2 ]", "0, 1 ]")), status=1)
     assert [row["outcome"] for row in rows_of(result.stdout)] == ["passed", "invalid", "passed"]
-    assert "row 1 is no scenario" in result.stderr and "bus.yaml:10:34: count:" in result.stderr
+    assert "row 1 could not be run:" in result.stderr and "bus.yaml:10:34: count:" in result.stderr
+
+
+def test_a_row_that_is_broken_says_why(make, tmp_path):
+    (tmp_path / "drive.log").write_text(
+        "".join(f"({i * 0.001:.6f}) can0 700#11\n" for i in range(2000)) + "nonsense\n")
+    bus = BUS.replace("  - name: gearbox\n",
+                      "  - name: gearbox\n    traffic: [ { replay: drive.log } ]\n")
+    file = make("scenario: bus.yaml\nvary:\n  - { set: seed, values: [ 1, 2 ] }\n", bus)
+    why = sim(tmp_path / "bus.yaml", status=1).stderr.strip()
+    assert why.startswith(f"{tmp_path}/drive.log:2001:1: expected a line of candump")
+    result = campaign("run", file, status=1)
+    for row in rows_of(result.stdout):
+        assert list(row) == ["number", "factors", "seed", "outcome", "why", "repeat"]
+        assert row["outcome"] == "broken" and row["why"] == why
+    assert f"row 0 could not be run:\n{why}\n" in result.stderr
+    rows = rows_of(sim(tmp_path / "bus.yaml", "--seeds", "1..2", status=1).stdout)
+    assert [row["why"] for row in rows] == [why, why]
 
 
 def test_plan_tells_what_there_is(make):

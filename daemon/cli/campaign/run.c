@@ -127,7 +127,7 @@ static int conclude(const run *r)
     tally_print(stderr, &r->tally);
     fputc('\n', stderr);
     if (r->bad != UINT64_MAX) {
-        plain_print(stderr, "canwire campaign: row %" PRIu64 " is no scenario:\n", r->bad);
+        plain_print(stderr, "canwire campaign: row %" PRIu64 " could not be run:\n", r->bad);
         runner_explain(r->campaign, r->bad, stderr);
         return CLI_BAD_INPUT;
     }

@@ -43,13 +43,10 @@ static void write_repeat(seeds *s, rowtext *row, uint64_t seed)
 static unsigned char make(void *user, uint64_t seed, rowtext *row)
 {
     seeds *s = user;
-    outcome o = OUTCOME_BROKEN;
     rowtext_put(row, "{");
     rowtext_number(row, "seed", seed);
-    if (scenario_run(s->scenario, &seed))
-        o = outcome_write(row, s->scenario);
-    else
-        outcome_write_none(row, o, "");
+    const outcome o = scenario_run(s->scenario, &seed) ? outcome_write(row, s->scenario)
+                                                       : outcome_write_broken(row, s->scenario);
     write_repeat(s, row, seed);
     return (unsigned char)o;
 }
