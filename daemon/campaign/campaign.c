@@ -7,6 +7,8 @@
 #include "base/yamlfile.h"
 #include "campaign/campaign_owner.h"
 #include "campaign/ends.h"
+#include "campaign/jsonvalue.h"
+#include "campaign/names.h"
 #include "campaign/sample.h"
 #include "config/rig.h"
 
@@ -194,11 +196,14 @@ static void read_root(campaign_owner *o, diag *errors, yaml_document_t *document
     schema_map(&self, "campaign", root, campaign_keys, o);
     if (errors->errors == 0)
         ends_check(&self, root, o);
+    yaml_node_t *list = schema_find(&self, root, "vary");
     const char *wrong = errors->errors == 0 ? sample_prepare(&o->campaign) : NULL;
     if (wrong)
         schema_complain(&self, root, "%s", wrong);
     else if (errors->errors == 0 && o->campaign.rows == 0)
         schema_complain(&self, root, "the campaign has no rows: all values are pruned");
+    else if (errors->errors == 0)
+        names_check_keys(&self, list, o);
 }
 
 static bool read_file(campaign_owner *o, diag *errors)
@@ -224,6 +229,7 @@ campaign *campaign_load(const char *file, FILE *errors)
         return NULL;
     }
     o->errors = errors;
+    o->json_left = JSONVALUE_ALL_MAX;
     o->campaign.limit_ms = CAMPAIGN_LIMIT_MS;
     o->campaign.file = arena_print(&o->arena, "%s", file);
     const bool good = o->campaign.file && read_file(o, &found);

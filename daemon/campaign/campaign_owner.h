@@ -14,6 +14,7 @@ typedef struct campaign_owner {
     arena arena;
     FILE *errors;             /* of the scenario */
     cfg *config;              /* of the scenario; NULL for a rig */
+    size_t json_left;         /* bytes that values of factors may still have */
     bool has_document;
     yaml_document_t document; /* of the scenario */
     const char *unending;     /* a message about what never ends in it; NULL: all ends */

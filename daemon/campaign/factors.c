@@ -5,6 +5,7 @@
 #include "campaign/campaign_owner.h"
 #include "campaign/edits.h"
 #include "campaign/jsonvalue.h"
+#include "campaign/names.h"
 #include "campaign/space.h"
 #include "trace/frametext.h"
 
@@ -116,6 +117,11 @@ static void read_frame(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Lists ----------------------------------------------------------------------------------- */
 
+static const char *as_json(const reading *r, schema *self, const yaml_node_t *value)
+{
+    return jsonvalue_of(self, value, &r->owner->json_left);
+}
+
 static void take_list(reading *r, schema *self, const yaml_node_t *value, const space_list *list)
 {
     factor *f = r->factor;
@@ -123,7 +129,9 @@ static void take_list(reading *r, schema *self, const yaml_node_t *value, const 
     f->texts = list->texts;
     f->count = list->count;
     f->pruned = list->pruned;
-    if (list->no_memory)
+    if (list->too_many)
+        schema_complain(self, value, "a factor has at most %u values", CAMPAIGN_VALUES_MAX);
+    else if (list->no_memory)
         schema_complain(self, value, "out of memory");
     else if (list->count == 0 && list->pruned > 0)
         schema_complain(self, value, "all its values are pruned");
@@ -135,8 +143,11 @@ static void read_values(schema *self, const schema_key *key, yaml_node_t *value,
     space_list list = {.memory = self->arena};
     const size_t count = schema_count(self, key, value, 1, CAMPAIGN_VALUES_MAX);
     r->kinds++;
-    for (size_t i = 0; i < count; i++)
-        space_add(&list, jsonvalue_of(self, schema_item(self, value, i)));
+    for (size_t i = 0; i < count; i++) {
+        const char *text = as_json(r, self, schema_item(self, value, i));
+        if (text)
+            space_add(&list, text);
+    }
     take_list(r, self, value, &list);
 }
 
@@ -306,14 +317,14 @@ static void read_space_from(schema *self, const schema_key *key, yaml_node_t *va
     const char *text = schema_text(self, key, value, "the node that sends the frames");
     m->from = text ? find_node(self, key, value, text) : CW_NO_NODE;
     if (m->from != CW_NO_NODE)
-        m->space.from = jsonvalue_of(self, value);
+        m->space.from = as_json(m->reading, self, value);
 }
 
 static void read_space_at(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     space_map *m = object;
     (void)key;
-    m->space.at = jsonvalue_of(self, value);
+    m->space.at = as_json(m->reading, self, value);
 }
 
 static void read_space_field(schema *self, const schema_key *key, yaml_node_t *value,
@@ -359,7 +370,7 @@ static const char *add_frames(space_lists *l, const space_map *m)
     if (m->from == CW_NO_NODE)
         return "it needs 'frame', or 'from' with a node that has traffic";
     const cfg_node *node = &o->config->nodes[m->from];
-    for (size_t i = 0; i < node->traffic_count && !wrong; i++)
+    for (size_t i = 0; i < node->traffic_count && !wrong && !l->values.too_many; i++)
         if (node->traffic[i].kind == CFG_TRAFFIC_SEND && !is_sent_before(node, i))
             wrong = add_frame(l, m, &node->traffic[i].frame);
     return wrong || l->values.count > 0 ? wrong : "the node of 'from' sends no frames";
@@ -453,5 +464,6 @@ void campaign_read_factors(schema *self, const schema_key *key, yaml_node_t *val
         if (item->type == YAML_MAPPING_NODE)
             check_factor(self, item, &r, i);
     }
+    names_check_rules(self, value, o);
     campaign_place_edits(self, value, o);
 }

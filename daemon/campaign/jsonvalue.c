@@ -10,7 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define DEPTH_MAX 16u /* aliases may form a cycle */
+#define DEPTH_MAX 16u       /* aliases may form a cycle */
+#define BYTES_MAX (1u << 20) /* of a value, with its aliases written out */
 
 static const char *digits(const char *at)
 {
@@ -57,7 +58,7 @@ typedef struct writer {
     schema *schema;
     level levels[DEPTH_MAX];
     unsigned depth; /* levels in use */
-    bool good;
+    const char *wrong; /* NULL: nothing */
 } writer;
 
 static bool is_list(const yaml_node_t *node)
@@ -72,9 +73,10 @@ static void begin_value(writer *w, const yaml_node_t *value)
         put_scalar(w->out, value);
         return;
     }
-    w->good = w->depth < DEPTH_MAX;
-    if (!w->good)
+    if (w->depth == DEPTH_MAX) {
+        w->wrong = "this value is nested too deeply";
         return;
+    }
     rowtext_put(w->out, is_list(value) ? "[" : "{");
     w->levels[w->depth++] = (level){.node = value};
 }
@@ -95,38 +97,48 @@ static const yaml_node_t *next_value(writer *w, level *l)
     if (!key)
         return NULL;
     rowtext_put(w->out, comma);
-    w->good = key->type == YAML_SCALAR_NODE;
-    rowtext_quoted(w->out, w->good ? (const char *)key->data.scalar.value : "");
+    const bool good = key->type == YAML_SCALAR_NODE;
+    if (!good)
+        w->wrong = "the keys of this value are no texts";
+    rowtext_quoted(w->out, good ? (const char *)key->data.scalar.value : "");
     rowtext_put(w->out, ":");
     return value;
 }
 
-static bool put_value(rowtext *out, schema *self, const yaml_node_t *value)
+/* Returns what is wrong with the value, or NULL. */
+static const char *put_value(rowtext *out, schema *self, const yaml_node_t *value, size_t bytes_max)
 {
-    writer w = {.out = out, .schema = self, .good = true};
+    writer w = {.out = out, .schema = self};
     begin_value(&w, value);
-    while (w.good && w.depth > 0) {
+    while (!w.wrong && w.depth > 0) {
         level *l = &w.levels[w.depth - 1];
         const yaml_node_t *next = next_value(&w, l);
         if (next) {
             begin_value(&w, next);
-            continue;
+        } else {
+            rowtext_put(out, is_list(l->node) ? "]" : "}");
+            w.depth--;
         }
-        rowtext_put(out, is_list(l->node) ? "]" : "}");
-        w.depth--;
+        if (buffer_length(&out->bytes) > bytes_max)
+            w.wrong = "this value is too large: one has up to 1 MiB, and all of a file 64 MiB, "
+                      "with aliases written out";
     }
-    return w.good;
+    if (out->no_memory)
+        return "out of memory";
+    return w.wrong;
 }
 
-const char *jsonvalue_of(schema *self, const yaml_node_t *value)
+const char *jsonvalue_of(schema *self, const yaml_node_t *value, size_t *left)
 {
     rowtext out = {.no_memory = false};
     const char *text = NULL;
-    if (!put_value(&out, self, value))
-        schema_complain(self, value, "this value is nested too deeply");
+    const char *wrong = put_value(&out, self, value, *left < BYTES_MAX ? *left : BYTES_MAX);
+    const size_t length = buffer_length(&out.bytes);
+    if (wrong)
+        schema_complain(self, value, "%s", wrong);
     else
-        text = schema_print(self, "%.*s", (int)buffer_length(&out.bytes),
-                            buffer_first(&out.bytes));
+        text = schema_print(self, "%.*s", (int)length, buffer_first(&out.bytes));
+    *left -= length < *left ? length : *left;
     rowtext_free(&out);
     return text;
 }

@@ -18,6 +18,9 @@
 
 void space_add(space_list *list, const char *text)
 {
+    list->too_many = list->too_many || list->count == CAMPAIGN_VALUES_MAX;
+    if (list->too_many)
+        return;
     if (list->count == list->room) {
         const uint64_t room = list->room > 0 ? 2 * list->room : 64;
         const char **texts = arena_alloc(list->memory, (size_t)room * sizeof *texts);
@@ -208,7 +211,9 @@ const char *space_add_pairs(space_list *values, space_list *rules, const space *
         if (!field || (!place.stuff && strcmp(cw_field_name(place.field), field) == 0))
             chosen[count++] = n;
     }
-    for (unsigned i = 0; i < count; i++)
+    if (values->count + (uint64_t)count * count / 2 > CAMPAIGN_VALUES_MAX)
+        values->too_many = true;
+    for (unsigned i = 0; i < count && !values->too_many; i++)
         for (unsigned k = i + 1; k < count; k++)
             add_pair(values, rules, s, frame, &bits, (unsigned[]){chosen[i], chosen[k]});
     return count < 2 ? "the frame has no two bits there" : NULL;

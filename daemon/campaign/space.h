@@ -15,6 +15,7 @@ typedef struct space_list {
     uint64_t room;
     uint64_t pruned;
     bool no_memory;
+    bool too_many; /* more than CAMPAIGN_VALUES_MAX; the others are left out */
 } space_list;
 
 /* Adds a text, which stays. */

@@ -4,11 +4,12 @@
  */
 #include "campaign/splice.h"
 
+#include "campaign/valuepath.h"
+
 #include <stdlib.h>
 #include <string.h>
 
 #define NO_MEMORY "out of memory"
-#define PART_MAX 128 /* bytes of a part of a path with its final 0 */
 
 /* ---- Places ---------------------------------------------------------------------------------- */
 
@@ -97,34 +98,6 @@ static yaml_node_t *find_numbered(const schema *self, const yaml_node_t *list, c
     return yaml_document_get_node(self->document, list->data.sequence.items.start[number]);
 }
 
-/* A part of a path: `key`, or `3` of `[3]`. */
-typedef struct part {
-    char text[PART_MAX];
-    bool number;
-    bool last;
-} part;
-
-/* Takes the next part off a path. Returns false at its end, and for one that is too long. */
-static bool take_part(const char **rest, part *p)
-{
-    const char *at = *rest;
-    p->number = *at == '[';
-    at += p->number;
-    const size_t length = strcspn(at, p->number ? "]" : ".[");
-    if (length == 0 || length >= PART_MAX)
-        return false;
-    memcpy(p->text, at, length);
-    p->text[length] = '\0';
-    at += length;
-    if (p->number && *at == ']')
-        at++;
-    if (*at == '.')
-        at++;
-    p->last = *at == '\0';
-    *rest = at;
-    return true;
-}
-
 /* Returns the name of an item, or NULL. */
 static const char *name_of(schema *self, yaml_node_t *item)
 {
@@ -152,7 +125,7 @@ static size_t count_places(const schema *self, const yaml_node_t *node)
 }
 
 /* Goes down by one part. Returns NULL where there is nothing. */
-static yaml_node_t *step_down(schema *self, yaml_node_t *node, const part *p)
+static yaml_node_t *step_down(schema *self, yaml_node_t *node, const valuepath_part *p)
 {
     if (node->type == YAML_MAPPING_NODE && !p->number)
         return schema_find(self, node, p->text);
@@ -165,11 +138,10 @@ static const char *walk(splice *out, const splice_text *t, const char *rest, con
 {
     schema self = {.document = t->document};
     yaml_node_t *node = yaml_document_get_root_node(t->document);
-    part p = {.last = false};
+    valuepath_part p = {.last = false};
     bool in_faults = false;
     for (unsigned depth = 0; !p.last; depth++) {
-        if (!take_part(&rest, &p))
-            return "it has an empty part, or one that is too long";
+        valuepath_take(&rest, &p);
         yaml_node_t *next = step_down(&self, node, &p);
         if (depth == 1 && in_faults && !p.last)
             *rule = name_of(&self, next);
@@ -190,7 +162,9 @@ static const char *walk(splice *out, const splice_text *t, const char *rest, con
 const char *splice_find(splice *out, const splice_text *t, const char *path, const char **rule)
 {
     *rule = NULL;
-    const char *wrong = walk(out, t, path, rule);
+    const char *wrong = valuepath_check(t->memory, path);
+    if (!wrong)
+        wrong = walk(out, t, path, rule);
     if (*rule)
         *rule = arena_print(t->memory, "%s", *rule);
     return wrong;

@@ -372,7 +372,6 @@ def test_plan_tells_what_there_is(make):
     ("{ set: nodes.motor.ppm, values: [ 1 ] }",
      "4:12: set: 'nodes.motor.ppm': the scenario has no 'motor' there"),
     ("{ set: nodes[7].ppm, values: [ 1 ] }", "has no '7' there"),
-    ("{ set: a..b, values: [ 1 ] }", "the scenario has no 'a' there"),
     ("{ set: bus.bitrate, range: { from: 1, to: 2 } }", "range: the key 'step' is missing"),
     ("{ set: bus.bitrate, range: { from: 1, to: 2, step: 0 } }", "range: 'step' is more than 0"),
     ("{ set: bus.bitrate, range: { from: 1us, to: 2ms, step: 1us } }",

@@ -63,13 +63,13 @@ def test_rows_of_a_scenario_that_has_changed(torn, write):
     file, out, _ = torn()
     write(BUS.replace("every: 10ms", "every: 11ms"))
     message = refused(file, out)
-    assert f"{out}.part: row 0 is another one when it is made again: the campaign, its scenario, a " \
-        "file that it names, or canwire has changed since" in message
+    assert f"{out}.part: row 0 is another one when it is made again: the campaign, its scenario, " \
+        "a file that it names, or canwire has changed since" in message
 
 
 def test_rows_of_a_profile_and_of_a_log_that_have_changed(torn, tmp_path):
     profile = "parameters: { victim: ~ }\nfaults:\n  - name: late\n" \
-        "    when: { frame: 123, skip: 1, count: 1 }\n    do: { flip: \"crc[3]\", at: [ $victim ] }\n"
+        "    when: { frame: 123, skip: 1, count: 1 }\n    do: { flip: sof, at: [ $victim ] }\n"
     log = "(0.001000) can0 321#11\n(0.002000) can0 322#11\n"
     bus = BUS.replace("  - name: gearbox\n",
                       "  - name: gearbox\n    traffic: [ { replay: drive.log } ]\n")
