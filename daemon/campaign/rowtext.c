@@ -22,23 +22,36 @@ void rowtext_put(rowtext *row, const char *text)
     put_bytes(row, text, strlen(text));
 }
 
-/* Returns true for a text of which no character needs an escape. */
-static bool is_simple(const char *text)
+/* Returns where so many bytes more have room, or NULL without memory. */
+static char *find_room(rowtext *row, size_t count)
 {
-    for (; *text; text++)
-        if (*text < ' ' || *text > '~' || *text == '"' || *text == '\\')
-            return false;
-    return true;
+    if (buffer_reserve(&row->bytes, count))
+        return row->bytes.data + row->bytes.end;
+    row->no_memory = true;
+    return NULL;
 }
 
-void rowtext_quoted(rowtext *row, const char *text)
+/* Takes the bytes up to `end` in. */
+static void end_at(rowtext *row, const char *end)
 {
-    if (is_simple(text)) {
-        rowtext_put(row, "\"");
-        rowtext_put(row, text);
-        rowtext_put(row, "\"");
-        return;
+    row->bytes.end = (size_t)(end - row->bytes.data);
+}
+
+/* Writes a text in quotes. Returns its end, or NULL when a character needs an escape. */
+static char *write_simple(char *out, const char *text)
+{
+    *out++ = '"';
+    for (; *text; text++) {
+        if (*text < ' ' || *text > '~' || *text == '"' || *text == '\\')
+            return NULL;
+        *out++ = *text;
     }
+    *out++ = '"';
+    return out;
+}
+
+static void put_escaped(rowtext *row, const char *text)
+{
     json_t *value = text_to_json(text, strlen(text));
     char *quoted = json_dumps(value, JSON_ENCODE_ANY);
     json_decref(value);
@@ -49,28 +62,39 @@ void rowtext_quoted(rowtext *row, const char *text)
     free(quoted);
 }
 
-static void put_comma(rowtext *row)
+void rowtext_quoted(rowtext *row, const char *text)
 {
-    const size_t length = buffer_length(&row->bytes);
+    char *out = find_room(row, strlen(text) + 2);
+    const char *end = out ? write_simple(out, text) : NULL;
+    if (end)
+        end_at(row, end);
+    else if (out)
+        put_escaped(row, text);
+}
+
+static bool needs_comma(const rowtext *row)
+{
+    const buffer *b = &row->bytes;
     char last = '\0';
-    if (length > 0)
-        last = buffer_first(&row->bytes)[length - 1];
-    if (last != '\0' && last != '{' && last != '[' && last != ':' && last != '\n')
-        rowtext_put(row, ",");
+    if (buffer_length(b) > 0)
+        last = b->data[b->end - 1];
+    return last != '\0' && last != '{' && last != '[' && last != ':' && last != '\n';
 }
 
 void rowtext_key(rowtext *row, const char *key)
 {
-    put_comma(row);
+    if (needs_comma(row))
+        rowtext_put(row, ",");
     rowtext_quoted(row, key);
     rowtext_put(row, ":");
 }
 
 void rowtext_number(rowtext *row, const char *key, uint64_t value)
 {
-    char digits[CHARS_DECIMAL_MAX];
     rowtext_key(row, key);
-    put_bytes(row, digits, (size_t)(chars_decimal(digits, value) - digits));
+    char *out = find_room(row, CHARS_DECIMAL_MAX);
+    if (out)
+        end_at(row, chars_decimal(out, value));
 }
 
 void rowtext_string(rowtext *row, const char *key, const char *text)
