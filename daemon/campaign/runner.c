@@ -4,7 +4,7 @@
  */
 #include "campaign/runner.h"
 
-#include "campaign/rule_slot.h"
+#include "campaign/loaded.h"
 #include "campaign/shellword.h"
 #include "campaign/tally.h"
 #include "campaign/variant.h"
@@ -14,18 +14,18 @@
 #include <string.h>
 
 #define NUMBER_MAX 32 /* bytes of " --only N" */
+#define RULES_KEPT_MAX 131072u /* of all scenarios that are loaded */
 
 struct runner {
     const campaign *campaign;
     bool reload;
-    scenario *scenario;   /* NULL: none is loaded */
-    rowtext key;          /* the values of the factors that it was loaded with, but for slots */
+    loaded_list loaded;    /* without room: none has been loaded */
+    rowtext key;
     rowtext text;
     rowtext repeat;
     uint64_t slot_factors; /* of all slots, as a set */
-    bool has_slots;       /* the scenario has the rules of the slots */
     size_t slot_count;
-    rule_slot slots[CAMPAIGN_FACTORS_MAX];
+    rule_slot slots[CAMPAIGN_FACTORS_MAX]; /* without rules */
 };
 
 runner *runner_new(const campaign *c, bool reload)
@@ -45,9 +45,7 @@ void runner_free(runner *r)
 {
     if (!r)
         return;
-    for (size_t i = 0; i < r->slot_count; i++)
-        rule_slot_free(&r->slots[i]);
-    scenario_close(r->scenario);
+    loaded_clear(&r->loaded);
     rowtext_free(&r->key);
     rowtext_free(&r->text);
     rowtext_free(&r->repeat);
@@ -73,53 +71,73 @@ static scenario *load(runner *r, const choice *choices, FILE *messages)
     return NULL;
 }
 
-static bool begin_slots(runner *r)
+/* Decides by the first scenario how many are kept. */
+static void find_room(runner *r, const scenario *s)
 {
-    bool good = r->scenario->alone != NULL;
-    for (size_t i = 0; i < r->slot_count && good; i++)
-        good = rule_slot_begin(&r->slots[i], r->scenario->alone);
+    uint64_t rules = 1;
+    for (size_t i = 0; i < r->slot_count; i++)
+        rules += r->slots[i].values;
+    const uint64_t room = RULES_KEPT_MAX / rules / s->count;
+    r->loaded.room = room < LOADED_MAX / s->count ? (size_t)room : LOADED_MAX / s->count;
+    if (r->loaded.room == 0 || r->reload)
+        r->loaded.room = 1;
+}
+
+static loaded *load_base(runner *r, const choice *choices)
+{
+    scenario *s = load(r, choices, NULL);
+    if (!s)
+        return NULL;
+    if (r->loaded.room == 0)
+        find_room(r, s);
+    return loaded_keep(&r->loaded, s, &r->key, r->slots, r->slot_count);
+}
+
+static bool begin_slots(const runner *r, const loaded *l, const choice *choices)
+{
+    bool good = l->scenario->alone || l->slot_count == 0;
+    for (size_t i = 0; i < l->slot_count && good; i++) {
+        good = rule_slot_begin(&l->slots[i], l->scenario->alone);
+        l->slots[i].shown = rule_slot_value(&l->slots[i], r->campaign, choices);
+    }
     return good;
 }
 
 /* Writes the values of the factors that change more than a rule. */
-static void write_key(runner *r, rowtext *key, const choice *choices, uint64_t without)
+static void write_key(runner *r, const choice *choices)
 {
     const campaign *c = r->campaign;
-    rowtext_clear(key);
+    rowtext_clear(&r->key);
     for (size_t i = 0; i < c->factor_count; i++) {
-        if (c->factors[i].is_seed || (without >> i & 1))
+        if (c->factors[i].is_seed || (r->slot_factors >> i & 1))
             continue;
-        sample_value(key, &c->factors[i], &choices[i]);
-        rowtext_put(key, "\n");
+        sample_value(&r->key, &c->factors[i], &choices[i]);
+        rowtext_put(&r->key, "\n");
     }
 }
 
-static bool is_same(const rowtext *a, const rowtext *b)
+static void forget_slots(runner *r)
 {
-    const size_t length = buffer_length(&a->bytes);
-    return !a->no_memory && !b->no_memory && length == buffer_length(&b->bytes) &&
-           (length == 0 || memcmp(buffer_first(&a->bytes), buffer_first(&b->bytes), length) == 0);
+    r->slot_count = 0;
+    r->slot_factors = 0;
+    loaded_clear(&r->loaded);
+    r->loaded.room = 0;
 }
 
-/* Loads the scenario of the choices, if another one is loaded. */
-static bool load_base(runner *r, const choice *choices)
+/* Returns the scenario of the choices, perhaps with other values of its slots. Where a scenario
+ * has no such rules, from then on rules have no slots. */
+static loaded *find_base(runner *r, const choice *choices)
 {
-    rowtext key = {.no_memory = false};
-    if (r->scenario && !r->has_slots)
-        r->slot_factors = 0; /* nothing is shared */
-    write_key(r, &key, choices, r->slot_factors);
-    if (r->scenario && !r->reload && is_same(&key, &r->key)) {
-        rowtext_free(&key);
-        return true;
-    }
-    rowtext_free(&r->key);
-    r->key = key;
-    scenario_close(r->scenario);
-    r->scenario = load(r, choices, NULL);
-    r->has_slots = r->scenario && r->slot_factors && begin_slots(r);
-    for (size_t i = 0; i < r->slot_count && r->has_slots; i++)
-        r->slots[i].shown = rule_slot_value(&r->slots[i], r->campaign, choices);
-    return r->scenario;
+    write_key(r, choices);
+    loaded *l = r->reload ? NULL : loaded_find(&r->loaded, &r->key);
+    if (l)
+        return l;
+    l = load_base(r, choices);
+    if (!l || begin_slots(r, l, choices))
+        return l;
+    forget_slots(r);
+    write_key(r, choices);
+    return load_base(r, choices);
 }
 
 /* Copies the rules of a slot out of a configuration. */
@@ -132,10 +150,11 @@ static cw_rule *copy_rules(const rule_slot *slot, const cfg *config)
 }
 
 /* Loads the rules of a slot with the values of these choices. */
-static bool load_rules(runner *r, rule_slot *slot, uint64_t value, const choice *choices)
+static bool load_rules(runner *r, const scenario *base, rule_slot *slot, uint64_t value,
+                       const choice *choices)
 {
     scenario *s = load(r, choices, NULL);
-    const bool same = s && s->alone && s->alone->rule_count == r->scenario->alone->rule_count;
+    const bool same = s && s->alone && s->alone->rule_count == base->alone->rule_count;
     if (same)
         slot->rules[value] = copy_rules(slot, s->alone);
     scenario_close(s);
@@ -153,16 +172,16 @@ static void show(const rule_slot *slot, uint64_t value, const cfg *config)
     }
 }
 
-static bool fill_slots(runner *r, const choice *choices)
+static bool fill_slots(runner *r, const loaded *l, const choice *choices)
 {
-    for (size_t i = 0; i < r->slot_count && r->has_slots; i++) {
-        rule_slot *slot = &r->slots[i];
+    for (size_t i = 0; i < l->slot_count; i++) {
+        rule_slot *slot = &l->slots[i];
         const uint64_t value = rule_slot_value(slot, r->campaign, choices);
         if (value == slot->shown)
             continue;
-        if (!slot->rules[value] && !load_rules(r, slot, value, choices))
+        if (!slot->rules[value] && !load_rules(r, l->scenario, slot, value, choices))
             return false;
-        show(slot, value, r->scenario->alone);
+        show(slot, value, l->scenario->alone);
         slot->shown = value;
     }
     return true;
@@ -208,13 +227,14 @@ static outcome run(runner *r, rowtext *row, const choice *choices)
 {
     uint64_t seed;
     const bool varies = variant_seed(&seed, r->campaign, choices);
-    if (!load_base(r, choices) || !fill_slots(r, choices)) {
+    const loaded *l = find_base(r, choices);
+    if (!l || !fill_slots(r, l, choices)) {
         outcome_write_none(row, OUTCOME_INVALID, "");
         return OUTCOME_INVALID;
     }
-    if (scenario_run(r->scenario, varies ? &seed : NULL))
-        return outcome_write(row, r->scenario);
-    return outcome_write_broken(row, r->scenario);
+    if (scenario_run(l->scenario, varies ? &seed : NULL))
+        return outcome_write(row, l->scenario);
+    return outcome_write_broken(row, l->scenario);
 }
 
 outcome runner_row(runner *r, uint64_t number, rowtext *row)

@@ -2,8 +2,8 @@
  *
  * runner.h - runs the rows of a campaign, and writes them.
  *
- * Rows that only differ in seeds and in rules share a scenario that is loaded once. Rules are
- * loaded once for each of their values, and then put into the configuration.
+ * Rows that only differ in seeds and in rules share a scenario. Rules are loaded once for each of
+ * their values, and then put into the configuration. Several scenarios stay loaded.
  */
 #ifndef CANWIRE_CAMPAIGN_RUNNER_H
 #define CANWIRE_CAMPAIGN_RUNNER_H

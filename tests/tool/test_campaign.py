@@ -109,6 +109,42 @@ def test_rows_are_the_same_with_whole_loads_and_any_number_of_processes(make):
             for row in rows_of(wanted)} == {"crc", "stuff", "form", "bit"}
 
 
+# Factors that change the whole file: more scenarios than stay loaded, which come again in any
+# order; a rule that has its name in some of them only; scenarios that are none.
+WHOLE_FILES = {
+    "more than stay": """sample: { random: 1500 }
+vary:
+  - { set: nodes.dash.queue, range: { from: 1, to: 80, step: 1 } }
+  - { set: faults.hit.do.flip, positions: [ "crc.*" ] }
+  - { set: seed, range: { from: 1, to: 1000, step: 1 } }
+""",
+    "the last one varies": """vary:
+  - { set: faults.hit.do.flip, positions: [ "crc.*" ] }
+  - { set: "nodes.engine.traffic[0].every", range: { from: 1000us, to: 12000us, step: 250us } }
+""",
+    "names": """vary:
+  - { set: faults.hit.name, values: [ hit, other ] }
+  - { set: faults.hit.do.flip, positions: [ "crc.*" ] }
+  - { set: nodes.dash.queue, values: [ 1, 2 ] }
+""",
+    "none": """vary:
+  - { set: faults.hit.do.flip, positions: [ "crc.*" ] }
+  - { set: nodes.dash.queue, values: [ 0, 1, 2 ] }
+  - { set: faults.hit.do.at, values: [ dash, nobody ] }
+""",
+}
+
+
+@pytest.mark.parametrize("kind", WHOLE_FILES)
+def test_rows_are_the_same_when_scenarios_stay_loaded(make, kind):
+    file = make("scenario: bus.yaml\n" + WHOLE_FILES[kind])
+    status = 1 if kind == "none" else 0
+    wanted = campaign("run", file, "--reload", status=status).stdout
+    assert campaign("run", file, "--jobs", "1", status=status).stdout == wanted
+    assert campaign("run", file, "--jobs", "2", status=status).stdout == wanted
+    assert len({json.dumps(row["factors"]) for row in rows_of(wanted)}) > 50
+
+
 def test_a_row_is_the_scenario_that_show_prints(make, write):
     file = make(MANY)
     rows = rows_of(campaign("run", file).stdout)

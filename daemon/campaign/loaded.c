@@ -1,0 +1,80 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * loaded.c - scenarios that are loaded, by the values that they were loaded with.
+ */
+#include "campaign/loaded.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+static bool is_same(const rowtext *a, const rowtext *b)
+{
+    const size_t length = buffer_length(&a->bytes);
+    return !a->no_memory && !b->no_memory && length == buffer_length(&b->bytes) &&
+           (length == 0 || memcmp(buffer_first(&a->bytes), buffer_first(&b->bytes), length) == 0);
+}
+
+loaded *loaded_find(loaded_list *list, const rowtext *key)
+{
+    for (size_t i = 0; i < list->room; i++) {
+        loaded *l = &list->places[i];
+        if (!l->scenario || !is_same(&l->key, key))
+            continue;
+        l->used = ++list->uses;
+        return l;
+    }
+    return NULL;
+}
+
+static void empty(loaded *l)
+{
+    for (size_t i = 0; i < l->slot_count; i++)
+        rule_slot_free(&l->slots[i]);
+    free(l->slots);
+    scenario_close(l->scenario);
+    rowtext_free(&l->key);
+    *l = (loaded){.scenario = NULL};
+}
+
+/* Returns an empty place, or the one that was used least recently. An empty one has the use 0. */
+static loaded *find_place(loaded_list *list)
+{
+    loaded *found = &list->places[0];
+    for (size_t i = 1; i < list->room; i++)
+        if (list->places[i].used < found->used)
+            found = &list->places[i];
+    return found;
+}
+
+static bool copy_slots(loaded *l, const rule_slot *slots, size_t count)
+{
+    l->slots = count > 0 ? malloc(count * sizeof *slots) : NULL;
+    if (count > 0 && !l->slots)
+        return false;
+    if (count > 0)
+        memcpy(l->slots, slots, count * sizeof *slots);
+    l->slot_count = count;
+    return true;
+}
+
+loaded *loaded_keep(loaded_list *list, scenario *s, const rowtext *key, const rule_slot *slots,
+                    size_t slot_count)
+{
+    assert(list->room > 0 && list->room <= LOADED_MAX);
+    loaded *l = find_place(list);
+    empty(l);
+    l->scenario = s;
+    l->used = ++list->uses;
+    if (copy_slots(l, slots, slot_count) &&
+        buffer_append(&l->key.bytes, buffer_first(&key->bytes), buffer_length(&key->bytes)))
+        return l;
+    empty(l);
+    return NULL;
+}
+
+void loaded_clear(loaded_list *list)
+{
+    for (size_t i = 0; i < list->room; i++)
+        empty(&list->places[i]);
+}
