@@ -39,7 +39,7 @@ typedef struct chunk {
 typedef struct worker {
     pid_t pid; /* 0: there is none */
     int fd;
-    chunk *chunk; /* NULL: it has nothing to do */
+    chunk *chunk; /* NULL: it has nothing to do; without a process it waits for one */
     unsigned tries; /* of the first line that has not come, alone */
     bool late;
     int64_t since_ms; /* the last sign of it */
@@ -56,6 +56,7 @@ typedef struct pool {
     uint64_t opened; /* chunks that have been given out */
     uint64_t closed; /* chunks whose lines have been taken */
     uint64_t made;
+    bool crowded; /* no further process could be made */
     int64_t looked_ms;
     rowtext line;
     int error; /* errno */
@@ -87,11 +88,12 @@ _Noreturn static void be_worker(pool *p, const int ends[2])
     pool_worker(p->work, ends[1]);
 }
 
+/* Returns false with errno. */
 static bool start(pool *p, worker *w)
 {
     int ends[2];
     if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
-        return fail(p, errno);
+        return false;
     (void)fflush(NULL); /* nothing is written twice */
     const pid_t pid = fork();
     if (pid == 0)
@@ -100,7 +102,8 @@ static bool start(pool *p, worker *w)
     (void)close(ends[1]);
     if (pid < 0) {
         (void)close(ends[0]);
-        return fail(p, error);
+        errno = error;
+        return false;
     }
     w->pid = pid;
     w->fd = ends[0];
@@ -120,16 +123,59 @@ static int stop(worker *w)
     return status;
 }
 
+static unsigned count_processes(const pool *p)
+{
+    unsigned count = 0;
+    for (unsigned i = 0; i < p->work->jobs; i++)
+        count += p->workers[i].pid > 0;
+    return count;
+}
+
+/* Takes over the process of a worker that has nothing to do, if there is one. */
+static void take_over(pool *p, worker *w)
+{
+    for (unsigned i = 0; i < p->work->jobs && w->pid == 0; i++) {
+        worker *idle = &p->workers[i];
+        if (idle->pid == 0 || idle->chunk)
+            continue;
+        w->pid = idle->pid;
+        w->fd = idle->fd;
+        w->late = false;
+        idle->pid = 0;
+        buffer_free(&idle->part);
+    }
+}
+
+/* Makes a process. Without one more the others go on; a worker then waits. Returns false when there
+ * are no others. */
+static bool provide(pool *p, worker *w)
+{
+    if (w->pid > 0 || start(p, w))
+        return true;
+    const int error = errno;
+    const unsigned others = count_processes(p);
+    if (others == 0)
+        return fail(p, error);
+    if (!p->crowded && p->work->calls->few)
+        p->work->calls->few(p->work->user, others, error);
+    p->crowded = true;
+    if (w->chunk)
+        take_over(p, w);
+    return true;
+}
+
+/* Gives a worker its chunk, as soon as it has a process. */
 static bool order(pool *p, worker *w)
 {
     const pool_order o = {.first = w->chunk->first + w->chunk->made,
                           .count = w->chunk->count - w->chunk->made,
                           .singly = w->tries > 0};
-    if (w->pid == 0 && !start(p, w))
+    if (!provide(p, w))
         return false;
     w->since_ms = wall_ms();
     /* small enough for the socket; one that has just ended is found by its end */
-    (void)send(w->fd, &o, sizeof o, MSG_NOSIGNAL);
+    if (w->pid > 0)
+        (void)send(w->fd, &o, sizeof o, MSG_NOSIGNAL);
     return true;
 }
 
@@ -145,21 +191,40 @@ static bool is_all_opened(const pool *p)
     return p->opened * p->chunk_size >= p->work->count;
 }
 
-/* Gives processes that wait the next chunks. */
+static void open_chunk(pool *p, worker *w)
+{
+    const uint64_t begin = p->opened * p->chunk_size;
+    const uint64_t rest = p->work->count - begin;
+    w->chunk = chunk_at(p, p->opened++);
+    w->chunk->first = p->work->first + begin;
+    w->chunk->count = rest < p->chunk_size ? rest : p->chunk_size;
+    w->chunk->made = 0;
+    w->tries = 0;
+}
+
+/* Gives an idle worker the next chunk, if it has or gets a process. */
+static bool employ(pool *p, worker *w)
+{
+    if (is_all_opened(p) || p->opened - p->closed == p->chunk_room)
+        return true;
+    if (w->pid == 0 && p->crowded && count_processes(p) > 0)
+        return true;
+    if (!provide(p, w))
+        return false;
+    if (w->pid == 0)
+        return true;
+    open_chunk(p, w);
+    return order(p, w);
+}
+
+/* Gives processes that wait the next chunks, and chunks that wait a process. */
 static bool give_out(pool *p)
 {
     for (unsigned i = 0; i < p->work->jobs; i++) {
         worker *w = &p->workers[i];
-        if (w->chunk || is_all_opened(p) || p->opened - p->closed == p->chunk_room)
-            continue;
-        const uint64_t begin = p->opened * p->chunk_size;
-        const uint64_t rest = p->work->count - begin;
-        w->chunk = chunk_at(p, p->opened++);
-        w->chunk->first = p->work->first + begin;
-        w->chunk->count = rest < p->chunk_size ? rest : p->chunk_size;
-        w->chunk->made = 0;
-        w->tries = 0;
-        if (!order(p, w))
+        if (!w->chunk && !employ(p, w))
+            return false;
+        if (w->chunk && w->pid == 0 && !order(p, w))
             return false;
     }
     return true;
@@ -274,7 +339,7 @@ static void end_late(pool *p, int64_t now)
 {
     for (unsigned i = 0; i < p->work->jobs && p->work->limit_ms > 0; i++) {
         worker *w = &p->workers[i];
-        if (!w->chunk || w->late || now - w->since_ms < p->work->limit_ms)
+        if (!w->chunk || w->pid == 0 || w->late || now - w->since_ms < p->work->limit_ms)
             continue;
         w->late = true;
         (void)kill(w->pid, SIGKILL);
@@ -289,21 +354,33 @@ static void look(pool *p, int64_t now)
     p->work->calls->look(p->work->user, p->made);
 }
 
+/* Finds the workers with a process. Returns their number. poll() takes no more descriptors than a
+ * process may have. */
+static unsigned list_polled(pool *p, struct pollfd polled[], worker *workers[])
+{
+    unsigned count = 0;
+    for (unsigned i = 0; i < p->work->jobs; i++) {
+        worker *w = &p->workers[i];
+        if (w->pid == 0)
+            continue;
+        polled[count] = (struct pollfd){.fd = w->fd, .events = POLLIN};
+        workers[count++] = w;
+    }
+    return count;
+}
+
 static bool wait_for_lines(pool *p)
 {
     struct pollfd polled[POOL_JOBS_MAX];
-    const unsigned jobs = p->work->jobs;
-    for (unsigned i = 0; i < jobs; i++) {
-        const worker *w = &p->workers[i];
-        polled[i] = (struct pollfd){.fd = w->pid > 0 ? w->fd : -1, .events = POLLIN};
-    }
-    const int ready = poll(polled, jobs, LOOK_MS);
+    worker *workers[POOL_JOBS_MAX];
+    const unsigned count = list_polled(p, polled, workers);
+    const int ready = poll(polled, count, LOOK_MS);
     if (ready < 0 && errno != EINTR)
         return fail(p, errno);
     bool good = true;
-    for (unsigned i = 0; i < jobs && ready > 0 && good; i++)
-        if (polled[i].revents)
-            good = listen_to(p, &p->workers[i]);
+    for (unsigned i = 0; i < count && ready > 0 && good; i++)
+        if (polled[i].revents && workers[i]->pid > 0) /* another one may have its process now */
+            good = listen_to(p, workers[i]);
     const int64_t now = wall_ms();
     end_late(p, now);
     look(p, now);
@@ -350,6 +427,12 @@ bool pool_run(const pool_work *work)
     errno = p->error;
     free(p);
     return good;
+}
+
+void pool_tell_few(const char *command, unsigned jobs, int error)
+{
+    fprintf(stderr, "%s: %u process%s at a time, as no more can be made: %s\n", command, jobs,
+            jobs == 1 ? "" : "es", strerror(error));
 }
 
 unsigned pool_jobs_default(void)

@@ -2,9 +2,9 @@
  *
  * pool.h - makes numbered lines in several processes, and hands them on in the order of numbers.
  *
- * The processes are forks of this one. A line whose process ends, or makes none in time, is made
- * once more alone, and twice more when the process was killed. If that fails, too, the caller says
- * what the line is.
+ * The processes are forks of this one. Where the system allows fewer of them, these do the work. A
+ * line whose process ends, or makes none in time, is made once more alone, and twice more when the
+ * process was killed. If that fails, too, the caller says what the line is.
  */
 #ifndef CANWIRE_CAMPAIGN_POOL_H
 #define CANWIRE_CAMPAIGN_POOL_H
@@ -28,6 +28,8 @@ typedef struct pool_calls {
     bool (*take)(void *user, unsigned char code, const char *line, size_t length);
     /* Is called a few times a second, with the number of lines that are made. NULL: it is not. */
     void (*look)(void *user, uint64_t made);
+    /* Is called once when there can be fewer processes only, with the errno. NULL: it is not. */
+    void (*few)(void *user, unsigned jobs, int error);
 } pool_calls;
 
 typedef struct pool_work {
@@ -41,6 +43,9 @@ typedef struct pool_work {
 
 /* Returns false with errno when the work could not be done, or `take` has ended it (errno 0). */
 bool pool_run(const pool_work *work);
+
+/* Says on standard error that there are fewer processes; `command` is the one that makes them. */
+void pool_tell_few(const char *command, unsigned jobs, int error);
 
 /* Returns the number of processors that this process may use, at most POOL_JOBS_MAX. */
 unsigned pool_jobs_default(void);

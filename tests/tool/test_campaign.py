@@ -5,6 +5,7 @@ import contextlib
 import itertools
 import json
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -398,6 +399,34 @@ def test_plan_tells_what_there_is(make):
     assert lines[6] == 'row 0: rate=250000 bit="data[0.0]" faults.hit.do.at="engine" ' \
         'faults[0].when.skip=0 seed=1'
     assert lines[-1].startswith("about ") and lines[-1].endswith(" us a row")
+
+
+def test_more_processes_than_the_system_allows(make, tmp_path):
+    file = make(MANY)
+    wanted = campaign("run", file).stdout
+    for words in ["campaign", "run", file], ["sim", tmp_path / "bus.yaml", "--seeds", "1..500"]:
+        result = subprocess.run(
+            ["sh", "-c", "ulimit -n 24; exec \"$@\"", "sh", CANWIRE, *words, "--jobs", "256"],
+            capture_output=True, text=True, check=False)
+        assert result.returncode == 0
+        lines = result.stderr.splitlines()
+        assert re.fullmatch(r"canwire \w+: [12]?[0-9] processes at a time, as no more can be made: "
+                            "Too many open files", lines[0])
+        assert len(lines) == 2
+        if words[0] == "campaign":
+            assert result.stdout == wanted
+
+
+@pytest.mark.parametrize("until, limit, message", [
+    ("100000000s", "24h", "row 0 takes more than 3 s; how long all take is not known"),
+    ("100000000s", "1s", "row 0 takes more than 1 s; how long all take is not known"),
+    ("20s", "24h", "about "),
+])
+def test_plan_ends_whatever_the_rows_do(make, until, limit, message):
+    text = INLINE.replace("25ms", until).replace("vary:", f"limit: {limit}\nvary:")
+    last = campaign("plan", make(text + "  - { set: seed, range: { from: 1, to: 100, step: 1 } }\n"),
+                    "--jobs", "1").stdout.splitlines()[-1]
+    assert last.startswith(message)
 
 
 # ---- bad files -----------------------------------------------------------------------------------

@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -33,6 +34,8 @@ typedef struct lines {
     FILE *out;
     uint64_t taken;
     uint64_t stop_at; /* 0: never */
+    unsigned few;     /* processes that there could be */
+    unsigned told;    /* how often that was said */
     unsigned codes[256];
 } lines;
 
@@ -112,9 +115,17 @@ static bool take(void *user, unsigned char code, const char *line, size_t length
     return fwrite(line, 1, length, l->out) == length;
 }
 
+static void few(void *user, unsigned jobs, int error)
+{
+    lines *l = user;
+    assert_int_equal(error, EMFILE);
+    l->few = jobs;
+    l->told++;
+}
+
 static bool run(lines *l, uint64_t count, unsigned jobs, int64_t limit_ms)
 {
-    static const pool_calls calls = {.make = make, .lose = lose, .take = take};
+    static const pool_calls calls = {.make = make, .lose = lose, .take = take, .few = few};
     const pool_work work = {.calls = &calls, .user = l, .first = FIRST, .count = count,
                             .jobs = jobs, .limit_ms = limit_ms};
     l->parent = getpid();
@@ -211,6 +222,71 @@ static void whoever_takes_the_lines_may_end_it(void **state)
     free(l.text);
 }
 
+/* Allows so many descriptors beside the lowest that is free. Returns the limit before. */
+static rlim_t allow_descriptors(rlim_t more)
+{
+    struct rlimit limit;
+    const int lowest = dup(STDERR_FILENO);
+    assert_true(lowest >= 0 && close(lowest) == 0);
+    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
+    const rlim_t before = limit.rlim_cur;
+    limit.rlim_cur = (rlim_t)lowest + more;
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
+    return before;
+}
+
+static void restore_descriptors(rlim_t before)
+{
+    struct rlimit limit;
+    assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
+    limit.rlim_cur = before;
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &limit), 0);
+}
+
+/* A process takes a descriptor, and one more while it is made. */
+static void fewer_processes_than_wanted_do_the_work(void **state)
+{
+    (void)state;
+    for (unsigned most = 1; most <= 4; most++) {
+        lines l = {.fate_of = all_made};
+        const rlim_t before = allow_descriptors(most + 1);
+        assert_true(run(&l, 3000, 16, 0));
+        restore_descriptors(before);
+        assert_lines(&l, 3000, NULL, NULL, 0);
+        assert_int_equal(l.few, most);
+        assert_int_equal(l.told, 1);
+        free(l.text);
+    }
+}
+
+/* ... also when processes end, whose places others could take. */
+static void few_processes_that_end_are_replaced(void **state)
+{
+    static const char *const words[] = {"crashed", "exited"};
+    static const uint64_t numbers[] = {7, 8};
+    (void)state;
+    for (unsigned most = 1; most <= 3; most++) {
+        lines l = {.fate_of = some_lost};
+        const rlim_t before = allow_descriptors(most + 1);
+        assert_true(run(&l, 400, 8, 0));
+        restore_descriptors(before);
+        assert_lines(&l, 400, words, numbers, COUNT(numbers));
+        free(l.text);
+    }
+}
+
+static void without_any_process_there_is_no_work(void **state)
+{
+    lines l = {.fate_of = all_made};
+    (void)state;
+    const rlim_t before = allow_descriptors(1);
+    assert_false(run(&l, 400, 8, 0));
+    assert_int_equal(errno, EMFILE);
+    restore_descriptors(before);
+    assert_int_equal(l.told, 0);
+    free(l.text);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -218,6 +294,9 @@ int main(void)
         cmocka_unit_test(a_process_that_ends_costs_its_line_alone),
         cmocka_unit_test(a_process_that_hangs_is_ended),
         cmocka_unit_test(lines_whose_processes_are_killed_are_not_lost),
+        cmocka_unit_test(fewer_processes_than_wanted_do_the_work),
+        cmocka_unit_test(few_processes_that_end_are_replaced),
+        cmocka_unit_test(without_any_process_there_is_no_work),
         cmocka_unit_test(whoever_takes_the_lines_may_end_it),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -5,21 +5,14 @@
 #include "cli/campaign/parts.h"
 
 #include "base/plain.h"
-#include "base/wall.h"
-#include "campaign/runner.h"
+#include "campaign/pool.h"
 #include "campaign/variant.h"
+#include "cli/campaign/estimate.h"
 #include "cli/cli.h"
 
 #include <inttypes.h>
 
 #define FIRST_ROWS 5u
-#define TRIED_MAX 2000u    /* rows that are run for the estimate ... */
-#define TRIED_SECONDS 0.5  /* ... for so long at most */
-
-static double now_seconds(void)
-{
-    return (double)wall_ns() / 1e9;
-}
 
 /* ---- Plan ------------------------------------------------------------------------------------ */
 
@@ -46,23 +39,6 @@ static void print_factors(const campaign *c)
     }
 }
 
-/* Runs some rows from all parts of the campaign. Returns the seconds that one takes. */
-static double try_rows(const campaign *c, rowtext *row)
-{
-    runner *r = runner_new(c, false);
-    const uint64_t count = c->rows < TRIED_MAX ? c->rows : TRIED_MAX;
-    const double start = now_seconds();
-    double seconds = 0;
-    uint64_t tried = 0;
-    while (r && tried < count && seconds < TRIED_SECONDS) {
-        rowtext_clear(row);
-        (void)runner_row(r, c->rows / count * tried++, row);
-        seconds = now_seconds() - start;
-    }
-    runner_free(r);
-    return tried > 0 ? seconds / (double)tried : 0;
-}
-
 static void print_rows(const campaign *c)
 {
     for (uint64_t i = 0; i < c->rows && i < FIRST_ROWS; i++) {
@@ -82,16 +58,10 @@ static void print_rows(const campaign *c)
 
 int campaign_plan(const campaign *c, unsigned jobs)
 {
-    rowtext row = {.no_memory = false};
-    const unsigned processes = jobs > 0 ? jobs : pool_jobs_default();
     print_factors(c);
     print_rows(c);
     (void)fflush(stdout);
-    const double each = try_rows(c, &row);
-    rowtext_free(&row);
-    printf("about %.3g s in %u process%s, %.3g us a row\n",
-           each * (double)c->rows / processes, processes, processes == 1 ? "" : "es", each * 1e6);
-    return CLI_OK;
+    return estimate_print(c, jobs > 0 ? jobs : pool_jobs_default()) ? CLI_OK : CLI_BAD_INPUT;
 }
 
 /* ---- Show ------------------------------------------------------------------------------------ */

@@ -98,11 +98,19 @@ static void look(void *user, uint64_t made)
                 (unsigned)(seconds / 60 % 60), (unsigned)(seconds % 60));
 }
 
+static void few(void *user, unsigned jobs, int error)
+{
+    const run *r = user;
+    wipe(r);
+    pool_tell_few("canwire campaign", jobs, error);
+}
+
 /* ---- The run --------------------------------------------------------------------------------- */
 
 static bool run_rows(run *r, const campaign_run_options *o)
 {
-    static const pool_calls calls = {.make = make, .lose = lose, .take = take, .look = look};
+    static const pool_calls calls = {.make = make, .lose = lose, .take = take, .look = look,
+                                     .few = few};
     const pool_work work = {.calls = &calls,
                             .user = r,
                             .first = r->first + r->old.there,

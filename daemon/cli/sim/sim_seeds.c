@@ -71,6 +71,12 @@ static bool take(void *user, unsigned char code, const char *row, size_t length)
     return false;
 }
 
+static void few(void *user, unsigned jobs, int error)
+{
+    (void)user;
+    pool_tell_few("canwire sim", jobs, error);
+}
+
 /* ---- The run --------------------------------------------------------------------------------- */
 
 static bool open_scenario(seeds *s)
@@ -89,7 +95,7 @@ static bool open_scenario(seeds *s)
 
 static bool run(seeds *s)
 {
-    static const pool_calls calls = {.make = make, .lose = lose, .take = take};
+    static const pool_calls calls = {.make = make, .lose = lose, .take = take, .few = few};
     const sim_seeds_options *o = s->options;
     const pool_work work = {.calls = &calls,
                             .user = s,
