@@ -155,7 +155,10 @@ static void read_limit(schema *self, const schema_key *key, yaml_node_t *value, 
     const char *text = schema_text(self, key, value, "a time such as 60s");
     if (!text)
         return;
-    schema_problem(self, key, value, text_parse_time(&limit, text));
+    const char *wrong = text_parse_time(&limit, text);
+    schema_problem(self, key, value, wrong);
+    if (wrong)
+        return;
     if (limit.bits > 0 || limit.ns < UINT64_C(1000000000) || limit.ns > UINT64_C(86400000000000))
         schema_expected(self, key, value, "a real time from 1s to 24h");
     o->campaign.limit_ms = (int64_t)(limit.ns / 1000000);

@@ -323,8 +323,16 @@ static void read_space_from(schema *self, const schema_key *key, yaml_node_t *va
 static void read_space_at(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     space_map *m = object;
-    (void)key;
-    m->space.at = as_json(m->reading, self, value);
+    const size_t errors = self->errors->errors;
+    const size_t count = schema_count_one(self, key, value, 1, CW_NODES_MAX);
+    for (size_t i = 0; i < count; i++) {
+        const yaml_node_t *item = schema_item(self, value, i);
+        const char *text = schema_text(self, key, item, "the name of a node");
+        if (text)
+            (void)find_node(self, key, item, text);
+    }
+    if (self->errors->errors == errors)
+        m->space.at = as_json(m->reading, self, value);
 }
 
 static void read_space_field(schema *self, const schema_key *key, yaml_node_t *value,
@@ -390,7 +398,7 @@ static void read_space(schema *self, const schema_key *key, yaml_node_t *value, 
                         key->name);
     else if (!pairs && m.field)
         schema_complain(self, value, "%s: 'field' is for pairs-of-bits", key->name);
-    else if (pairs && !m.space.at)
+    else if (pairs && !schema_find(self, value, "at"))
         schema_complain(self, value, "%s: it needs 'at', the nodes that sample the bits: on the "
                         "wire the sender stops at the first one", key->name);
     else if (value->type == YAML_MAPPING_NODE)

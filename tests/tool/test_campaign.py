@@ -11,13 +11,14 @@ import signal
 import subprocess
 import time
 
-import jsonschema
 import pytest
 import yaml
 
+import test_schema
 from simtool import CANWIRE, ROOT, canwire, run, sim
 
-SCHEMA = json.loads((ROOT / "config/schema/canwire-campaign.schema.json").read_text())
+VALIDATOR = test_schema.Validator(
+    json.loads((ROOT / "config/schema/canwire-campaign.schema.json").read_text()))
 BUS = """# a comment stays
 bus: { name: powertrain, bitrate: 500000 }
 nodes:
@@ -73,7 +74,7 @@ def fixture_make(write):
     """make(text) writes a campaign beside the scenario BUS; its path."""
     def make(text, bus=BUS):
         write(bus)
-        jsonschema.validate(yaml.load(text, yaml.BaseLoader), SCHEMA)
+        VALIDATOR.validate(test_schema.convert(test_schema.compose(text)))
         return write(text, "campaign.yaml")
     return make
 
@@ -424,7 +425,8 @@ def test_more_processes_than_the_system_allows(make, tmp_path):
 ])
 def test_plan_ends_whatever_the_rows_do(make, until, limit, message):
     text = INLINE.replace("25ms", until).replace("vary:", f"limit: {limit}\nvary:")
-    last = campaign("plan", make(text + "  - { set: seed, range: { from: 1, to: 100, step: 1 } }\n"),
+    seeds = "  - { set: seed, range: { from: 1, to: 100, step: 1 } }\n"
+    last = campaign("plan", make(text + seeds),
                     "--jobs", "1").stdout.splitlines()[-1]
     assert last.startswith(message)
 
