@@ -243,6 +243,7 @@ typedef enum cfg_expect_kind {
     CFG_EXPECT_LOAD,   /* of the whole run */
     CFG_EXPECT_EXCEPTIONS, /* number of protocol exceptions */
     CFG_EXPECT_JITTER, /* of the frames that triggers send, each trigger on its own */
+    CFG_EXPECT_GAP,    /* the longest time without such a frame */
     CFG_EXPECT_COUNT
 } cfg_expect_kind;
 
@@ -267,7 +268,7 @@ typedef struct cfg_expect {
     uint64_t min;  /* of the count, inclusive; of the load in permille */
     uint64_t max;
     bool never;    /* SEEN and STATE: must not occur */
-    uint64_t delay_max;                   /* ticks, CW_NEVER: no limit; of JITTER, too */
+    uint64_t delay_max;                   /* ticks, CW_NEVER: no limit; of JITTER and GAP, too */
     uint64_t percentile[CFG_PERCENTILES]; /* in the same way */
     uint8_t states;      /* STATE: 1u << cw_state */
     uint32_t windows;    /* frames of triggers in these windows; 0: any frames */

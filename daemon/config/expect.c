@@ -40,6 +40,7 @@ typedef struct subject {
 static const subject subjects[] = {
     {"delivered", CFG_EXPECT_DELIVERED, IS_FRAMES},
     {"delay", CFG_EXPECT_DELAY, IS_FRAMES},
+    {"gap", CFG_EXPECT_GAP, IS_FRAMES},
     {"seen", CFG_EXPECT_SEEN, IS_FRAMES},
     {"state", CFG_EXPECT_STATE, HAS_NODE | HAS_REACHED | HAS_TIME},
     {"errors", CFG_EXPECT_ERRORS, HAS_NODE | HAS_TYPE | HAS_TIME | HAS_RATE},
@@ -90,6 +91,7 @@ static const schema_key expect_keys[] = {
     {.name = "name", .read = read_name},
     COUNTED("delivered"),
     {.name = "delay", .read = read_delay, .offset = offsetof(cfg_expect, delay_max)},
+    {.name = "gap", .read = cfg_read_ticks_min, .offset = offsetof(cfg_expect, delay_max)},
     {.name = "seen", .read = read_whether},
     {.name = "state", .read = read_states},
     COUNTED("errors"),

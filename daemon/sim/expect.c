@@ -26,9 +26,10 @@ typedef struct spread {
 typedef struct tally {
     uint64_t count[CW_NODES_MAX];
     uint64_t first[CW_NODES_MAX];     /* tick, when count is not 0 */
+    uint64_t last[CW_NODES_MAX];      /* GAP: tick of the last frame, or of the begin */
     uint64_t total;                   /* DELAY: frames */
-    uint64_t worst;                   /* ... the longest delay in ticks */
-    uint64_t worst_at;                /* ... tick */
+    uint64_t worst;                   /* ... the longest delay in ticks; GAP: the longest gap */
+    uint64_t worst_at;                /* ... tick of its end */
     uint64_t beyond[CFG_PERCENTILES]; /* ... frames that took longer than the limit */
     spread *spreads;                  /* JITTER: of each trigger, see spread_of() */
 } tally;
@@ -40,6 +41,14 @@ struct expect {
     tally tallies[];
 };
 
+/* The first gap begins with the run, or with the window of the expectation. */
+static void begin_gaps(tally *t, const cfg_expect *e, uint64_t start)
+{
+    const uint64_t begin = e->when.time_begin > start ? e->when.time_begin : start;
+    for (unsigned i = 0; i < CW_NODES_MAX; i++)
+        t->last[i] = begin;
+}
+
 expect *expect_start(const cfg *config, const cw_bus_stats *start)
 {
     expect *x = calloc(1, sizeof *x + config->expect_count * sizeof x->tallies[0]);
@@ -49,6 +58,7 @@ expect *expect_start(const cfg *config, const cw_bus_stats *start)
     x->start = *start;
     x->count = config->expect_count;
     for (size_t i = 0; i < x->count; i++) {
+        begin_gaps(&x->tallies[i], &config->expects[i], start->ticks);
         if (config->expects[i].kind != CFG_EXPECT_JITTER)
             continue;
         x->tallies[i].spreads = calloc(CW_NODES_MAX * (CW_TRIGGERS_MAX + 1), sizeof(spread));
@@ -125,6 +135,7 @@ static bool is_about(const cfg *config, const cfg_expect *e, const cw_event *eve
     case CFG_EXPECT_DELIVERED:
     case CFG_EXPECT_DELAY:
     case CFG_EXPECT_SEEN:
+    case CFG_EXPECT_GAP:
         return is_delivery(e, event);
     case CFG_EXPECT_STATE:
         return event->kind == CW_EVENT_STATE && (e->states >> event->state & 1u);
@@ -177,6 +188,16 @@ static void note_delay(tally *t, const cfg_expect *e, const cw_event *event)
         t->beyond[i] += delay > e->percentile[i];
 }
 
+static void note_gap(tally *t, unsigned place, uint64_t tick)
+{
+    const uint64_t gap = tick - t->last[place];
+    t->last[place] = tick;
+    if (gap <= t->worst)
+        return;
+    t->worst = gap;
+    t->worst_at = tick;
+}
+
 /* Returns the spread of the trigger that has sent a frame. */
 static spread *spread_of(const tally *t, const cw_event *event)
 {
@@ -206,16 +227,15 @@ static void note_event(tally *t, const cfg_expect *e, const cw_event *event)
         return;
     }
 
-    uint64_t nodes = event->nodes & (e->to | e->node);
-    if (!is_counted_by_node(e))
-        count(t, 0, event->tick);
-    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
-        count(t, (unsigned)__builtin_ctzll(rest), event->tick);
+    const uint64_t places = is_counted_by_node(e) ? event->nodes & (e->to | e->node) : 1u;
+    for (uint64_t rest = places; rest; rest &= rest - 1) {
+        const unsigned place = (unsigned)__builtin_ctzll(rest);
+        count(t, place, event->tick);
         if (e->kind == CFG_EXPECT_DELAY)
             note_delay(t, e, event);
+        else if (e->kind == CFG_EXPECT_GAP)
+            note_gap(t, place, event->tick);
     }
-    if (e->kind == CFG_EXPECT_DELAY && !is_counted_by_node(e))
-        note_delay(t, e, event);
 }
 
 void expect_event(expect *x, const cw_event *event)
@@ -384,6 +404,10 @@ static void write_subject(FILE *out, const cfg_expect *e)
         write_span(out, "a jitter of at most ", e->delay_max);
         fputs(" for frames of triggers", out);
         break;
+    case CFG_EXPECT_GAP:
+        write_span(out, "gaps of at most ", e->delay_max);
+        fputs(" between frames", out);
+        break;
     case CFG_EXPECT_SEEN:
         fputs(e->never ? "no frame" : "a frame", out);
         break;
@@ -505,6 +529,18 @@ static bool judge_jitter(FILE *out, const cfg_expect *e, const tally *t)
     return t->worst <= e->delay_max;
 }
 
+/* The time from the last frame to the end is a gap, too. */
+static bool judge_gaps(FILE *out, const cfg_expect *e, tally *t, const cw_bus_stats *bus)
+{
+    const uint64_t end = e->when.time_end < bus->ticks ? e->when.time_end : bus->ticks;
+    for (uint64_t rest = e->to ? e->to : 1u; rest; rest &= rest - 1)
+        note_gap(t, (unsigned)__builtin_ctzll(rest), end);
+    write_span(out, "at most ", t->worst);
+    write_span(out, " (up to ", t->worst_at);
+    fputc(')', out);
+    return t->worst <= e->delay_max;
+}
+
 static bool judge_load(FILE *out, const cfg_expect *e, const cw_bus_stats *start,
                        const cw_bus_stats *bus)
 {
@@ -513,7 +549,7 @@ static bool judge_load(FILE *out, const cfg_expect *e, const cw_bus_stats *start
     return permille >= e->min && permille <= e->max;
 }
 
-static bool judge(FILE *out, const expect *x, size_t i, const cw_bus_stats *bus)
+static bool judge(FILE *out, expect *x, size_t i, const cw_bus_stats *bus)
 {
     const cfg_expect *e = &x->config->expects[i];
     if (e->when.time_begin > bus->ticks) {
@@ -524,12 +560,14 @@ static bool judge(FILE *out, const expect *x, size_t i, const cw_bus_stats *bus)
         return judge_delays(out, e, &x->tallies[i]);
     if (e->kind == CFG_EXPECT_JITTER)
         return judge_jitter(out, e, &x->tallies[i]);
+    if (e->kind == CFG_EXPECT_GAP)
+        return judge_gaps(out, e, &x->tallies[i], bus);
     if (e->kind == CFG_EXPECT_LOAD)
         return judge_load(out, e, &x->start, bus);
     return judge_counts(out, x->config, e, &x->tallies[i]);
 }
 
-static bool conclude(expect_report *report, const expect *x, size_t i, const cw_bus_stats *bus)
+static bool conclude(expect_report *report, expect *x, size_t i, const cw_bus_stats *bus)
 {
     const cfg_expect *e = &x->config->expects[i];
     expect_outcome o = {.name = e->name ? strdup(e->name) : NULL};

@@ -188,7 +188,7 @@ static void expectations_are_read(void **state)
     const cfg_expect *e = config->expects;
 
     (void)state;
-    assert_int_equal(config->expect_count, 21);
+    assert_int_equal(config->expect_count, 22);
     for (size_t i = 0; i < config->expect_count; i++)
         assert_int_equal(e[i].line, 11 + (int)i);
     assert_string_equal(e[0].name, "speed, everywhere");

@@ -189,6 +189,22 @@ static const judgement judgements[] = {
      "delays of 99 % within 10ms for frames to a, b, c",
      "at most 25ms (at 80ms), 75.0 % within 10ms, of 8"},
     {"{ delay: 1h, frame: 125 }", false, "delays of at most 3600s for frames 125", "no frame"},
+
+    /* gaps: at 0, 10, 20, 70 and 100 ms; b gets the second one at 26 ms */
+    {"{ gap: 50ms, frame: 123 }", true, "gaps of at most 50ms between frames 123",
+     "at most 50ms (up to 70ms)"},
+    {"{ gap: 49999us, frame: 123 }", false, "gaps of at most 49.999ms between frames 123",
+     "at most 50ms (up to 70ms)"},
+    {"{ gap: 44ms, frame: 123, to: b }", true, "gaps of at most 44ms between frames 123 to b",
+     "at most 44ms (up to 70ms)"},
+    {"{ gap: 49ms, frame: 123, to: [ b, c ] }", false,
+     "gaps of at most 49ms between frames 123 to b, c", "at most 50ms (up to 70ms)"},
+    {"{ gap: 29ms, time: 70ms.. }", true, "gaps of at most 29ms between frames from 70ms",
+     "at most 20ms (up to 100ms)"},
+    {"{ gap: 39ms, frame: 123, time: 20ms..60ms }", false,
+     "gaps of at most 39ms between frames 123 from 20ms to 60ms", "at most 40ms (up to 60ms)"},
+    {"{ gap: 99ms, frame: 125 }", false, "gaps of at most 99ms between frames 125",
+     "at most 100ms (up to 100ms)"},
     /* seen */
     {"{ seen: yes, frame: 124 }", true, "a frame 124", "one at 80ms"},
     {"{ seen: yes, frame: 124, before: 80ms }", false, "a frame 124 before 80ms", "none"},
