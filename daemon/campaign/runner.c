@@ -124,8 +124,8 @@ static void forget_slots(runner *r)
     r->loaded.room = 0;
 }
 
-/* Returns the scenario of the choices, perhaps with other values of its slots. Where a scenario
- * has no such rules, from then on rules have no slots. */
+/* Returns the scenario of the choices, perhaps with other values of its slots. From the first
+ * scenario on that lacks a rule of a slot, there are no slots. */
 static loaded *find_base(runner *r, const choice *choices)
 {
     write_key(r, choices);

@@ -111,8 +111,8 @@ def test_rows_are_the_same_with_whole_loads_and_any_number_of_processes(make):
             for row in rows_of(wanted)} == {"crc", "stuff", "form", "bit"}
 
 
-# Factors that change the whole file: more scenarios than stay loaded, which come again in any
-# order; a rule that has its name in some of them only; scenarios that are none.
+# Factors that change the whole file. There are more scenarios than stay loaded, and they come again
+# in any order. A rule has its name in some of them only. Some are no scenarios.
 WHOLE_FILES = {
     "more than stay": """sample: { random: 1500 }
 vary:
