@@ -26,6 +26,8 @@ static const schema_key campaign_keys[] = {
     {.name = "seed", .read = schema_read_uint, .offset = offsetof(campaign_owner, campaign.seed),
      .arg = &seed_range},
     {.name = "limit", .read = read_limit},
+    {.name = "ecu", .read = campaign_read_ecus},
+    {.name = "network", .read = campaign_read_network},
     {.name = "sample", .read = read_sample},
     {.name = "vary", .read = campaign_read_factors, .required = true},
     {.name = NULL},

@@ -5,6 +5,7 @@
 #ifndef CANWIRE_CAMPAIGN_CAMPAIGN_H
 #define CANWIRE_CAMPAIGN_CAMPAIGN_H
 
+#include "campaign/ecus.h"
 #include "campaign/number_text.h"
 #include "campaign/splice.h"
 #include "config/config.h"
@@ -36,7 +37,7 @@ typedef struct factor {
     number_text from;    /* RANGE, UNIFORM; NORMAL: the mean */
     number_text to;      /* UNIFORM; NORMAL: the deviation */
     number_text step;
-    splice edit;
+    splice_place edit;
 } factor;
 
 typedef enum campaign_sample {
@@ -56,6 +57,7 @@ typedef struct campaign {
     uint64_t seed;          /* of the sample */
     uint64_t scenario_seed; /* in its file; 0 for a rig, whose buses have their own */
     int64_t limit_ms; /* of real time for one scenario */
+    ecu_plan ecus;
     campaign_sample sample;
     uint64_t sample_count;
     size_t factor_count;

@@ -66,7 +66,7 @@ static bool may_change(campaign_owner *o, const factor *f)
 void ends_check(schema *self, const yaml_node_t *root, campaign_owner *o)
 {
     const campaign *c = &o->campaign;
-    if (!o->unending || c->until)
+    if (!o->unending || c->until || c->ecus.count > 0)
         return;
     for (size_t i = 0; i < c->factor_count; i++)
         if (may_change(o, &c->factors[i]))

@@ -186,8 +186,12 @@ static void write_nodes(rowtext *row, const scenario *s)
 
 outcome outcome_write(rowtext *row, const scenario *s)
 {
-    const outcome o = s->report.failed > 0 ? OUTCOME_FAILED : OUTCOME_PASSED;
-    rowtext_string(row, "outcome", outcome_name(o));
+    return outcome_write_as(row, s, s->report.failed > 0 ? OUTCOME_FAILED : OUTCOME_PASSED, "");
+}
+
+outcome outcome_write_as(rowtext *row, const scenario *s, outcome o, const char *why)
+{
+    outcome_write_none(row, o, why);
     write_expectations(row, &s->report);
     write_bus(row, s);
     write_first_error(row, s);

@@ -25,6 +25,9 @@ const char *outcome_name(outcome o);
 /* Writes the keys of the last run of a scenario, from `outcome` on. Returns its outcome. */
 outcome outcome_write(rowtext *row, const scenario *s);
 
+/* Writes the same keys for a run that has ended too early, with its outcome and the reason. */
+outcome outcome_write_as(rowtext *row, const scenario *s, outcome o, const char *why);
+
 /* Writes the same keys as far as there are any for a scenario that has no result. `why` says what
  * has happened, and may be "". */
 void outcome_write_none(rowtext *row, outcome o, const char *why);

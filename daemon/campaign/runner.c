@@ -206,11 +206,16 @@ static void write_head(runner *r, rowtext *row, uint64_t number, const choice *c
     rowtext_number(row, "seed", seed);
 }
 
-void runner_head(runner *r, uint64_t number, rowtext *row)
+void runner_begin(runner *r, uint64_t number, rowtext *row)
 {
     choice choices[CAMPAIGN_FACTORS_MAX];
     sample_choose(choices, r->campaign, number);
     write_head(r, row, number, choices);
+}
+
+void runner_head(runner *r, uint64_t number, rowtext *row)
+{
+    runner_begin(r, number, row);
     rowtext_put(row, ",\"outcome\":\"");
 }
 

@@ -23,7 +23,10 @@ void runner_free(runner *r);
 /* Runs a row and writes it as a line. Returns its outcome. */
 outcome runner_row(runner *r, uint64_t number, rowtext *row);
 
-/* Writes the begin of a row, up to its outcome. */
+/* Writes the begin of a row, up to before its outcome. */
+void runner_begin(runner *r, uint64_t number, rowtext *row);
+
+/* Writes the begin of a row, up to the word for its outcome. */
 void runner_head(runner *r, uint64_t number, rowtext *row);
 
 /* Writes the line of a row whose process has ended. */

@@ -93,6 +93,7 @@ void scenario_close(scenario *s)
     if (s->told)
         (void)fclose(s->told);
     free(s->told_text);
+    journal_player_close(s->player);
     free(s);
 }
 
@@ -134,7 +135,8 @@ uint64_t scenario_now(const scenario *s)
 static bool prepare(const scenario *s, scenario_bus *b, const uint64_t *seed)
 {
     static const cw_bus_stats start = {.bits = 0};
-    b->config->seed = seed ? *seed : b->seed;
+    cfg *config = s->rig ? s->rig->buses[b->index] : s->alone;
+    config->seed = seed ? *seed : b->seed;
     memset(&b->seen, 0, sizeof b->seen);
     b->run.until = s->until;
     expect_free(b->judge);

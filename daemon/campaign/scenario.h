@@ -7,6 +7,7 @@
 
 #include "campaign/observe.h"
 #include "config/rig.h"
+#include "run/journal_play.h"
 #include "sim/expect.h"
 #include "sim/sim_group.h"
 
@@ -14,7 +15,7 @@
 typedef struct scenario_bus {
     struct scenario *all;
     size_t index;
-    cfg *config; /* of the scenario, or of its rig */
+    const cfg *config; /* of the scenario, its rig or its journal */
     uint64_t seed; /* of the file */
     sim_run run;
     observation seen;
@@ -22,13 +23,14 @@ typedef struct scenario_bus {
 } scenario_bus;
 
 typedef struct scenario {
-    cfg *alone; /* NULL: there is a rig */
+    cfg *alone; /* NULL: there is a rig, or a journal */
     rig *rig;
+    journal_player *player; /* NULL: it is no journal */
     sim_group group;
     size_t count; /* of buses */
     scenario_bus buses[RIG_BUSES_MAX];
     uint64_t until; /* tick up to which events are wanted; CW_NEVER: to the end of the traffic */
-    bool failed;    /* a file of traffic could not be read, or memory was short */
+    bool failed;    /* a file could not be read, or memory was short */
     expect_report report; /* of the last run */
     FILE *told;           /* messages of the last run, into `told_text` */
     char *told_text;

@@ -41,9 +41,9 @@ static bool is_first_of_line(const splice_text *t, size_t at)
 }
 
 /* Replaces a value. A block ends at the next line, whose blanks belong to it; they stay. */
-static const char *replace(splice *out, const splice_text *t, const yaml_node_t *value)
+static const char *replace(splice_place *out, const splice_text *t, const yaml_node_t *value)
 {
-    *out = (splice){.begin = offset_of(t, &value->start_mark),
+    *out = (splice_place){.begin = offset_of(t, &value->start_mark),
                     .end = offset_of(t, &value->end_mark),
                     .before = "",
                     .after = ""};
@@ -56,7 +56,7 @@ static const char *replace(splice *out, const splice_text *t, const yaml_node_t 
 }
 
 /* Inserts a key in front of the others of a map. */
-static const char *insert(splice *out, const splice_text *t, yaml_node_t *map, const char *key)
+static const char *insert(splice_place *out, const splice_text *t, yaml_node_t *map, const char *key)
 {
     yaml_node_t *value;
     const yaml_node_t *first = NULL;
@@ -134,7 +134,7 @@ static yaml_node_t *step_down(schema *self, yaml_node_t *node, const valuepath_p
     return p->number ? find_numbered(self, node, p->text) : find_named(self, node, p->text);
 }
 
-static const char *walk(splice *out, const splice_text *t, const char *rest, const char **rule)
+static const char *walk(splice_place *out, const splice_text *t, const char *rest, const char **rule)
 {
     schema self = {.document = t->document};
     yaml_node_t *node = yaml_document_get_root_node(t->document);
@@ -159,7 +159,7 @@ static const char *walk(splice *out, const splice_text *t, const char *rest, con
     return replace(out, t, node);
 }
 
-const char *splice_find(splice *out, const splice_text *t, const char *path, const char **rule)
+const char *splice_find(splice_place *out, const splice_text *t, const char *path, const char **rule)
 {
     *rule = NULL;
     const char *wrong = valuepath_check(t->memory, path);
@@ -170,7 +170,7 @@ const char *splice_find(splice *out, const splice_text *t, const char *path, con
     return wrong;
 }
 
-const char *splice_find_rules(splice *out, const splice_text *t, bool first, bool last)
+const char *splice_find_rules(splice_place *out, const splice_text *t, bool first, bool last)
 {
     schema self = {.document = t->document};
     yaml_node_t *root = yaml_document_get_root_node(t->document);

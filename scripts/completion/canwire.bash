@@ -99,7 +99,7 @@ _canwire_place() {
         --format | --size | --files | --with | --until | --simulate | --error-every | \
             --error-rate | --until-event | --seed | --seeds | --jobs | --from | --to | --events | \
             --log | --pcapng | --stats | --vcd | --svg | --junit | --journal | --config | --pid | \
-            --bus | --as | --interface | --interval | --out | --shard | --only) continue ;;
+            --bus | --as | --interface | --interval | --out | --shard | --only | --work) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word

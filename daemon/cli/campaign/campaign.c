@@ -15,7 +15,7 @@
 static const char usage[] =
     "usage: canwire campaign plan FILE [--jobs J]\n"
     "       canwire campaign run FILE [--out F] [--resume] [--shard K/N] [--jobs J] [--only N]\n"
-    "       [--reload]\n"
+    "       [--reload] [--work DIR] [--keep]\n"
     "       canwire campaign show FILE N\n";
 
 static const char help[] =
@@ -32,6 +32,9 @@ static const char help[] =
     "               CI_NODE_INDEX and CI_NODE_TOTAL\n"
     "  --jobs J     so many processes, by default one a processor; the rows are the same\n"
     "  --only N     only this row\n"
+    "  --work DIR   the folder for the files of programs (`ecu` in FILE), a folder for each row; by\n"
+    "               default F.d, or FILE.d\n"
+    "  --keep       keep those of rows that have passed, too\n"
     "  --reload     load the whole scenario for each row: slower, the same results\n"
     "\n"
     "Exit status: 0, 1 a value or a file is bad, or a row is no scenario, 2 wrong usage, 3 a row\n"
@@ -79,6 +82,10 @@ static bool take_option(options *o, int option)
         o->run.resume = true;
     else if (option == 'R')
         o->run.reload = true;
+    else if (option == 'w')
+        o->run.work = optarg;
+    else if (option == 'k')
+        o->run.keep = true;
     else if (option == 'n') {
         o->run.has_only = true;
         return !text_parse_uint(&o->run.only, optarg) ||
@@ -98,6 +105,7 @@ static int parse_options(options *o, int argc, char **argv)
         {"out", required_argument, NULL, 'o'},   {"resume", no_argument, NULL, 'r'},
         {"shard", required_argument, NULL, 's'}, {"jobs", required_argument, NULL, 'j'},
         {"only", required_argument, NULL, 'n'},  {"reload", no_argument, NULL, 'R'},
+        {"work", required_argument, NULL, 'w'},  {"keep", no_argument, NULL, 'k'},
         {"help", no_argument, NULL, 'h'},        {NULL, 0, NULL, 0},
     };
     int c;

@@ -56,12 +56,27 @@ static void print_rows(const campaign *c)
     }
 }
 
+/* Tells how long rows with programs take: nobody knows before they run. */
+static void print_real_time(const campaign *c, unsigned processes)
+{
+    const double each = (double)c->until_time.ns / 1e9;
+    if (c->until_time.ns > 0)
+        printf("%.3g s in %u process%s, %.3g s a row, and the time until the programs are ready\n",
+               each * (double)c->rows / processes, processes, processes == 1 ? "" : "es", each);
+    else
+        puts("a row takes until its programs end");
+}
+
 int campaign_plan(const campaign *c, unsigned jobs)
 {
     print_factors(c);
     print_rows(c);
     (void)fflush(stdout);
-    return estimate_print(c, jobs > 0 ? jobs : pool_jobs_default()) ? CLI_OK : CLI_BAD_INPUT;
+    const unsigned processes = jobs > 0 ? jobs : pool_jobs_default();
+    if (c->ecus.count == 0)
+        return estimate_print(c, processes) ? CLI_OK : CLI_BAD_INPUT;
+    print_real_time(c, processes);
+    return CLI_OK;
 }
 
 /* ---- Show ------------------------------------------------------------------------------------ */

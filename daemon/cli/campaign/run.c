@@ -6,12 +6,14 @@
 
 #include "base/plain.h"
 #include "base/wall.h"
+#include "campaign/ecu/ecu_row.h"
 #include "cli/campaign/resume.h"
 #include "cli/campaign/rowfile.h"
 #include "cli/cli.h"
 
 #include <errno.h>
 #include <inttypes.h>
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -19,6 +21,7 @@
 typedef struct run {
     const campaign *campaign;
     runner *runner;
+    ecu_rows *ecus; /* NULL: there are no programs */
     rowfile file;
     tally tally;
     uint64_t first;
@@ -35,7 +38,8 @@ typedef struct run {
 static unsigned char make(void *user, uint64_t number, rowtext *row)
 {
     const run *r = user;
-    return (unsigned char)runner_row(r->runner, number, row);
+    return (unsigned char)(r->ecus ? ecu_row(r->ecus, number, row)
+                                   : runner_row(r->runner, number, row));
 }
 
 static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, rowtext *row)
@@ -116,7 +120,8 @@ static bool run_rows(run *r, const campaign_run_options *o)
                             .first = r->first + r->old.there,
                             .count = r->count - r->old.there,
                             .jobs = o->jobs > 0 ? o->jobs : pool_jobs_default(),
-                            .limit_ms = r->campaign->limit_ms};
+                            .limit_ms = r->ecus ? ecu_rows_limit_ms(r->campaign)
+                                                : r->campaign->limit_ms};
     r->start_ns = wall_ns();
     r->shows = r->file.name && isatty(STDERR_FILENO);
     const bool good = pool_run(&work);
@@ -136,7 +141,10 @@ static int conclude(const run *r)
     fputc('\n', stderr);
     if (r->bad != UINT64_MAX) {
         plain_print(stderr, "canwire campaign: row %" PRIu64 " could not be run:\n", r->bad);
-        runner_explain(r->campaign, r->bad, stderr);
+        if (r->campaign->ecus.count > 0)
+            fputs("`why` in the row says more\n", stderr);
+        if (r->campaign->ecus.count == 0 || r->campaign->until)
+            runner_explain(r->campaign, r->bad, stderr);
         return CLI_BAD_INPUT;
     }
     return tally_all_passed(&r->tally) ? CLI_OK : CLI_EXPECTATION;
@@ -165,6 +173,19 @@ static bool open_rows(run *r, const campaign_run_options *o)
     return !o->resume || resume_check(&r->old, r->file.whole ? r->file.name : r->file.part);
 }
 
+/* Prepares the programs, if there are any. Returns false after a message. */
+static bool prepare_ecus(run *r, const campaign_run_options *o)
+{
+    char folder[PATH_MAX];
+    const char *base = o->out ? o->out : r->campaign->file;
+    if (r->campaign->ecus.count == 0)
+        return true;
+    if (snprintf(folder, sizeof folder, "%s.d", base) >= (int)sizeof folder)
+        return false;
+    r->ecus = ecu_rows_new(r->campaign, r->runner, o->work ? o->work : folder, o->keep);
+    return r->ecus;
+}
+
 int campaign_run(const campaign *c, const campaign_run_options *o)
 {
     run r = {.campaign = c, .runner = runner_new(c, o->reload), .bad = UINT64_MAX};
@@ -177,9 +198,10 @@ int campaign_run(const campaign *c, const campaign_run_options *o)
     choose_rows(&r, o);
     bool good = r.runner && open_rows(&r, o);
     if (good && !r.file.whole)
-        good = run_rows(&r, o);
+        good = prepare_ecus(&r, o) && run_rows(&r, o);
     good = rowfile_close(&r.file, good) && good;
     resume_free(&r.old);
+    ecu_rows_free(r.ecus);
     runner_free(r.runner);
     return good ? conclude(&r) : CLI_BAD_INPUT;
 }

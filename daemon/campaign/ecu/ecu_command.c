@@ -1,0 +1,133 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * ecu_command.c - the command line of a program at a node, and its environment.
+ */
+#include "campaign/ecu/ecu_command.h"
+
+#include "campaign/shellword.h"
+
+#include <inttypes.h>
+#include <string.h>
+
+#define OWN_WORDS 16u     /* of canwire run and the shell */
+#define OWN_VARIABLES 10u
+
+/* Words that are added one after the other. */
+typedef struct words {
+    arena *memory;
+    const char **list;
+    size_t count;
+    bool no_memory;
+} words;
+
+static void add(words *w, const char *word)
+{
+    w->no_memory = w->no_memory || !word;
+    w->list[w->count++] = word;
+}
+
+static bool begin(words *w, arena *memory, size_t room)
+{
+    *w = (words){.memory = memory, .list = arena_alloc(memory, (room + 1) * sizeof *w->list)};
+    return w->list;
+}
+
+/* ---- The program ----------------------------------------------------------------------------- */
+
+/* A program with a relative path is found from the campaign's folder on. */
+static const char *whole_word(words *w, const ecu_task *task, const char *word)
+{
+    if (*word == '/' || !strchr(word, '/'))
+        return word;
+    return arena_print(w->memory, "%s/%s", task->here, word);
+}
+
+/* Does the same with the first word of a text for a shell, if that is a plain path. */
+static const char *whole_text(words *w, const ecu_task *task, const char *text)
+{
+    static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
+                                "_-./+@";
+    const size_t length = strspn(text, plain);
+    const char *word = arena_print(w->memory, "%.*s", (int)length, text);
+    const char *whole = word ? whole_word(w, task, word) : NULL;
+    if (!whole || whole == word || (text[length] != '\0' && !strchr(" \t\n;&|<>", text[length])))
+        return whole ? text : NULL;
+    rowtext quoted = {.no_memory = false};
+    shellword_put(&quoted, whole);
+    const char *result =
+        quoted.no_memory ? NULL
+                         : arena_print(w->memory, "%.*s%s", (int)buffer_length(&quoted.bytes),
+                                       buffer_first(&quoted.bytes), text + length);
+    rowtext_free(&quoted);
+    return result;
+}
+
+static void add_program(words *w, const ecu_task *task, const ecu *e)
+{
+    if (e->shell) {
+        add(w, "sh");
+        add(w, "-c");
+        add(w, whole_text(w, task, e->command[0]));
+        return;
+    }
+    add(w, whole_word(w, task, e->command[0]));
+    for (size_t i = 1; e->command[i]; i++)
+        add(w, e->command[i]);
+}
+
+/* Programs get the interface of their node by `canwire run`. */
+static void add_run(words *w, const ecu_task *task, const ecu *e)
+{
+    add(w, task->tool);
+    add(w, "run");
+    add(w, "--bus");
+    add(w, task->changes.control);
+    add(w, "--as");
+    add(w, e->node);
+    if (e->interface) {
+        add(w, "--interface");
+        add(w, e->interface);
+    }
+    add(w, "--");
+}
+
+/* ---- The environment ------------------------------------------------------------------------- */
+
+static void add_variables(words *w, const ecu_task *task, size_t program)
+{
+    char port[ECU_SOCKET_MAX];
+    const ecu *e = &task->campaign->ecus.list[program];
+    ecu_port_path(port, &task->changes, program);
+    add(w, "NOTIFY_SOCKET"); /* that of a service which the campaign may be */
+    add(w, "PYTHONUNBUFFERED=1");
+    add(w, arena_print(w->memory, "CANWIRE_RUN=%s", task->changes.sockets));
+    add(w, arena_print(w->memory, "CANWIRE_BUS=%s", task->bus));
+    add(w, arena_print(w->memory, "CANWIRE_NODE=%s", e->node));
+    add(w, arena_print(w->memory, "CANWIRE_PORT=%s", port));
+    add(w, arena_print(w->memory, "CANWIRE_CAMPAIGN=%s", task->here));
+    add(w, arena_print(w->memory, "CANWIRE_ROW=%" PRIu64, task->row));
+    add(w, arena_print(w->memory, "CANWIRE_SEED=%" PRIu64, task->seed));
+    for (size_t i = 0; e->env && e->env[i]; i++)
+        add(w, e->env[i]);
+}
+
+/* ---- All of it ------------------------------------------------------------------------------- */
+
+bool ecu_command_make(ecu_command *out, const ecu_task *task, size_t program, arena *memory)
+{
+    words line, variables;
+    const ecu *e = &task->campaign->ecus.list[program];
+    if (!begin(&line, memory, OWN_WORDS + ECU_WORDS_MAX) ||
+        !begin(&variables, memory, OWN_VARIABLES + ECU_WORDS_MAX))
+        return false;
+    if (!e->direct)
+        add_run(&line, task, e);
+    add_program(&line, task, e);
+    add_variables(&variables, task, program);
+    const char *base = e->cwd ? task->here : task->folder->files;
+    const char *own = e->cwd ? e->cwd : e->name;
+    out->cwd = *own == '/' ? own : arena_print(memory, "%s/%s", base, own);
+    out->words = (char **)line.list;
+    out->env = variables.list;
+    return out->cwd && !line.no_memory && !variables.no_memory;
+}

@@ -1,0 +1,114 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * ecu_folder.c - the folders of a row: one for its files, and a short one for its sockets.
+ */
+#include "campaign/ecu/ecu_folder.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <ftw.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define MODE 0777           /* of folders, less the umask */
+#define FILE_MODE 0666      /* of files, in the same way */
+#define TEMPORARY_MAX 60u   /* bytes of $TMPDIR that leave room for names of sockets */
+#define OPEN_MAX_FOLDERS 16 /* at a time, while one is removed */
+
+static bool fail(char why[ECU_WHY_MAX], const char *path)
+{
+    const int error = errno;
+    (void)snprintf(why, ECU_WHY_MAX, "%.200s: %s", path, strerror(error));
+    return false;
+}
+
+/* ---- Removing -------------------------------------------------------------------------------- */
+
+static int remove_one(const char *path, const struct stat *found, int type, struct FTW *place)
+{
+    (void)found;
+    (void)place;
+    (void)unlinkat(AT_FDCWD, path, type == FTW_DP ? AT_REMOVEDIR : 0);
+    return 0;
+}
+
+void ecu_folder_remove(const char *path)
+{
+    (void)nftw(path, remove_one, OPEN_MAX_FOLDERS, FTW_DEPTH | FTW_PHYS);
+}
+
+/* ---- Making ---------------------------------------------------------------------------------- */
+
+void ecu_folder_path(char out[PATH_MAX], const char *work, uint64_t row)
+{
+    (void)snprintf(out, PATH_MAX, "%.*s/row-%" PRIu64, PATH_MAX - 64, work, row);
+}
+
+/* Removes what an earlier run has left: a folder with the scenario of a row in it. */
+static bool clear(const char *path, char why[ECU_WHY_MAX])
+{
+    char scenario[PATH_MAX + 16];
+    struct stat found;
+    if (fstatat(AT_FDCWD, path, &found, AT_SYMLINK_NOFOLLOW) != 0)
+        return errno == ENOENT || fail(why, path);
+    (void)snprintf(scenario, sizeof scenario, "%s/" ECU_SCENARIO, path);
+    if (S_ISDIR(found.st_mode) && fstatat(AT_FDCWD, scenario, &found, AT_SYMLINK_NOFOLLOW) == 0)
+        ecu_folder_remove(path);
+    return true;
+}
+
+static bool make_files(ecu_folder *f, char why[ECU_WHY_MAX])
+{
+    if (!clear(f->files, why))
+        return false;
+    if (mkdirat(AT_FDCWD, f->files, MODE) != 0)
+        return fail(why, f->files);
+    f->fd = open(f->files, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    return f->fd >= 0 || fail(why, f->files);
+}
+
+static bool make_sockets(ecu_folder *f, char why[ECU_WHY_MAX])
+{
+    const char *temporary = getenv("TMPDIR");
+    if (!temporary || *temporary != '/' || strlen(temporary) > TEMPORARY_MAX)
+        temporary = "/tmp";
+    (void)snprintf(f->sockets, sizeof f->sockets, "%s/canwire-XXXXXX", temporary);
+    if (mkdtemp(f->sockets))
+        return true;
+    const bool good = fail(why, temporary);
+    f->sockets[0] = '\0';
+    return good;
+}
+
+bool ecu_folder_make(ecu_folder *f, const char *work, uint64_t row, char why[ECU_WHY_MAX])
+{
+    f->fd = -1;
+    f->sockets[0] = '\0';
+    ecu_folder_path(f->files, work, row);
+    return make_files(f, why) && make_sockets(f, why);
+}
+
+bool ecu_folder_add(const ecu_folder *f, const char *name)
+{
+    return mkdirat(f->fd, name, MODE) == 0;
+}
+
+int ecu_folder_open(const ecu_folder *f, const char *name)
+{
+    return openat(f->fd, name, O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_NOFOLLOW | O_CLOEXEC,
+                  FILE_MODE);
+}
+
+void ecu_folder_close(ecu_folder *f)
+{
+    if (f->sockets[0] != '\0')
+        ecu_folder_remove(f->sockets);
+    f->sockets[0] = '\0';
+    if (f->fd >= 0)
+        (void)close(f->fd);
+    f->fd = -1;
+}

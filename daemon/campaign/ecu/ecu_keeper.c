@@ -1,0 +1,161 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * ecu_keeper.c - runs canwired and the programs of a row in real time, in a process that ends all
+ * of them.
+ */
+#include "campaign/ecu/ecu_keeper.h"
+
+#include "base/wall.h"
+#include "campaign/ecu/ecu_bench.h"
+#include "campaign/ecu/ecu_network.h"
+#include "campaign/ecu/ecu_process.h"
+
+#include <errno.h>
+#include <signal.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#define NS_PER_MS 1000000
+
+/* ---- The run --------------------------------------------------------------------------------- */
+
+/* Waits until all programs are ready. Returns false when the run is over before. */
+static bool await_ready(ecu_bench *b)
+{
+    while (ecu_bench_goes_on(b)) {
+        const size_t waiting = ecu_bench_unready(b);
+        if (waiting == ECUS_MAX)
+            return true;
+        const ecu *e = &b->task->campaign->ecus.list[waiting];
+        const int64_t limit = b->start_ms + e->ready_ms;
+        if (ecu_bench_now() >= limit) {
+            ecu_bench_conclude(b, ECU_LATE, "%s: not ready after %g s", e->name,
+                               (double)e->ready_ms / 1000);
+            return false;
+        }
+        ecu_bench_step(b, limit);
+    }
+    return false;
+}
+
+/* Lets bus time pass up to a moment. */
+static void run_until(ecu_bench *b, uint64_t end_ns)
+{
+    uint64_t now_ns = 0;
+    while (ecu_bench_goes_on(b) && ecu_bench_ask_time(b, &now_ns)) {
+        if (now_ns >= end_ns) {
+            b->result->end_ns = end_ns;
+            return;
+        }
+        const int64_t wake = ecu_bench_now() + (int64_t)((end_ns - now_ns) / NS_PER_MS) + 1;
+        while (ecu_bench_goes_on(b) && ecu_bench_now() < wake)
+            ecu_bench_step(b, wake);
+    }
+}
+
+static void run_to_end(ecu_bench *b)
+{
+    while (ecu_bench_goes_on(b) && !ecu_bench_all_ended(b))
+        ecu_bench_step(b, INT64_MAX);
+}
+
+static void run(ecu_bench *b)
+{
+    uint64_t begin_ns = 0;
+    if (!ecu_bench_start(b) || !await_ready(b) || !ecu_bench_ask_time(b, &begin_ns))
+        return;
+    const uint64_t until_ns = b->task->until_ns;
+    if (until_ns == ECU_NO_TIME)
+        run_to_end(b);
+    else
+        run_until(b, until_ns < UINT64_MAX - begin_ns ? begin_ns + until_ns : UINT64_MAX);
+}
+
+/* ---- The process ----------------------------------------------------------------------------- */
+
+/* The maker of the row has ended. */
+_Noreturn static void give_up(const ecu_task *task)
+{
+    ecu_process_kill_all(0);
+    ecu_folder_close(task->folder);
+    ecu_folder_remove(task->folder->files);
+    _exit(EXIT_FAILURE);
+}
+
+/* Signals are read by the bench, and the one at the end of the parent, too. */
+static bool prepare(const ecu_task *task, pid_t parent)
+{
+    sigset_t all;
+    (void)sigemptyset(&all);
+    for (size_t i = 0; i < sizeof ecu_bench_signals / sizeof *ecu_bench_signals; i++)
+        (void)sigaddset(&all, ecu_bench_signals[i]);
+    (void)sigprocmask(SIG_BLOCK, &all, NULL);
+    (void)setpgid(0, 0);
+    (void)prctl(PR_SET_CHILD_SUBREAPER, 1);
+    if (task->own_network)
+        (void)ecu_network_enter();
+    /* behind a change of the user namespace, which takes the signal away */
+    return prctl(PR_SET_PDEATHSIG, SIGTERM) == 0 && getppid() == parent;
+}
+
+_Noreturn static void be_keeper(const ecu_task *task, int out, pid_t parent)
+{
+    ecu_result result = {.end_ns = ECU_NO_TIME};
+    if (!prepare(task, parent))
+        give_up(task);
+    ecu_bench *b = ecu_bench_new(task, &result);
+    if (b)
+        run(b);
+    if (b && !ecu_bench_end(b))
+        give_up(task);
+    if (!b) {
+        result.verdict = ECU_BROKEN;
+        (void)snprintf(result.why, sizeof result.why, "%s", strerror(errno));
+    }
+    ecu_process_kill_all(0);
+    _exit(write(out, &result, sizeof result) == (ssize_t)sizeof result ? EXIT_SUCCESS
+                                                                      : EXIT_FAILURE);
+}
+
+static void fail(ecu_result *result, const char *why)
+{
+    *result = (ecu_result){.verdict = ECU_BROKEN, .end_ns = ECU_NO_TIME};
+    (void)snprintf(result->why, sizeof result->why, "%s", why);
+}
+
+/* Reads what the keeper has to say, up to its end. */
+static bool read_result(int in, ecu_result *result)
+{
+    size_t used = 0;
+    for (ssize_t count = 1; used < sizeof *result && count != 0;) {
+        count = read(in, (char *)result + used, sizeof *result - used);
+        if (count < 0 && errno != EINTR)
+            return false;
+        used += count > 0 ? (size_t)count : 0;
+    }
+    return used == sizeof *result;
+}
+
+void ecu_keep(const ecu_task *task, ecu_result *result)
+{
+    int ends[2];
+    const pid_t parent = getpid();
+    if (pipe2(ends, O_CLOEXEC) != 0) {
+        fail(result, strerror(errno));
+        return;
+    }
+    const pid_t pid = fork();
+    if (pid == 0)
+        be_keeper(task, ends[1], parent);
+    const int error = errno;
+    (void)close(ends[1]);
+    if (pid < 0)
+        fail(result, strerror(error));
+    else if (!read_result(ends[0], result))
+        fail(result, "the process that keeps the programs has ended");
+    (void)close(ends[0]);
+    while (pid > 0 && waitpid(pid, NULL, 0) < 0 && errno == EINTR)
+        continue;
+}

@@ -1,0 +1,348 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * ecu_row.c - the rows of a campaign with programs at its nodes.
+ */
+#include "campaign/ecu/ecu_row.h"
+
+#include "base/plain.h"
+#include "campaign/ecu/ecu_keeper.h"
+#include "campaign/ecu/ecu_network.h"
+#include "campaign/scenario_journal.h"
+#include "campaign/shellword.h"
+#include "campaign/variant.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#define MODE 0777      /* of folders, less the umask */
+#define EXTRA_MS 60000 /* for begin and end of a row */
+#define CONTROL_MAX 40u /* bytes of the name of the bus in that of its socket */
+
+struct ecu_rows {
+    const campaign *campaign;
+    runner *runner;
+    bool keep;
+    bool own_network;
+    char shown[PATH_MAX]; /* the folder of all rows, as given ... */
+    char work[PATH_MAX];  /* ... and absolute */
+    char here[PATH_MAX]; /* the folder of the campaign, absolute */
+    char directory[PATH_MAX]; /* that of the scenario */
+    char tool[PATH_MAX];
+    char canwired[PATH_MAX];
+    rowtext text;
+    rowtext repeat;
+};
+
+/* The state of one row. */
+typedef struct one {
+    ecu_rows *rows;
+    uint64_t number;
+    ecu_folder folder;
+    ecu_result result;
+    arena memory;
+    char control[ECU_SOCKET_MAX];
+    char bus[CONTROL_MAX + 1];
+    uint64_t until_ns;
+} one;
+
+/* ---- Paths ----------------------------------------------------------------------------------- */
+
+static bool complain(const char *path, const char *why)
+{
+    plain_print(stderr, "canwire campaign: %s: %s\n", path, why);
+    return false;
+}
+
+/* Writes the absolute folder of a file. */
+static bool find_folder(char out[PATH_MAX], const char *file)
+{
+    char folder[PATH_MAX];
+    const char *slash = strrchr(file, '/');
+    const size_t length = slash ? (size_t)(slash - file) + 1 : 0;
+    (void)snprintf(folder, sizeof folder, "%.*s.", (int)length, file);
+    return realpath(folder, out) || complain(folder, strerror(errno));
+}
+
+static bool find_programs(ecu_rows *e)
+{
+    static const char *const places[] = {"canwired", "../sbin/canwired"};
+    const ssize_t length = readlink("/proc/self/exe", e->tool, sizeof e->tool - 1);
+    e->tool[length > 0 ? length : 0] = '\0';
+    const char *slash = strrchr(e->tool, '/');
+    const int folder = slash ? (int)(slash - e->tool) : 0;
+    for (size_t i = 0; i < sizeof places / sizeof *places; i++)
+        if (snprintf(e->canwired, sizeof e->canwired, "%.*s/%s", folder, e->tool, places[i]) > 0 &&
+            faccessat(AT_FDCWD, e->canwired, X_OK, 0) == 0)
+            return true;
+    (void)snprintf(e->canwired, sizeof e->canwired, "canwired"); /* of PATH */
+    return true;
+}
+
+static bool make_work(ecu_rows *e)
+{
+    if (mkdirat(AT_FDCWD, e->shown, MODE) != 0 && errno != EEXIST)
+        return complain(e->shown, strerror(errno));
+    return realpath(e->shown, e->work) || complain(e->shown, strerror(errno));
+}
+
+static void find_network(ecu_rows *e)
+{
+    if (e->campaign->ecus.host_network)
+        return;
+    e->own_network = ecu_network_is_possible();
+    if (!e->own_network)
+        fprintf(stderr, "canwire campaign: the programs have no network of their own here: %s\n",
+                strerror(errno));
+}
+
+ecu_rows *ecu_rows_new(const campaign *c, runner *r, const char *work, bool keep)
+{
+    ecu_rows *e = calloc(1, sizeof *e);
+    if (!e)
+        return NULL;
+    e->campaign = c;
+    e->runner = r;
+    (void)snprintf(e->shown, sizeof e->shown, "%s", work);
+    e->keep = keep;
+    if (find_programs(e) && find_folder(e->here, c->file) &&
+        find_folder(e->directory, c->scenario_name) && make_work(e)) {
+        find_network(e);
+        return e;
+    }
+    free(e);
+    return NULL;
+}
+
+void ecu_rows_free(ecu_rows *e)
+{
+    if (!e)
+        return;
+    (void)unlinkat(AT_FDCWD, e->work, AT_REMOVEDIR);
+    rowtext_free(&e->text);
+    rowtext_free(&e->repeat);
+    free(e);
+}
+
+int64_t ecu_rows_limit_ms(const campaign *c)
+{
+    int64_t grace = 0;
+    for (size_t i = 0; i < c->ecus.count; i++)
+        grace += c->ecus.list[i].grace_ms;
+    return c->limit_ms + grace + EXTRA_MS;
+}
+
+/* ---- The scenario ---------------------------------------------------------------------------- */
+
+/* Checks the scenario of the row, and takes its name and times. */
+static bool check_scenario(one *o)
+{
+    const ecu_rows *e = o->rows;
+    const campaign *c = e->campaign;
+    const cfg_file file = {.name = c->scenario_name, .text = buffer_first(&e->text.bytes),
+                           .size = buffer_length(&e->text.bytes)};
+    FILE *nowhere = fopen("/dev/null", "re");
+    cfg *config = nowhere && !e->text.no_memory ? cfg_load_text(&file, nowhere) : NULL;
+    if (nowhere)
+        (void)fclose(nowhere);
+    if (!config)
+        return false;
+    (void)snprintf(o->bus, sizeof o->bus, "%.*s", (int)CONTROL_MAX, config->bus_name);
+    o->until_ns = ECU_NO_TIME;
+    if (c->until)
+        o->until_ns = text_ticks_ns(text_time_ticks(c->until_time, config->rate));
+    cfg_free(config);
+    return true;
+}
+
+static bool write_scenario(const one *o)
+{
+    const rowtext *text = &o->rows->text;
+    const int fd = ecu_folder_open(&o->folder, ECU_SCENARIO);
+    if (fd < 0)
+        return false;
+    const size_t length = buffer_length(&text->bytes);
+    const bool good = write(fd, buffer_first(&text->bytes), length) == (ssize_t)length;
+    return close(fd) == 0 && good;
+}
+
+/* A name with a slash in it is no name of a file. */
+static void name_control(one *o)
+{
+    const char *name = strchr(o->bus, '/') || strlen(o->bus) > CONTROL_MAX - 8 ? "bus" : o->bus;
+    (void)snprintf(o->control, sizeof o->control, "%.64s/%s.sock", o->folder.sockets, name);
+}
+
+/* ---- The run --------------------------------------------------------------------------------- */
+
+static bool break_off(one *o, const char *why)
+{
+    o->result.verdict = ECU_BROKEN;
+    if (why != o->result.why)
+        (void)snprintf(o->result.why, sizeof o->result.why, "%s", why);
+    return false;
+}
+
+/* Runs canwired and the programs. Returns false when there is no journal. */
+static bool run(one *o, uint64_t seed)
+{
+    ecu_rows *e = o->rows;
+    if (!ecu_folder_make(&o->folder, e->work, o->number, o->result.why))
+        return break_off(o, o->result.why);
+    name_control(o);
+    const ecu_task task = {.campaign = e->campaign, .folder = &o->folder, .tool = e->tool,
+                           .canwired = e->canwired, .here = e->here, .bus = o->bus,
+                           .row = o->number, .seed = seed, .until_ns = o->until_ns,
+                           .own_network = e->own_network,
+                           .changes = {.plan = &e->campaign->ecus, .sockets = o->folder.sockets,
+                                       .control = o->control, .directory = e->directory}};
+    const char *wrong = ecu_text_change(&e->text, &task.changes, &o->memory);
+    if (wrong)
+        return break_off(o, wrong);
+    if (!write_scenario(o))
+        return break_off(o, strerror(errno));
+    ecu_keep(&task, &o->result);
+    return o->result.verdict != ECU_BROKEN;
+}
+
+/* ---- The row --------------------------------------------------------------------------------- */
+
+static outcome outcome_of(ecu_verdict verdict)
+{
+    static const outcome outcomes[] = {[ECU_DONE] = OUTCOME_PASSED,
+                                       [ECU_CRASHED] = OUTCOME_CRASHED,
+                                       [ECU_LATE] = OUTCOME_TIMEOUT,
+                                       [ECU_BROKEN] = OUTCOME_BROKEN};
+    return outcomes[verdict];
+}
+
+/* Writes what the journal tells. */
+static outcome write_replay(one *o, rowtext *row)
+{
+    char file[PATH_MAX + 16];
+    char *messages = NULL;
+    size_t size = 0;
+    FILE *out = open_memstream(&messages, &size);
+    (void)snprintf(file, sizeof file, "%s/" ECU_JOURNAL, o->folder.files);
+    scenario *s = out ? scenario_replay(file, o->result.end_ns, out) : NULL;
+    if (out)
+        (void)fclose(out);
+    outcome result = OUTCOME_BROKEN;
+    if (!s)
+        outcome_write_none(row, result, messages ? messages : "out of memory");
+    else if (o->result.verdict == ECU_DONE)
+        result = outcome_write(row, s);
+    else
+        result = outcome_write_as(row, s, outcome_of(o->result.verdict), o->result.why);
+    scenario_close(s);
+    free(messages);
+    return result;
+}
+
+/* Writes how a program has ended. */
+static void write_end(rowtext *row, const ecu_end *end)
+{
+    char text[32] = "running";
+    if (!end->started)
+        (void)snprintf(text, sizeof text, "not started");
+    else if (end->killed)
+        (void)snprintf(text, sizeof text, "killed");
+    else if (end->ended && WIFSIGNALED(end->status))
+        (void)snprintf(text, sizeof text, "signal %s", sigabbrev_np(WTERMSIG(end->status)));
+    else if (end->ended)
+        (void)snprintf(text, sizeof text, "exit %d", WEXITSTATUS(end->status));
+    rowtext_string(row, "end", text);
+}
+
+static void write_ready(rowtext *row, const ecu_end *end)
+{
+    char text[64];
+    rowtext_key(row, "ready");
+    (void)snprintf(text, sizeof text, "%" PRIu64 ".%09" PRIu64, end->ready_ns / 1000000000u,
+                   end->ready_ns % 1000000000u);
+    rowtext_put(row, end->ready && end->ready_ns != ECU_NO_TIME ? text : "null");
+}
+
+static void write_ecus(const one *o, rowtext *row, bool kept)
+{
+    const ecu_plan *plan = &o->rows->campaign->ecus;
+    char log[PATH_MAX + 128];
+    rowtext_key(row, "ecus");
+    rowtext_put(row, "{");
+    for (size_t i = 0; i < plan->count; i++) {
+        rowtext_key(row, plan->list[i].name);
+        rowtext_put(row, "{");
+        write_ready(row, &o->result.ends[i]);
+        write_end(row, &o->result.ends[i]);
+        (void)snprintf(log, sizeof log, "%s/row-%" PRIu64 "/%s.log", o->rows->shown, o->number,
+                       plan->list[i].name);
+        if (kept)
+            rowtext_string(row, "log", log);
+        rowtext_put(row, "}");
+    }
+    rowtext_put(row, "}");
+}
+
+/* The journal repeats a row exactly, as long as it is there. */
+static void write_repeat(const one *o, rowtext *row, bool kept)
+{
+    char text[PATH_MAX + 64];
+    rowtext *repeat = &o->rows->repeat;
+    if (kept) {
+        (void)snprintf(text, sizeof text, "%s/row-%" PRIu64 "/" ECU_JOURNAL, o->rows->shown,
+                       o->number);
+        shellword_begin(repeat, "canwire sim --journal", text);
+        (void)snprintf(text, sizeof text, " --until %" PRIu64 "ns", o->result.end_ns);
+        if (o->result.end_ns != ECU_NO_TIME)
+            rowtext_put(repeat, text);
+    } else {
+        shellword_begin(repeat, "canwire campaign run", o->rows->campaign->file);
+        (void)snprintf(text, sizeof text, " --only %" PRIu64, o->number);
+        rowtext_put(repeat, text);
+    }
+    rowtext_end(row, repeat);
+}
+
+static outcome write_row(one *o, rowtext *row, bool has_journal)
+{
+    outcome result = outcome_of(o->result.verdict);
+    if (has_journal)
+        result = write_replay(o, row);
+    else
+        outcome_write_none(row, result, o->result.why);
+    const bool made = o->folder.fd >= 0;
+    const bool kept = made && (o->rows->keep || result != OUTCOME_PASSED);
+    write_ecus(o, row, kept);
+    write_repeat(o, row, kept && has_journal);
+    ecu_folder_close(&o->folder);
+    if (made && !kept)
+        ecu_folder_remove(o->folder.files);
+    return result;
+}
+
+outcome ecu_row(ecu_rows *e, uint64_t number, rowtext *row)
+{
+    one o = {.rows = e, .number = number, .folder.fd = -1, .result.end_ns = ECU_NO_TIME};
+    choice choices[CAMPAIGN_FACTORS_MAX];
+    uint64_t seed = e->campaign->scenario_seed;
+    sample_choose(choices, e->campaign, number);
+    (void)variant_seed(&seed, e->campaign, choices);
+    runner_begin(e->runner, number, row);
+    rowtext_clear(&e->text);
+    variant_text(&e->text, e->campaign, choices);
+    if (!check_scenario(&o)) {
+        outcome_write_none(row, OUTCOME_INVALID, "");
+        write_repeat(&o, row, false);
+        return OUTCOME_INVALID;
+    }
+    const bool has_journal = run(&o, seed);
+    const outcome result = write_row(&o, row, has_journal);
+    arena_free(&o.memory);
+    return result;
+}

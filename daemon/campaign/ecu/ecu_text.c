@@ -1,0 +1,210 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * ecu_text.c - the scenario of a row as canwired runs it: with a port for each program.
+ *
+ * Each change loads the text anew, since a change moves the places of the others.
+ */
+#include "campaign/ecu/ecu_text.h"
+
+#include "base/yamlfile.h"
+#include "campaign/splice.h"
+
+#include <string.h>
+
+#define FILES_MAX 1024u /* files that a scenario names */
+#define NO_MEMORY "out of memory"
+
+typedef struct change {
+    rowtext *text;
+    arena *memory;
+    const ecu_changes *wanted;
+    yaml_document_t document;
+} change;
+
+void ecu_port_path(char out[ECU_SOCKET_MAX], const ecu_changes *changes, size_t program)
+{
+    const ecu *list = changes->plan->list;
+    size_t first = 0;
+    while (strcmp(list[first].node, list[program].node) != 0)
+        first++;
+    (void)snprintf(out, ECU_SOCKET_MAX, "%s/%zu", changes->sockets, first);
+}
+
+/* ---- One change ------------------------------------------------------------------------------ */
+
+/* Loads the text as it is now. Returns what is wrong, or NULL. */
+static const char *load(change *c)
+{
+    const char *wrong = "it is no configuration";
+    diag *errors = arena_alloc(c->memory, sizeof *errors);
+    if (!errors || c->text->no_memory)
+        return NO_MEMORY;
+    if (yaml_text_load(&c->document, buffer_first(&c->text->bytes),
+                       buffer_length(&c->text->bytes), &yaml_file_limits, errors))
+        wrong = NULL;
+    FILE *nowhere = fopen("/dev/null", "re");
+    if (nowhere) {
+        diag_flush(errors, nowhere);
+        (void)fclose(nowhere);
+    }
+    return wrong;
+}
+
+/* Replaces what is at the place by the value. */
+static void apply(rowtext *text, const splice_place *place, const char *value)
+{
+    rowtext changed = {.no_memory = false};
+    const char *all = buffer_first(&text->bytes);
+    const size_t size = buffer_length(&text->bytes);
+    const bool good = buffer_append(&changed.bytes, all, place->begin);
+    rowtext_put(&changed, place->before);
+    rowtext_quoted(&changed, value);
+    rowtext_put(&changed, place->after);
+    if (!good || !buffer_append(&changed.bytes, all + place->end, size - place->end))
+        changed.no_memory = true;
+    rowtext_free(text);
+    *text = changed;
+}
+
+/* Sets the value at a path to a text. */
+static const char *set(change *c, const char *path, const char *value)
+{
+    const char *rule;
+    splice_place place;
+    const char *wrong = load(c);
+    if (wrong)
+        return wrong;
+    const splice_text t = {.text = buffer_first(&c->text->bytes),
+                           .size = buffer_length(&c->text->bytes),
+                           .document = &c->document, .memory = c->memory};
+    wrong = path && value ? splice_find(&place, &t, path, &rule) : NO_MEMORY;
+    if (!wrong)
+        apply(c->text, &place, value);
+    yaml_document_delete(&c->document);
+    return wrong && path ? arena_print(c->memory, "%s: %s", path, wrong) : wrong;
+}
+
+/* ---- Ports ----------------------------------------------------------------------------------- */
+
+static yaml_node_t *item_of(schema *self, const yaml_node_t *list, size_t i)
+{
+    if (!list || list->type != YAML_SEQUENCE_NODE ||
+        i >= (size_t)(list->data.sequence.items.top - list->data.sequence.items.start))
+        return NULL;
+    return yaml_document_get_node(self->document, list->data.sequence.items.start[i]);
+}
+
+/* Returns a key of a map, or NULL. */
+static yaml_node_t *value_of(schema *self, const yaml_node_t *map, const char *key)
+{
+    return map && map->type == YAML_MAPPING_NODE ? schema_find(self, map, key) : NULL;
+}
+
+static const char *text_of(const yaml_node_t *value)
+{
+    return value && value->type == YAML_SCALAR_NODE ? (const char *)value->data.scalar.value
+                                                    : NULL;
+}
+
+/* Returns the number of a node in the text, SIZE_MAX: there is none. Names may have characters that
+ * paths have not. */
+static size_t find_node(change *c, const char *name)
+{
+    schema self = {.document = &c->document};
+    const yaml_node_t *item;
+    size_t found = SIZE_MAX;
+    if (load(c))
+        return SIZE_MAX;
+    const yaml_node_t *nodes =
+        value_of(&self, yaml_document_get_root_node(&c->document), "nodes");
+    for (size_t i = 0; (item = item_of(&self, nodes, i)) && found == SIZE_MAX; i++) {
+        const char *text = text_of(value_of(&self, item, "name"));
+        if (text && strcmp(text, name) == 0)
+            found = i;
+    }
+    yaml_document_delete(&c->document);
+    return found;
+}
+
+static const char *set_port(change *c, size_t program)
+{
+    char socket[ECU_SOCKET_MAX];
+    const char *node = c->wanted->plan->list[program].node;
+    const size_t number = find_node(c, node);
+    if (number == SIZE_MAX)
+        return arena_print(c->memory, "there is no node '%s'", node);
+    ecu_port_path(socket, c->wanted, program);
+    return set(c, arena_print(c->memory, "nodes[%zu].port", number),
+               arena_print(c->memory, "unix:%s", socket));
+}
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+/* A file that the text names by a relative path. */
+typedef struct found_file {
+    const char *path; /* of the value in the text; NULL: there is none */
+    const char *file;
+} found_file;
+
+static bool is_relative(found_file *found, const yaml_node_t *value)
+{
+    const char *text = text_of(value);
+    if (text && *text && *text != '/')
+        found->file = text;
+    return found->file;
+}
+
+static void find_profile(change *c, schema *self, const yaml_node_t *root, found_file *found)
+{
+    const yaml_node_t *item;
+    const yaml_node_t *profiles = value_of(self, root, "profiles");
+    for (size_t i = 0; !found->file && (item = item_of(self, profiles, i)); i++)
+        if (is_relative(found, value_of(self, item, "file")))
+            found->path = arena_print(c->memory, "profiles[%zu].file", i);
+}
+
+static void find_replay(change *c, schema *self, const yaml_node_t *root, found_file *found)
+{
+    const yaml_node_t *node;
+    const yaml_node_t *item;
+    const yaml_node_t *nodes = value_of(self, root, "nodes");
+    for (size_t i = 0; (node = item_of(self, nodes, i)); i++) {
+        const yaml_node_t *traffic = value_of(self, node, "traffic");
+        for (size_t k = 0; !found->file && (item = item_of(self, traffic, k)); k++)
+            if (is_relative(found, value_of(self, item, "replay")))
+                found->path = arena_print(c->memory, "nodes[%zu].traffic[%zu].replay", i, k);
+    }
+}
+
+/* Makes the next relative path absolute. *done: there was none. */
+static const char *set_next_file(change *c, bool *done)
+{
+    schema self = {.document = &c->document};
+    found_file found = {.path = NULL};
+    const char *wrong = load(c);
+    if (wrong)
+        return wrong;
+    const yaml_node_t *root = yaml_document_get_root_node(&c->document);
+    find_profile(c, &self, root, &found);
+    if (!found.file)
+        find_replay(c, &self, root, &found);
+    *done = !found.file;
+    const char *whole =
+        found.file ? arena_print(c->memory, "%s/%s", c->wanted->directory, found.file) : NULL;
+    yaml_document_delete(&c->document);
+    return *done ? NULL : set(c, found.path, whole);
+}
+
+const char *ecu_text_change(rowtext *text, const ecu_changes *changes, arena *memory)
+{
+    change c = {.text = text, .memory = memory, .wanted = changes};
+    const char *wrong = NULL;
+    bool done = false;
+    for (size_t i = 0; i < changes->plan->count && !wrong; i++)
+        wrong = set_port(&c, i);
+    if (!wrong)
+        wrong = set(&c, "control", changes->control);
+    for (unsigned i = 0; i < FILES_MAX && !done && !wrong; i++)
+        wrong = set_next_file(&c, &done);
+    return wrong;
+}

@@ -1,0 +1,260 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * ecus.c - reads the keys of a campaign that are about programs at nodes.
+ */
+#include "campaign/ecus.h"
+
+#include "campaign/campaign_owner.h"
+#include "trace/frametext.h"
+
+#include <net/if.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define NAME_MAX_BYTES 64u
+#define NS_PER_MS UINT64_C(1000000)
+#define SECOND_NS UINT64_C(1000000000)
+
+static schema_reader read_name, read_node, read_run, read_interface, read_env, read_cwd,
+    read_ready, read_line, read_frame, read_within, read_grace, read_preload;
+
+static const schema_key ecu_keys[] = {
+    {.name = "node", .read = read_node, .required = true},
+    {.name = "name", .read = read_name},
+    {.name = "run", .read = read_run, .required = true},
+    {.name = "interface", .read = read_interface},
+    {.name = "env", .read = read_env},
+    {.name = "cwd", .read = read_cwd},
+    {.name = "ready", .read = read_ready},
+    {.name = "grace", .read = read_grace},
+    {.name = "preload", .read = read_preload},
+    {.name = NULL},
+};
+
+static const schema_key ready_keys[] = {
+    {.name = "line", .read = read_line},
+    {.name = "frame", .read = read_frame},
+    {.name = "within", .read = read_within},
+    {.name = NULL},
+};
+
+/* ---- Names ----------------------------------------------------------------------------------- */
+
+static void read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
+                                  "_.-";
+    ecu *e = object;
+    const char *text = schema_text(self, key, value, "a name");
+    if (text && (*text == '.' || strlen(text) > NAME_MAX_BYTES ||
+                 text[strspn(text, letters)] != '\0'))
+        schema_expected(self, key, value,
+                        "up to 64 letters, digits, '_', '.' and '-', no '.' in front");
+    else if (text)
+        e->name = schema_copy(self, text);
+}
+
+static const cfg_node *find_node(const cfg *config, const char *name)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        if (strcmp(config->nodes[i].name, name) == 0)
+            return &config->nodes[i];
+    return NULL;
+}
+
+static void read_node(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const campaign_owner *o = self->user;
+    ecu *e = object;
+    const char *text = schema_text(self, key, value, "the name of a node");
+    if (!text || !o->config)
+        return;
+    const cfg_node *node = find_node(o->config, text);
+    if (!node)
+        schema_complain(self, value, "%s: the scenario has no node '%s'", key->name, text);
+    else if (node->traffic_count > 0)
+        schema_complain(self, value,
+                        "%s: '%s' has traffic of its own in the scenario; a program takes its "
+                        "place", key->name, text);
+    e->node = schema_copy(self, text);
+}
+
+static void read_interface(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    ecu *e = object;
+    const char *text = schema_text(self, key, value, "the name of an interface, such as can0");
+    if (text && (strlen(text) >= IF_NAMESIZE || strpbrk(text, "/: \t\n,")))
+        schema_expected(self, key, value, "at most 15 characters, no '/', ':', ',' or blank");
+    else if (text)
+        e->interface = schema_copy(self, text);
+}
+
+/* ---- The program ----------------------------------------------------------------------------- */
+
+/* Reads the words of a command, or the text of one. */
+static void read_run(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const char expected[] = "a command, or a list of its words";
+    ecu *e = object;
+    e->shell = value->type == YAML_SCALAR_NODE;
+    const size_t count = schema_count_one(self, key, value, 1, ECU_WORDS_MAX);
+    e->command = schema_alloc(self, count + 1, sizeof *e->command);
+    for (size_t i = 0; i < count && e->command; i++) {
+        const char *word = schema_text(self, key, schema_item(self, value, i), expected);
+        e->command[i] = word ? schema_copy(self, word) : "";
+    }
+}
+
+static bool is_variable(const char *name)
+{
+    static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789";
+    return *name && (*name < '0' || *name > '9') && name[strspn(name, letters)] == '\0';
+}
+
+/* Takes NAME: VALUE; a value may be empty. */
+static const char *read_variable(schema *self, const schema_key *key, const yaml_node_t *name,
+                                 const yaml_node_t *value)
+{
+    const char *text = schema_text(self, key, name, "the name of a variable");
+    if (text && !is_variable(text))
+        schema_expected(self, key, name, "letters, digits and '_', no digit in front");
+    else if (text && value->type != YAML_SCALAR_NODE)
+        schema_expected(self, key, value, "a text");
+    else if (text)
+        return schema_print(self, "%s=%s", text, (const char *)value->data.scalar.value);
+    return "";
+}
+
+static void read_env(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    ecu *e = object;
+    yaml_node_t *text;
+    const yaml_node_t *name;
+    size_t count = 0;
+    if (value->type != YAML_MAPPING_NODE) {
+        schema_expected(self, key, value, "a map of variables, such as { SPEED: 5 }");
+        return;
+    }
+    e->env = schema_alloc(self, ECU_WORDS_MAX + 1, sizeof *e->env);
+    while (e->env && (name = schema_pair(self, &text, value, count)) && count < ECU_WORDS_MAX)
+        e->env[count++] = read_variable(self, key, name, text);
+    if (count == ECU_WORDS_MAX)
+        schema_complain(self, value, "%s: at most %u variables", key->name, ECU_WORDS_MAX - 1);
+}
+
+static void read_cwd(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    ecu *e = object;
+    const char *text = schema_text(self, key, value, "a folder");
+    if (text)
+        e->cwd = schema_copy(self, text);
+}
+
+static void read_preload(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    ecu *e = object;
+    bool wanted = true;
+    if (schema_choose_bool(self, &wanted, key, value))
+        e->direct = !wanted;
+}
+
+/* ---- Times ----------------------------------------------------------------------------------- */
+
+/* Reads real time up to an hour. */
+static void read_time(schema *self, const schema_key *key, const yaml_node_t *value, int64_t *ms)
+{
+    cfg_time time = {.ns = 0};
+    const char *text = schema_text(self, key, value, "a time such as 2s");
+    const char *wrong = text ? text_parse_time(&time, text) : NULL;
+    schema_problem(self, key, value, wrong);
+    if (!text || wrong)
+        return;
+    if (time.bits > 0 || time.ns > 3600 * SECOND_NS)
+        schema_expected(self, key, value, "a real time from 0s to 1h");
+    *ms = (int64_t)(time.ns / NS_PER_MS);
+}
+
+static void read_within(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    ecu *e = object;
+    read_time(self, key, value, &e->ready_ms);
+}
+
+static void read_grace(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    ecu *e = object;
+    read_time(self, key, value, &e->grace_ms);
+}
+
+/* ---- Ready ----------------------------------------------------------------------------------- */
+
+static void read_line(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    ecu *e = object;
+    const char *text = schema_text(self, key, value, "a part of a line of its output");
+    e->sign = ECU_SIGN_LINE;
+    e->line = text ? schema_copy(self, text) : NULL;
+}
+
+static void read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    ecu *e = object;
+    unsigned count = 0;
+    const char *text = schema_text(self, key, value, "a filter of frames, such as 123");
+    e->sign = ECU_SIGN_FRAME;
+    if (text)
+        schema_problem(self, key, value, text_parse_filters(&e->filter, &count, 1, text));
+}
+
+static void read_ready(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    if (value->type != YAML_MAPPING_NODE) {
+        read_line(self, key, value, object);
+        return;
+    }
+    schema_map(self, key->name, value, ready_keys, object);
+    if (!schema_find(self, value, "line") == !schema_find(self, value, "frame"))
+        schema_complain(self, value, "%s: either 'line' or 'frame' is needed", key->name);
+}
+
+/* ---- The list -------------------------------------------------------------------------------- */
+
+static void check_name(schema *self, const ecu_plan *plan, const yaml_node_t *item)
+{
+    const ecu *e = &plan->list[plan->count];
+    for (size_t i = 0; i < plan->count && e->name; i++)
+        if (plan->list[i].name && strcmp(plan->list[i].name, e->name) == 0)
+            schema_complain(self, item, "two programs are called '%s'; give one of them a name",
+                            e->name);
+}
+
+void campaign_read_ecus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    campaign_owner *o = object;
+    ecu_plan *plan = &o->campaign.ecus;
+    const size_t count = schema_count_one(self, key, value, 1, ECUS_MAX);
+    if (o->has_document && !o->config) {
+        schema_complain(self, value, "%s: the scenario is a rig; programs need the file of a bus",
+                        key->name);
+        return;
+    }
+    for (size_t i = 0; i < count; i++, plan->count++) {
+        const yaml_node_t *item = schema_item(self, value, i);
+        ecu *e = &plan->list[i];
+        *e = (ecu){.ready_ms = ECU_READY_MS, .grace_ms = ECU_GRACE_MS};
+        schema_map(self, key->name, schema_item(self, value, i), ecu_keys, e);
+        if (!e->name)
+            e->name = e->node;
+        check_name(self, plan, item);
+    }
+}
+
+void campaign_read_network(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const schema_choice words[] = {
+        {.name = "own", .value = false}, {.name = "host", .value = true}, {.name = NULL}};
+    campaign_owner *o = object;
+    unsigned chosen = false;
+    if (schema_choose(self, &chosen, key, value, words))
+        o->campaign.ecus.host_network = chosen;
+}
