@@ -16,7 +16,7 @@
 #define SECOND_NS UINT64_C(1000000000)
 
 static schema_reader read_name, read_node, read_run, read_interface, read_env, read_cwd,
-    read_ready, read_line, read_frame, read_within, read_grace, read_preload;
+    read_after, read_ready, read_line, read_frame, read_within, read_grace, read_preload;
 
 static const schema_key ecu_keys[] = {
     {.name = "node", .read = read_node, .required = true},
@@ -25,6 +25,7 @@ static const schema_key ecu_keys[] = {
     {.name = "interface", .read = read_interface},
     {.name = "env", .read = read_env},
     {.name = "cwd", .read = read_cwd},
+    {.name = "after", .read = read_after},
     {.name = "ready", .read = read_ready},
     {.name = "grace", .read = read_grace},
     {.name = "preload", .read = read_preload},
@@ -87,6 +88,20 @@ static void read_interface(schema *self, const schema_key *key, yaml_node_t *val
         schema_expected(self, key, value, "at most 15 characters, no '/', ':', ',' or blank");
     else if (text)
         e->interface = schema_copy(self, text);
+}
+
+/* A program waits for one before it in the list, so no two wait for each other. */
+static void read_after(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const campaign_owner *o = self->user;
+    const ecu_plan *plan = &o->campaign.ecus;
+    ecu *e = object;
+    const char *text = schema_text(self, key, value, "the name of a program");
+    for (size_t i = 0; i < plan->count && text; i++)
+        if (plan->list[i].name && strcmp(plan->list[i].name, text) == 0)
+            e->after = &plan->list[i];
+    if (text && !e->after)
+        schema_expected(self, key, value, "the name of a program before this one");
 }
 
 /* ---- The program ----------------------------------------------------------------------------- */

@@ -30,6 +30,7 @@ typedef struct ecu {
     const char **env;      /* NAME=VALUE, NULL at the end; NULL: none */
     const char *cwd;       /* relative to the campaign's folder; NULL: a folder of its own */
     bool direct;           /* it speaks the protocol of ports: no `canwire run` */
+    const struct ecu *after; /* it starts when this one is ready; NULL: at once */
     ecu_sign sign;
     const char *line;
     cw_filter filter; /* of a frame */

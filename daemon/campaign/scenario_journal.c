@@ -48,7 +48,7 @@ static void end_judging(scenario *s)
     b->judge = NULL;
 }
 
-/* A reload begins, which an ECU may have asked for. What is seen of nodes is by their numbers. */
+/* A reload begins, which an ECU may have asked for. Counters are kept by the numbers of nodes. */
 static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
 {
     scenario *s = user;

@@ -58,7 +58,7 @@ _canwire_options() {
             --controller --kernel --dbitrate --dsample-point --json --help
         ;;
     sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help ;;
-    campaign) echo --out --resume --shard --jobs --only --reload --help ;;
+    campaign) echo --out --resume --shard --jobs --only --reload --work --keep --help ;;
     analyse) echo --simulate --error-every --error-rate --json --help ;;
     status | faults) echo --json --help ;;
     watch) echo --json --text --help ;;

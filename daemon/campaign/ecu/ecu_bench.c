@@ -291,10 +291,19 @@ bool ecu_bench_ask_time(ecu_bench *b, uint64_t *time_ns)
 
 size_t ecu_bench_unready(const ecu_bench *b)
 {
-    size_t i = 0;
-    while (i < count_of(b) && b->result->ends[i].ready)
-        i++;
-    return i < count_of(b) ? i : ECUS_MAX;
+    size_t first = ECUS_MAX;
+    for (size_t i = 0; i < count_of(b); i++)
+        if (!b->result->ends[i].ready &&
+            (first == ECUS_MAX || ecu_bench_ready_limit(b, i) < ecu_bench_ready_limit(b, first)))
+            first = i;
+    return first;
+}
+
+int64_t ecu_bench_ready_limit(const ecu_bench *b, size_t program)
+{
+    return b->result->ends[program].started
+               ? b->programs[program].start_ms + config_of(b, program)->ready_ms
+               : INT64_MAX;
 }
 
 bool ecu_bench_all_ended(const ecu_bench *b)
@@ -389,6 +398,7 @@ static bool start_program(ecu_bench *b, size_t i)
     (void)close(how.output);
     arena_free(&memory);
     b->result->ends[i].started = good;
+    b->programs[i].start_ms = ecu_bench_now();
     if (good && e->sign == ECU_SIGN_START)
         set_ready(b, i, ECU_NO_TIME);
     return good;
@@ -396,13 +406,18 @@ static bool start_program(ecu_bench *b, size_t i)
 
 bool ecu_bench_start(ecu_bench *b)
 {
-    if (!open_notify(b) || !start_bus(b) || !open_control(b))
-        return false;
-    b->start_ms = ecu_bench_now();
-    for (size_t i = 0; i < count_of(b); i++)
-        if (!start_program(b, i))
+    return open_notify(b) && start_bus(b) && open_control(b);
+}
+
+bool ecu_bench_start_programs(ecu_bench *b)
+{
+    for (size_t i = 0; i < count_of(b); i++) {
+        const ecu *after = config_of(b, i)->after;
+        const bool waits = after && !b->result->ends[after - config_of(b, 0)].ready;
+        if (!waits && !b->result->ends[i].started && !start_program(b, i))
             return false;
-    return true;
+    }
+    return ecu_bench_goes_on(b);
 }
 
 /* ---- The bench ------------------------------------------------------------------------------- */

@@ -19,13 +19,13 @@ extern const int ecu_bench_signals[4];
 
 typedef struct ecu_program {
     pid_t pid; /* 0: it has not been started, or has ended */
+    int64_t start_ms;
     ecu_output output;
 } ecu_program;
 
 typedef struct ecu_bench {
     const ecu_task *task;
     ecu_result *result;
-    int64_t start_ms; /* of the programs */
     int64_t limit_ms; /* the row must be over */
     bool over;        /* the result is known */
     bool aborted;     /* the maker of the row has ended */
@@ -45,8 +45,12 @@ typedef struct ecu_bench {
 /* Makes a bench; the result is filled while it runs. Returns NULL with errno. */
 ecu_bench *ecu_bench_new(const ecu_task *task, ecu_result *result);
 
-/* Starts canwired and then the programs. Returns false when the run is over. */
+/* Starts canwired. Returns false when the run is over. */
 bool ecu_bench_start(ecu_bench *b);
+
+/* Starts the programs that wait for no other one, or no longer. Returns false when the run is
+ * over. */
+bool ecu_bench_start_programs(ecu_bench *b);
 
 /* Waits for something to happen, up to a moment, and takes it. */
 void ecu_bench_step(ecu_bench *b, int64_t until_ms);
@@ -58,8 +62,11 @@ bool ecu_bench_goes_on(ecu_bench *b);
 /* Asks for bus time. Returns false when the run is over before the answer comes. */
 bool ecu_bench_ask_time(ecu_bench *b, uint64_t *time_ns);
 
-/* Returns the first program that is not ready, ECUS_MAX: all are. */
+/* Returns the program that must be ready first, of those that are not; ECUS_MAX: all are. */
 size_t ecu_bench_unready(const ecu_bench *b);
+
+/* Returns the moment at which a program must be ready; INT64_MAX: it has not been started. */
+int64_t ecu_bench_ready_limit(const ecu_bench *b, size_t program);
 
 bool ecu_bench_all_ended(const ecu_bench *b);
 

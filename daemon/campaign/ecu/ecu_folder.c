@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -61,13 +62,27 @@ static bool clear(const char *path, char why[ECU_WHY_MAX])
     return true;
 }
 
+static int open_folder(const char *path)
+{
+    const int fd = open(path, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    if (fd >= 0)
+        (void)flock(fd, LOCK_EX);
+    return fd;
+}
+
+/* The folder is locked as long as somebody works in it: the keeper of an earlier try may still end
+ * its programs and remove it. */
 static bool make_files(ecu_folder *f, char why[ECU_WHY_MAX])
 {
-    if (!clear(f->files, why))
+    const int before = open_folder(f->files);
+    const bool cleared = clear(f->files, why);
+    if (before >= 0)
+        (void)close(before);
+    if (!cleared)
         return false;
     if (mkdirat(AT_FDCWD, f->files, MODE) != 0)
         return fail(why, f->files);
-    f->fd = open(f->files, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    f->fd = open_folder(f->files);
     return f->fd >= 0 || fail(why, f->files);
 }
 

@@ -26,8 +26,8 @@ typedef struct ecu_folder {
 /* Writes the path of the files of a row, in an absolute folder. */
 void ecu_folder_path(char out[PATH_MAX], const char *work, uint64_t row);
 
-/* Makes both folders. What an earlier run has left in that of the files goes; other files are left
- * alone, and refused. Returns false after writing the reason. */
+/* Makes both folders. Files of an earlier run go; other files are left alone, and
+ * refused. Returns false after writing the reason. */
 bool ecu_folder_make(ecu_folder *f, const char *work, uint64_t row, char why[ECU_WHY_MAX]);
 
 /* Makes a folder in that of the files. Returns false with errno. */

@@ -24,12 +24,12 @@
 /* Waits until all programs are ready. Returns false when the run is over before. */
 static bool await_ready(ecu_bench *b)
 {
-    while (ecu_bench_goes_on(b)) {
+    while (ecu_bench_start_programs(b)) {
         const size_t waiting = ecu_bench_unready(b);
         if (waiting == ECUS_MAX)
             return true;
         const ecu *e = &b->task->campaign->ecus.list[waiting];
-        const int64_t limit = b->start_ms + e->ready_ms;
+        const int64_t limit = ecu_bench_ready_limit(b, waiting);
         if (ecu_bench_now() >= limit) {
             ecu_bench_conclude(b, ECU_LATE, "%s: not ready after %g s", e->name,
                                (double)e->ready_ms / 1000);
@@ -79,8 +79,8 @@ static void run(ecu_bench *b)
 _Noreturn static void give_up(const ecu_task *task)
 {
     ecu_process_kill_all(0);
-    ecu_folder_close(task->folder);
     ecu_folder_remove(task->folder->files);
+    ecu_folder_close(task->folder);
     _exit(EXIT_FAILURE);
 }
 
@@ -100,9 +100,22 @@ static bool prepare(const ecu_task *task, pid_t parent)
     return prctl(PR_SET_PDEATHSIG, SIGTERM) == 0 && getppid() == parent;
 }
 
+/* Closes all but two descriptors, and standard ones: the file of rows, for example, which would
+ * stay locked. */
+static void close_others(int a, int b)
+{
+    const unsigned low = (unsigned)(a < b ? a : b), high = (unsigned)(a < b ? b : a);
+    if (low > STDERR_FILENO + 1)
+        (void)close_range(STDERR_FILENO + 1, low - 1, 0);
+    if (high > low + 1)
+        (void)close_range(low + 1, high - 1, 0);
+    (void)close_range(high + 1, ~0u, 0);
+}
+
 _Noreturn static void be_keeper(const ecu_task *task, int out, pid_t parent)
 {
     ecu_result result = {.end_ns = ECU_NO_TIME};
+    close_others(out, task->folder->fd);
     if (!prepare(task, parent))
         give_up(task);
     ecu_bench *b = ecu_bench_new(task, &result);

@@ -37,7 +37,7 @@ typedef enum ecu_verdict {
     ECU_BROKEN   /* canwired, or a program, could not be started */
 } ecu_verdict;
 
-/* What has become of a program. */
+/* The end of a program. */
 typedef struct ecu_end {
     bool ready;
     uint64_t ready_ns; /* bus time */

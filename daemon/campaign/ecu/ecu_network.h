@@ -7,8 +7,8 @@
 
 #include <stdbool.h>
 
-/* Moves the calling process, which must have a single thread, into a new network namespace; without
- * privileges into a new user namespace, too, in which its user and group stay what they are.
+/* Moves the calling process, which must have a single thread, into a new network namespace. Without
+ * privileges there is a new user namespace, too, in which its user and group stay the same.
  * Returns false with errno where the system does not allow it; the network may then be a new one
  * without loopback. */
 bool ecu_network_enter(void);

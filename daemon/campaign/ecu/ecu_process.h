@@ -14,7 +14,7 @@
 
 #define ECU_LINE_MAX 4096 /* bytes of a line of output that are looked at */
 
-/* How to start a program. */
+/* The start of a program. */
 typedef struct ecu_start {
     char *const *words;     /* NULL at the end */
     const char *const *env; /* NAME=VALUE, or NAME to take it away; NULL at the end */

@@ -23,7 +23,7 @@
 
 #define MODE 0777      /* of folders, less the umask */
 #define EXTRA_MS 60000 /* for begin and end of a row */
-#define CONTROL_MAX 40u /* bytes of the name of the bus in that of its socket */
+#define CONTROL_MAX 40u /* bytes of the name of the bus that are looked at */
 
 struct ecu_rows {
     const campaign *campaign;
@@ -176,7 +176,8 @@ static bool write_scenario(const one *o)
 static void name_control(one *o)
 {
     const char *name = strchr(o->bus, '/') || strlen(o->bus) > CONTROL_MAX - 8 ? "bus" : o->bus;
-    (void)snprintf(o->control, sizeof o->control, "%.64s/%s.sock", o->folder.sockets, name);
+    (void)snprintf(o->control, sizeof o->control, "%.64s/%.*s.sock", o->folder.sockets,
+                   (int)CONTROL_MAX - 8, name);
 }
 
 /* ---- The run --------------------------------------------------------------------------------- */

@@ -8,7 +8,7 @@
 #include "campaign/campaign.h"
 #include "campaign/rowtext.h"
 
-/* What differs from the scenario. */
+/* The differences to the scenario. */
 typedef struct ecu_changes {
     const ecu_plan *plan;
     const char *sockets;   /* the folder of all sockets */
