@@ -41,9 +41,10 @@ static void deliver(engine *e, unsigned node, const cw_event *event)
         tell_clients(e, node, event);
     if (!e->now.ports[node] && received)
         conserve_missed(&e->books, node, e->config->nodes[node].port != NULL);
-    else if (!e->now.ports[node])
+    if (!e->now.ports[node])
         return;
-    else if (received)
+    port_gather(e->now.ports[node]);
+    if (received)
         (void)port_write(e->now.ports[node], &event->frame); /* the port counts a failure */
     else if (errframe_from_event(&error, event, modes_of(e, node),
                                  e->config->nodes[node].controller.driver))
@@ -67,12 +68,24 @@ void engine_notify(engine *e, const cw_event *event)
         e->observer(e->observer_user, event);
 }
 
+/* Writes what the ports of a set of nodes have gathered. */
+static void flush_ports(const engine *e, uint64_t nodes)
+{
+    for (; nodes; nodes &= nodes - 1) {
+        port *p = e->now.ports[__builtin_ctzll(nodes)];
+        if (p)
+            port_flush(p);
+    }
+}
+
 void engine_handle_events(void *user)
 {
     engine *e = user;
     cw_event event;
+    uint64_t nodes = 0;
     while (cw_bus_poll(e->now.bus, &event)) {
         e->calm_bits = 0;
+        nodes |= event.nodes;
         for (unsigned i = 0; i < e->config->node_count; i++)
             if (event.nodes >> i & 1u)
                 deliver(e, i, &event);
@@ -80,6 +93,7 @@ void engine_handle_events(void *user)
             e->group_calls->carry(e, &event);
         engine_notify(e, &event);
     }
+    flush_ports(e, nodes);
 }
 
 /* ---- Bus ------------------------------------------------------------------------------------- */

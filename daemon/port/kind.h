@@ -26,6 +26,7 @@ typedef enum port_sent {
     PORT_SENT = 0,
     PORT_SEND_FAILED, /* the kernel did not take it */
     PORT_UNHEARD,     /* no ECU is connected, or none that takes such frames */
+    PORT_GATHERED,    /* it goes later, see port_gather() */
     PORT_SENT_COUNT
 } port_sent;
 
@@ -37,6 +38,8 @@ typedef struct port_kind {
     unsigned (*read)(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more);
     /* Sends a struct can_frame or canfd_frame, by its size. */
     port_sent (*send)(port *p, const void *frame, size_t size);
+    /* Sends all frames that were gathered; NULL: it gathers none. */
+    void (*flush)(port *p);
     /* Updates counters that are kept elsewhere; NULL: there are none. */
     void (*count)(port *p);
     /* See port_mtu(); NULL: it has no interface. */
@@ -93,6 +96,7 @@ struct port {
     int64_t now_realtime_ns;
     int read_error;        /* errno of the last read, or 0 */
     int reported_read_error;   /* see port_reading_changed() */
+    bool gathers;          /* see port_gather() */
     errframe_limit limit;
     bool loopless_begun;
     int64_t loopless_before; /* frames sent without loopback before it was opened */
@@ -120,6 +124,9 @@ bool port_take_frame(port *p, cw_frame *out, const struct canfd_frame *in, size_
 
 /* Makes a frame of linux/can.h. Returns its size. */
 size_t port_make_frame(struct canfd_frame *out, const cw_frame *in);
+
+/* Counts a frame of linux/can.h that was sent, or was not. */
+void port_count_sent(port *p, uint32_t can_id, port_sent sent);
 
 /* Reads the kernel's data beside a message: the arrival, 0 when unknown, and the number of messages
  * dropped before it. */

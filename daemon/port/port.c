@@ -364,32 +364,46 @@ size_t port_make_frame(struct canfd_frame *out, const cw_frame *in)
     return sizeof *out;
 }
 
+void port_count_sent(port *p, uint32_t can_id, port_sent sent)
+{
+    port_stats *s = &p->stats;
+    uint64_t *const frames[] = {&s->written, &s->write_failed, &s->unheard};
+    uint64_t *const errors[] = {&s->errors_written, &s->errors_failed, &s->errors_unheard};
+    if (sent != PORT_GATHERED)
+        (*(can_id & CAN_ERR_FLAG ? errors : frames)[sent])++;
+}
+
+static bool write_frame(port *p, const void *frame, uint32_t can_id, size_t size)
+{
+    const port_sent sent = p->kind->send(p, frame, size);
+    port_count_sent(p, can_id, sent);
+    return sent == PORT_SENT || sent == PORT_GATHERED;
+}
+
 bool port_write(port *p, const cw_frame *frame)
 {
-    uint64_t *counters[PORT_SENT_COUNT] = {
-        [PORT_SENT] = &p->stats.written,
-        [PORT_SEND_FAILED] = &p->stats.write_failed,
-        [PORT_UNHEARD] = &p->stats.unheard,
-    };
     struct canfd_frame out;
     const size_t size = port_make_frame(&out, frame);
-    port_sent sent = p->kind->send(p, &out, size);
-    (*counters[sent])++;
-    return sent == PORT_SENT;
+    return write_frame(p, &out, out.can_id, size);
 }
 
 static bool write_error(port *p, const errframe *frame)
 {
-    uint64_t *counters[PORT_SENT_COUNT] = {
-        [PORT_SENT] = &p->stats.errors_written,
-        [PORT_SEND_FAILED] = &p->stats.errors_failed,
-        [PORT_UNHEARD] = &p->stats.errors_unheard,
-    };
     struct can_frame out = {.can_id = frame->can_id, .len = CAN_ERR_DLC};
     memcpy(out.data, frame->data, CAN_ERR_DLC);
-    port_sent sent = p->kind->send(p, &out, sizeof out);
-    (*counters[sent])++;
-    return sent == PORT_SENT;
+    return write_frame(p, &out, out.can_id, sizeof out);
+}
+
+void port_gather(port *p)
+{
+    p->gathers = p->kind->flush;
+}
+
+void port_flush(port *p)
+{
+    if (p->gathers)
+        p->kind->flush(p);
+    p->gathers = false;
 }
 
 bool port_write_error(port *p, const errframe *frame, uint64_t tick)
@@ -413,6 +427,8 @@ void port_get_stats(port *p, port_stats *stats)
 {
     if (p->kind->count)
         p->kind->count(p);
+    if (p->gathers)
+        p->kind->flush(p);
     p->stats.errors_left_out = p->limit.left_out;
     *stats = p->stats;
 }

@@ -183,8 +183,15 @@ void port_tell_state(port *p, const message_state *state);
  * count as sent: rules have changed them. */
 void port_settle(port *p);
 
+/* From now on frames may be gathered, so that one call of the kernel takes several. They go when
+ * there are many, or with port_flush(), in their order. */
+void port_gather(port *p);
+
+/* Writes what was gathered, and counts it. From now on each frame goes at once. */
+void port_flush(port *p);
+
 /* Writes a frame, a CAN FD frame with CANFD_FDF. Returns false, and counts the failure, when the
- * kernel does not take it. */
+ * kernel does not take it. A frame that was gathered counts later. */
 bool port_write(port *p, const cw_frame *frame);
 
 /* Writes an error frame, as a driver gives it to the ECU's programs. Storms of minor ones are

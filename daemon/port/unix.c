@@ -17,6 +17,7 @@
 
 #include "base/pathsocket.h"
 #include "port/door.h"
+#include "port/gathered.h"
 #include "port/shared.h"
 
 #include <errno.h>
@@ -51,6 +52,7 @@ typedef struct port_unix {
     int waiting[WAITING_MAX]; /* plain ECUs that have connected while one was there ... */
     unsigned waiting_count;   /* ... which may have gone, with frames to be read */
     bool takes_fd;            /* the plain ECU has sent a struct canfd_frame */
+    gathered gathered;        /* frames for the plain ECU */
 } port_unix;
 
 static port_unix *own(port *p)
@@ -111,10 +113,13 @@ static void refuse_waiting(port *p)
         refuse_plain(p, u->waiting[--u->waiting_count]);
 }
 
+static void flush(port *p);
+
 /* Disconnects the plain ECU. The next one that waits has its place. */
 static void disconnect_ecu(port *p)
 {
     port_unix *u = own(p);
+    flush(p);
     (void)close(ecu_of(p)); /* this removes it from the epoll set */
     *plain_of(p) = (member){.fd = -1};
     if (u->waiting_count == 0)
@@ -219,18 +224,34 @@ static unsigned read_plain(port *p, port_frame *frames, unsigned max, bool *wait
     return taken;
 }
 
-/* Sends a frame. An ECU that has gone stays connected here, since its earlier frames are still
- * unread. */
-static port_sent send_plain(port *p, const void *frame, size_t size)
+/* Sends a frame at once. An ECU that has gone stays connected here, since its earlier frames are
+ * still unread. */
+static port_sent send_now(port *p, const void *frame, size_t size)
 {
-    if (ecu_of(p) < 0 || (size == CANFD_MTU && !own(p)->takes_fd))
-        return PORT_UNHEARD;
     if (send(ecu_of(p), frame, size, MSG_DONTWAIT | MSG_NOSIGNAL) == (ssize_t)size) {
         plain_of(p)->written++;
         return PORT_SENT;
     }
     bool gone = errno == EPIPE || errno == ECONNRESET || errno == ENOTCONN;
     return gone ? PORT_UNHEARD : PORT_SEND_FAILED;
+}
+
+static void flush(port *p)
+{
+    plain_of(p)->written += gathered_send(&own(p)->gathered, p, ecu_of(p), send_now);
+}
+
+/* Clients get their frames at once, and a plain ECU beside them does, too. */
+static port_sent send_plain(port *p, const void *frame, size_t size)
+{
+    if (ecu_of(p) < 0 || (size == CANFD_MTU && !own(p)->takes_fd))
+        return PORT_UNHEARD;
+    if (!p->gathers || p->shared)
+        return send_now(p, frame, size);
+    gathered_add(&own(p)->gathered, frame, size);
+    if (gathered_is_full(&own(p)->gathered))
+        flush(p);
+    return PORT_GATHERED;
 }
 
 /* ---- Guests ---------------------------------------------------------------------------------- */
@@ -260,6 +281,7 @@ static bool is_over(const port *p)
 static void close_port(port *p)
 {
     port_unix *u = own(p);
+    flush(p);
     while (u->waiting_count > 0)
         (void)close(u->waiting[--u->waiting_count]);
     pathsocket_close(&u->listener);
@@ -269,6 +291,7 @@ static void close_port(port *p)
 static const port_kind unix_kind = {.close = close_port,
                                     .read = shared_read,
                                     .send = shared_send,
+                                    .flush = flush,
                                     .share = shared_share,
                                     .crowd = shared_crowd,
                                     .handed_in = shared_handed_in,

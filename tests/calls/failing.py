@@ -46,6 +46,7 @@ ERRORS = {
     "recvmsg": ("ENOBUFS", "EINTR"), "sendmsg": ("ENOBUFS", "EINTR"),
     "sendto": ("ENOBUFS", "ECONNREFUSED", "EINTR"),
     "recvmmsg": ("ECONNRESET", "EINTR", "ENOMEM", PARTLY),
+    "sendmmsg": ("EPIPE", "EAGAIN", "EINTR", PARTLY),
     "recv": ("ECONNRESET", "EINTR", PARTLY), "send": ("EPIPE", "EAGAIN", "EINTR", PARTLY),
     "read": ("EIO", "EINTR", PARTLY), "pread": ("EIO", "EINTR", PARTLY),
     "write": DISK, "pwrite": DISK, "fwrite": DISK[:2], "close": ("EIO",), "fclose": ("EIO",),

@@ -583,6 +583,17 @@ int recvmmsg(int fd, struct mmsghdr *messages, unsigned count, int flags, struct
     return result == BAD ? -1 : real(fd, messages, result == PART ? 1 : count, flags, until);
 }
 
+int sendmmsg(int fd, struct mmsghdr *messages, unsigned count, int flags)
+{
+    static void *found;
+    int (*real)(int, struct mmsghdr *, unsigned, int) =
+        (int (*)(int, struct mmsghdr *, unsigned, int))find(&found, "sendmmsg");
+    outcome result = ask("sendmmsg", TRAFFIC, CALLER);
+    if (result == BAD)
+        lose(fd);
+    return result == BAD ? -1 : real(fd, messages, result == PART ? 1 : count, flags);
+}
+
 /* Fails, but closes the descriptor in any case. */
 int close(int fd)
 {

@@ -205,6 +205,26 @@ SEAM(ssize_t, send, int fd, const void *bytes, size_t size, int flags)
     return count_sent(fd, bytes, size, send(fd, bytes, size, flags));
 }
 
+SEAM(int, sendmmsg, int fd, struct mmsghdr *messages, unsigned count, int flags)
+{
+    if (!world_inside)
+        return sendmmsg(fd, messages, count, flags);
+    world_enter("sendmmsg");
+    if (seam_refuses(world->refuse_permille, ENOBUFS, "sendmmsg") ||
+        seam_refuses(world->interrupt_permille, EINTR, "sendmmsg"))
+        return -1;
+    if (world_chance(world->interrupt_permille * 4))
+        count = 1 + (unsigned)world_draw(count);
+    int sent = sendmmsg(fd, messages, count, flags);
+    int number = errno;
+    for (int i = 0; i < sent; i++)
+        (void)count_sent(fd, messages[i].msg_hdr.msg_iov->iov_base, messages[i].msg_len,
+                         messages[i].msg_len);
+    world_trace("sendmmsg(%d, %u) = %d", fd, count, sent);
+    errno = number;
+    return sent;
+}
+
 /* Notes messages to the service manager, which count from now on. */
 static void note_state(const char *text, size_t size)
 {

@@ -36,7 +36,8 @@ static void write_port(FILE *out, const rt_bus_options *o, const int ports[RT_NO
         rt_port_path(path, o->folder, node);
         fprintf(out, "  - { name: n%u, port: \"unix:%s\", order: fifo }\n", node, path);
     } else {
-        fprintf(out, "  - { name: n%u, port: \"fd:%d\", order: fifo }\n", node, ports[node]);
+        fprintf(out, "  - { name: n%u, port: \"fd:%d\", order: fifo, queue: %u }\n", node,
+                ports[node], RT_QUEUE);
     }
 }
 

@@ -39,11 +39,16 @@ void rt_fail(const char *format, ...)
     exit(1);
 }
 
+/* Processes inherit the processors of their parent, which are only a part later on. So those that
+ * were allowed at the start count. */
 static void run_on(bool engine_cpu)
 {
-    cpu_set_t all, set;
+    static cpu_set_t all;
+    cpu_set_t set;
     CPU_ZERO(&set);
-    if (sched_getaffinity(0, sizeof all, &all) != 0 || CPU_COUNT(&all) < 2)
+    if (CPU_COUNT(&all) == 0 && sched_getaffinity(0, sizeof all, &all) != 0)
+        rt_fail("the processors are unknown");
+    if (CPU_COUNT(&all) < 2)
         return;
     for (unsigned i = 0; i < CPU_SETSIZE; i++)
         if (CPU_ISSET(i, &all) && (i == RT_ENGINE_CPU) == engine_cpu)

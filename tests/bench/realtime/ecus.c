@@ -5,6 +5,9 @@
  * To keep a bus at 100 % load an ECU has WINDOW frames under way. It sends another one when one of
  * its frames reaches the ECU of the next node. Frames are numbered; every ECU checks the order of
  * the frames of each other one.
+ *
+ * One thread for all must cost less than the buses. So it reads and sends many frames in one call,
+ * and sleeps between its rounds.
  */
 #include "realtime.h"
 
@@ -13,10 +16,12 @@
 #include <string.h>
 #include <sys/epoll.h>
 #include <sys/socket.h>
+#include <time.h>
 #include <unistd.h>
 
-#define WINDOW 14u /* less than the queue of a node */
+#define WINDOW (RT_QUEUE - 2) /* frames of an ECU under way */
 #define BATCH 64u
+#define ROUND_NS 500000 /* the ECUs look at their sockets in rounds, as many programs would */
 #define LAST_NS (30 * RT_NS_PER_S) /* for the last frames to come; they take some milliseconds */
 
 typedef struct crowd {
@@ -37,12 +42,33 @@ static struct can_frame make_frame(const rt_ecu *e)
     return f;
 }
 
-static void send_next(rt_ecu *e)
+/* Points message headers at an array of frames. */
+static void point_at(struct mmsghdr *messages, struct iovec *vectors, struct can_frame *frames)
 {
-    const struct can_frame f = make_frame(e);
-    if (send(e->fd, &f, sizeof f, MSG_NOSIGNAL) != sizeof f)
-        rt_fail("an ECU cannot send: %s", strerror(errno));
-    e->sent++;
+    for (unsigned i = 0; i < BATCH; i++) {
+        vectors[i] = (struct iovec){.iov_base = &frames[i], .iov_len = sizeof frames[i]};
+        messages[i] = (struct mmsghdr){.msg_hdr = {.msg_iov = &vectors[i], .msg_iovlen = 1}};
+    }
+}
+
+/* Sends the next frames of an ECU, which owes them. */
+static void send_owed(rt_ecu *e)
+{
+    struct mmsghdr messages[BATCH];
+    struct iovec vectors[BATCH];
+    struct can_frame frames[BATCH];
+    point_at(messages, vectors, frames);
+    while (e->owed > 0) {
+        const unsigned count = e->owed < BATCH ? e->owed : BATCH;
+        for (unsigned i = 0; i < count; i++, e->sent++)
+            frames[i] = make_frame(e);
+        for (int done = 0, sent; done < (int)count; done += sent) {
+            sent = sendmmsg(e->fd, messages + done, count - (unsigned)done, MSG_NOSIGNAL);
+            if (sent < 1)
+                rt_fail("an ECU cannot send: %s", strerror(errno));
+        }
+        e->owed -= count;
+    }
 }
 
 static void take_frame(crowd *c, rt_ecu *e, const struct can_frame *f)
@@ -56,7 +82,7 @@ static void take_frame(crowd *c, rt_ecu *e, const struct can_frame *f)
     e->wrong += number != e->expected[sender];
     e->expected[sender] = number + 1;
     if (c->answer && (sender + 1) % RT_NODES == e->node)
-        send_next(&c->ecus[e->bus * RT_NODES + sender]);
+        c->ecus[e->bus * RT_NODES + sender].owed++;
 }
 
 static void read_ecu(crowd *c, rt_ecu *e, bool numbered)
@@ -64,10 +90,7 @@ static void read_ecu(crowd *c, rt_ecu *e, bool numbered)
     struct mmsghdr messages[BATCH];
     struct iovec vectors[BATCH];
     struct can_frame frames[BATCH];
-    for (unsigned i = 0; i < BATCH; i++) {
-        vectors[i] = (struct iovec){.iov_base = &frames[i], .iov_len = sizeof frames[i]};
-        messages[i] = (struct mmsghdr){.msg_hdr = {.msg_iov = &vectors[i], .msg_iovlen = 1}};
-    }
+    point_at(messages, vectors, frames);
     int count = recvmmsg(e->fd, messages, BATCH, MSG_DONTWAIT, NULL);
     for (int i = 0; i < count; i++) {
         if (messages[i].msg_len != sizeof frames[i])
@@ -99,6 +122,19 @@ static bool all_have_come(const crowd *c)
     return true;
 }
 
+static void send_all_owed(const crowd *c)
+{
+    for (unsigned i = 0; i < c->count; i++)
+        send_owed(&c->ecus[i]);
+}
+
+static void sleep_until_round(void)
+{
+    const int64_t ns = (rt_now_ns() / ROUND_NS + 1) * ROUND_NS;
+    const struct timespec at = {.tv_sec = ns / RT_NS_PER_S, .tv_nsec = ns % RT_NS_PER_S};
+    (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL);
+}
+
 static void run_until(crowd *c, int64_t end_ns, bool numbered)
 {
     struct epoll_event events[RT_BUSES_MAX * RT_NODES];
@@ -106,6 +142,9 @@ static void run_until(crowd *c, int64_t end_ns, bool numbered)
         int count = epoll_wait(c->epoll, events, RT_BUSES_MAX * RT_NODES, 10);
         for (int i = 0; i < count; i++)
             read_ecu(c, &c->ecus[events[i].data.u32], numbered);
+        send_all_owed(c);
+        if (numbered)
+            sleep_until_round();
         if (numbered && !c->answer && all_have_come(c))
             return;
     }
@@ -115,8 +154,9 @@ void rt_saturate(rt_ecu *ecus, unsigned count, int64_t duration_ns)
 {
     crowd c = {.ecus = ecus, .count = count, .answer = true};
     watch(&c);
-    for (unsigned i = 0; i < WINDOW * count; i++)
-        send_next(&ecus[i % count]);
+    for (unsigned i = 0; i < count; i++)
+        ecus[i].owed = WINDOW;
+    send_all_owed(&c);
     run_until(&c, rt_now_ns() + duration_ns, true);
     c.answer = false;
     run_until(&c, rt_now_ns() + LAST_NS, true);

@@ -14,6 +14,7 @@
 #define RT_BUSES_MAX 16u
 #define RT_PATH_MAX 64
 #define RT_NODES 4u       /* of a bus */
+#define RT_QUEUE 64u      /* of a node: its ECU may be late by that */
 #define RT_BITRATE 1000000u
 #define RT_SAMPLES_MAX 400000u
 #define RT_ENGINE_CPU 0   /* the buses' processor; the ECUs are on the others */
@@ -89,6 +90,7 @@ typedef struct rt_ecu {
     unsigned bus;
     unsigned node;
     uint32_t sent;
+    uint32_t owed;                 /* frames that it is to send */
     uint32_t received;             /* in all */
     uint32_t expected[RT_NODES];   /* number of the next frame of each node */
     uint64_t wrong;                /* frames that are not the next one of their sender */
