@@ -1520,6 +1520,9 @@ cw_status cw_node_set(cw_bus *bus, unsigned node, const cw_settings *settings);
 /* Reads all settings as they are now. */
 cw_status cw_node_get_settings(const cw_bus *bus, unsigned node, cw_settings *settings);
 
+/* Returns the modes alone, a set of CW_MODE_*; 0 for a node that is not there. */
+unsigned cw_node_modes(const cw_bus *bus, unsigned node);
+
 /* Returns the number of consecutive recessive bits on the wire up to now. */
 uint64_t cw_bus_recessive_bits(const cw_bus *bus);
 

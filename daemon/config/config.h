@@ -322,6 +322,7 @@ typedef struct cfg {
     uint64_t seed;
     size_t node_count;
     cfg_node *nodes;
+    bool has_answers;   /* controllers may send because of a frame: by mailboxes or schedules */
     size_t guest_count; /* nodes at the end, which are on the bus while their clients are there */
     size_t rule_count;
     cw_rule *rules; /* names owned by the cfg */

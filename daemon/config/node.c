@@ -291,6 +291,13 @@ void cfg_read_defaults(schema *self, const schema_key *key, yaml_node_t *value, 
     walk->default_when_full = schema_find(self, value, "when-full");
 }
 
+static void note_answers(cfg *config)
+{
+    for (size_t i = 0; i < config->node_count; i++)
+        if (config->nodes[i].controller.mailbox_count > 0 || config->nodes[i].schedule.cycles > 0)
+            config->has_answers = true;
+}
+
 void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
@@ -310,6 +317,7 @@ void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, voi
     cfg_check_traffic(self, value);
     cfg_check_schedules(self, value);
     cfg_copy_guests(self);
+    note_answers(config);
 }
 
 static void read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -15,8 +15,7 @@
 /* Returns the modes, which decide the error frames of the ECU and may change while the bus runs. */
 static unsigned modes_of(const engine *e, unsigned node)
 {
-    cw_settings settings;
-    return cw_node_get_settings(e->now.bus, node, &settings) == CW_OK ? settings.modes : 0;
+    return cw_node_modes(e->now.bus, node);
 }
 
 /* Tells the clients of a port what has become of a frame of theirs. */

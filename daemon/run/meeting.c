@@ -41,10 +41,8 @@ static uint64_t hear_own(const gateways_bus *place, const cw_bus *bus)
 {
     uint64_t own = 0;
     for (uint64_t rest = gateways_nodes(place->gateways, place->bus); rest; rest &= rest - 1) {
-        cw_settings settings;
         const unsigned node = (unsigned)__builtin_ctzll(rest);
-        if (cw_node_get_settings(bus, node, &settings) == CW_OK &&
-            (settings.modes & CW_MODE_LOOPBACK))
+        if (cw_node_modes(bus, node) & CW_MODE_LOOPBACK)
             own |= UINT64_C(1) << node;
     }
     gateways_hear_own(place->gateways, place->bus, own);
@@ -54,11 +52,7 @@ static uint64_t hear_own(const gateways_bus *place, const cw_bus *bus)
 /* Returns true when a frame may make other nodes send. */
 static bool has_answers(const cfg *config)
 {
-    bool has = config->rule_count > 0 || config->reply_count > 0;
-    for (size_t i = 0; !has && i < config->node_count; i++)
-        has = config->nodes[i].controller.mailbox_count > 0 ||
-              config->nodes[i].schedule.cycles > 0;
-    return has;
+    return config->has_answers || config->rule_count > 0 || config->reply_count > 0;
 }
 
 /* Returns true when one node is all that gateways have on a bus. It does not carry on what it
@@ -109,24 +103,35 @@ static uint64_t next_of(const meeting *m, size_t bus)
     return least(o->next, cw_after(m->limit[bus], o->reaction));
 }
 
+/* Lowers limits by the ways that begin at a set of buses. Returns the buses of which gateways may
+ * get another frame earlier by that. */
+static uint32_t lower_limits(meeting *m, uint32_t from)
+{
+    size_t count;
+    uint32_t earlier = 0;
+    const gateways_way *ways = gateways_ways(m->gateways, &count);
+    const uint64_t *first = gateways_first(m->gateways);
+    for (const gateways_way *way = ways; way < ways + count; way++) {
+        if (!(from >> way->from & 1u))
+            continue;
+        const uint64_t next = least(next_of(m, way->from), first[way->from]);
+        const uint64_t tick = cw_after(next, way->delay);
+        if (tick >= m->limit[way->to])
+            continue;
+        m->limit[way->to] = tick;
+        earlier |= (uint32_t)(m->outlook[way->to].reaction != CW_NEVER) << way->to;
+    }
+    return earlier;
+}
+
 /* Finds the limits: a frame may go from bus to bus. */
 static void find_limits(meeting *m)
 {
-    size_t count;
-    const gateways_way *ways = gateways_ways(m->gateways, &count);
-    const uint64_t *first = gateways_first(m->gateways);
-    bool changed = true;
     for (size_t i = 0; i < m->bus_count; i++)
         m->limit[i] = CW_NEVER;
-    while (changed) {
-        changed = false;
-        for (const gateways_way *way = ways; way < ways + count; way++) {
-            const uint64_t next = least(next_of(m, way->from), first[way->from]);
-            const uint64_t tick = cw_after(next, way->delay);
-            changed = changed || tick < m->limit[way->to];
-            m->limit[way->to] = least(tick, m->limit[way->to]);
-        }
-    }
+    uint32_t from = gateways_feeds(m->gateways);
+    while (from != 0)
+        from = lower_limits(m, from);
 }
 
 /* Returns the tick before which all receptions are known. */

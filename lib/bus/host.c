@@ -253,6 +253,11 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
     return CW_OK;
 }
 
+unsigned cw_node_modes(const cw_bus *bus, unsigned i)
+{
+    return i < bus->node_count ? cw_modes_of(bus, i) : 0;
+}
+
 cw_status cw_node_get_settings(const cw_bus *bus, unsigned i, cw_settings *s)
 {
     if (i >= bus->node_count)

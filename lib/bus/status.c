@@ -139,13 +139,12 @@ uint64_t cw_bus_next(const cw_bus *bus)
  * node in loopback gets them at other times than the rest of the bus (M15). */
 static bool may_surprise(const cw_bus *bus)
 {
-    if (bus->rules.count > 0 || bus->tt || bus->stored > 0)
-        return true;
-    for (unsigned i = 0; i < bus->node_count; i++)
-        if ((bus->nodes[i].mac.modes & CW_MODE_LOOPBACK) ||
-            (bus->buffers && bus->buffers[i].boxes))
-            return true;
-    return false;
+    bool may = bus->rules.count > 0 || bus->tt || bus->stored > 0;
+    for (unsigned i = 0; !may && i < bus->node_count; i++)
+        may = bus->nodes[i].mac.modes & CW_MODE_LOOPBACK;
+    for (unsigned i = 0; !may && bus->buffers && i < bus->node_count; i++)
+        may = bus->buffers[i].boxes;
+    return may;
 }
 
 #define NO_LENGTH UINT16_MAX /* of wire bits */
@@ -154,7 +153,8 @@ static bool may_surprise(const cw_bus *bus)
 static unsigned least_of_queues(const cw_bus *bus, cw_frame_test *test, const void *user)
 {
     unsigned bits = NO_LENGTH;
-    for (unsigned i = 0; i < bus->node_count; i++) {
+    for (uint64_t rest = bus->waiting | bus->asleep; rest; rest &= rest - 1) {
+        const unsigned i = cw_lowest_node(rest);
         const cw_queue *q = &bus->nodes[i].queue;
         for (unsigned n = 0; n < q->count; n++) {
             const cw_queue_slot *slot = cw_queue_at(q, cw_queue_nth(q, n));
