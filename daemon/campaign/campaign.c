@@ -133,6 +133,8 @@ static void read_scenario(schema *self, const schema_key *key, yaml_node_t *valu
     o->has_document = yaml_text_load(&o->document, o->campaign.text, o->campaign.size,
                                      &yaml_file_limits, &found);
     diag_flush(&found, o->errors);
+    if (!o->has_document)
+        schema_complain(self, value, "%s: there are errors in the scenario", key->name);
 }
 
 /* ---- Other keys ------------------------------------------------------------------------------ */

@@ -4,8 +4,10 @@
  */
 #include "campaign/outcome.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 const char *outcome_name(outcome o)
 {
@@ -206,10 +208,20 @@ void outcome_write_none(rowtext *row, outcome o, const char *why)
         rowtext_string(row, "why", why);
 }
 
+bool outcome_is_shortage(const char *message)
+{
+    static const int errors[] = {ENOMEM, EMFILE, ENFILE, EAGAIN, EINTR, EIO, ENOBUFS, ENOSPC};
+    bool found = strstr(message, "out of memory");
+    for (size_t i = 0; i < sizeof errors / sizeof *errors; i++)
+        found = found || strstr(message, strerrordesc_np(errors[i]));
+    return found;
+}
+
 outcome outcome_write_broken(rowtext *row, scenario *s)
 {
     char *why = scenario_why(s);
-    outcome_write_none(row, OUTCOME_BROKEN, why ? why : "out of memory");
+    outcome_write_none(row, OUTCOME_BROKEN, why ? why : "");
+    row->no_memory = row->no_memory || !why || outcome_is_shortage(why);
     free(why);
     return OUTCOME_BROKEN;
 }

@@ -32,7 +32,12 @@ outcome outcome_write_as(rowtext *row, const scenario *s, outcome o, const char 
  * has happened, and may be "". */
 void outcome_write_none(rowtext *row, outcome o, const char *why);
 
-/* Does this for a scenario whose last run has failed. Returns the outcome. */
+/* Does this for a scenario whose last run has failed. Returns the outcome. The row has no memory
+ * when the process lacked something: it is no row then. */
 outcome outcome_write_broken(rowtext *row, scenario *s);
+
+/* Returns true when a message tells about what this process lacks for the moment, memory or
+ * descriptors for example: it says nothing about the scenario. */
+bool outcome_is_shortage(const char *message);
 
 #endif

@@ -164,6 +164,22 @@ static bool provide(pool *p, worker *w)
     return true;
 }
 
+/* An order is small enough for the socket of a process that waits. One that has just ended is found
+ * by its end. */
+static bool send_order(const worker *w, const pool_order *o)
+{
+    const char *at = (const char *)o;
+    size_t left = sizeof *o;
+    while (left > 0) {
+        const ssize_t count = send(w->fd, at, left, MSG_NOSIGNAL);
+        if (count < 0 && errno != EINTR)
+            return false;
+        at += count > 0 ? count : 0;
+        left -= count > 0 ? (size_t)count : 0;
+    }
+    return true;
+}
+
 /* Gives a worker its chunk, as soon as it has a process. */
 static bool order(pool *p, worker *w)
 {
@@ -173,9 +189,8 @@ static bool order(pool *p, worker *w)
     if (!provide(p, w))
         return false;
     w->since_ms = wall_ms();
-    /* small enough for the socket; one that has just ended is found by its end */
-    if (w->pid > 0)
-        (void)send(w->fd, &o, sizeof o, MSG_NOSIGNAL);
+    if (w->pid > 0 && !send_order(w, &o))
+        (void)kill(w->pid, SIGKILL); /* its end is found as that of others */
     return true;
 }
 

@@ -12,6 +12,7 @@
 #include "campaign/rowtext.h"
 
 #define POOL_JOBS_MAX 256u
+#define POOL_EXIT_SHORT 75 /* EX_TEMPFAIL: a process has lacked memory for a line */
 
 /* Why a process has made no line. */
 typedef struct pool_loss {
@@ -20,7 +21,8 @@ typedef struct pool_loss {
 } pool_loss;
 
 typedef struct pool_calls {
-    /* Writes a line with its end, in a process of the pool. The code is for `take`. */
+    /* Writes a line with its end, in a process of the pool. The code is for `take`. The process
+     * ends with POOL_EXIT_SHORT when the line has no memory. */
     unsigned char (*make)(void *user, uint64_t number, rowtext *line);
     /* Does the same for a lost line, in the calling process. */
     unsigned char (*lose)(void *user, uint64_t number, const pool_loss *loss, rowtext *line);

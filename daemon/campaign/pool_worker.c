@@ -64,8 +64,10 @@ static bool obey(const pool_work *work, int fd, const pool_order *order, rowtext
 {
     int64_t given = wall_ns();
     for (uint64_t i = 0; i < order->count; i++) {
-        if (!add(work, order->first + i, line, lines))
-            return false;
+        if (!add(work, order->first + i, line, lines)) {
+            (void)give(fd, lines);
+            _exit(POOL_EXIT_SHORT);
+        }
         if (!order->singly && buffer_length(lines) < GIVE_BYTES && wall_ns() - given < GIVE_NS)
             continue;
         if (!give(fd, lines))

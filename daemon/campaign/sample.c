@@ -160,18 +160,21 @@ static int64_t drawn_mantissa(const factor *f, uint64_t drawn)
     return f->from.mantissa + (int64_t)scale(drawn, (uint64_t)steps) * f->step.mantissa;
 }
 
-void sample_value(rowtext *out, const factor *f, const choice *chosen)
+const char *sample_text(char out[NUMBER_TEXT_MAX], const factor *f, const choice *chosen)
 {
-    char text[NUMBER_TEXT_MAX];
     number_text n = f->from;
-    if (f->kind == FACTOR_LIST) {
-        rowtext_put(out, f->texts[chosen->index]);
-        return;
-    }
+    if (f->kind == FACTOR_LIST)
+        return f->texts[chosen->index];
     if (f->kind == FACTOR_RANGE)
         n.mantissa += (int64_t)chosen->index * f->step.mantissa;
     else
         n.mantissa = drawn_mantissa(f, chosen->drawn);
-    number_text_print(text, &n);
-    rowtext_put(out, text);
+    number_text_print(out, &n);
+    return out;
+}
+
+void sample_value(rowtext *out, const factor *f, const choice *chosen)
+{
+    char text[NUMBER_TEXT_MAX];
+    rowtext_put(out, sample_text(text, f, chosen));
 }

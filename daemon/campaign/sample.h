@@ -20,7 +20,10 @@ const char *sample_prepare(campaign *c);
 /* Makes the choices of a row below c->rows. */
 void sample_choose(choice out[CAMPAIGN_FACTORS_MAX], const campaign *c, uint64_t row);
 
-/* Appends the value of a factor as JSON. */
+/* Returns the value of a factor as JSON: the text of the factor, or `out`. */
+const char *sample_text(char out[NUMBER_TEXT_MAX], const factor *f, const choice *chosen);
+
+/* Appends it. */
 void sample_value(rowtext *out, const factor *f, const choice *chosen);
 
 #endif

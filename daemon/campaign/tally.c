@@ -41,6 +41,8 @@ outcome tally_lost(rowtext *row, const pool_loss *loss)
     const outcome o = loss->timeout ? OUTCOME_TIMEOUT : OUTCOME_CRASHED;
     if (!loss->timeout && WIFSIGNALED(loss->status))
         (void)snprintf(why, sizeof why, "signal %s", sigabbrev_np(WTERMSIG(loss->status)));
+    else if (!loss->timeout && WEXITSTATUS(loss->status) == POOL_EXIT_SHORT)
+        (void)snprintf(why, sizeof why, "memory or descriptors were short");
     else if (!loss->timeout)
         (void)snprintf(why, sizeof why, "exit status %d", WEXITSTATUS(loss->status));
     outcome_write_none(row, o, why);

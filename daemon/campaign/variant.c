@@ -71,24 +71,22 @@ void variant_text(rowtext *out, const campaign *c, const choice *choices)
 }
 
 /* Reads digits, with or without quotes. */
-static uint64_t read_digits(const char *at, size_t length)
+static uint64_t read_digits(const char *at)
 {
     uint64_t value = 0;
-    for (size_t i = 0; i < length; i++)
-        if (at[i] >= '0' && at[i] <= '9')
-            value = value * 10 + (uint64_t)(at[i] - '0');
+    for (; *at; at++)
+        if (*at >= '0' && *at <= '9')
+            value = value * 10 + (uint64_t)(*at - '0');
     return value;
 }
 
 bool variant_seed(uint64_t *seed, const campaign *c, const choice *choices)
 {
     for (size_t i = 0; i < c->factor_count; i++) {
-        rowtext text = {.no_memory = false};
+        char text[NUMBER_TEXT_MAX];
         if (!c->factors[i].is_seed)
             continue;
-        sample_value(&text, &c->factors[i], &choices[i]);
-        *seed = read_digits(buffer_first(&text.bytes), buffer_length(&text.bytes));
-        rowtext_free(&text);
+        *seed = read_digits(sample_text(text, &c->factors[i], &choices[i]));
         return true;
     }
     return false;

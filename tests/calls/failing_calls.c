@@ -423,6 +423,8 @@ CALL(DESCRIPTOR, int, -1, eventfd, (unsigned count, int flags), (count, flags))
 CALL(DESCRIPTOR, int, -1, pipe, (int fds[2]), (fds))
 CALL(DESCRIPTOR, int, -1, pipe2, (int fds[2], int flags), (fds, flags))
 CALL(DESCRIPTOR, int, -1, dup, (int fd), (fd))
+CALL(DESCRIPTOR, int, -1, socketpair, (int domain, int type, int protocol, int ends[2]),
+     (domain, type, protocol, ends))
 CALL(DESCRIPTOR, FILE *, NULL, fopen, (const char *name, const char *mode), (name, mode))
 CALL(DESCRIPTOR, FILE *, NULL, fdopen, (int fd, const char *mode), (fd, mode))
 
@@ -456,6 +458,8 @@ CALL(WAKE, int, -1, poll, (struct pollfd * fds, nfds_t count, int timeout), (fds
 CALL(WAKE, int, -1, timerfd_settime,
      (int fd, int flags, const struct itimerspec *at, struct itimerspec *before),
      (fd, flags, at, before))
+
+CALL(THREAD, pid_t, -1, fork, (void), ())
 
 CALL(LOOK, int, -1, stat, (const char *name, struct stat *out), (name, out))
 CALL(LOOK, int, -1, lstat, (const char *name, struct stat *out), (name, out))
@@ -609,10 +613,10 @@ int close(int fd)
 /* ---- Streams -----------------------------------------------------------------------------------
  */
 
-/* Streams in memory fail with their memory. */
+/* Streams in memory fail with their memory; all streams together, which NULL is, do not. */
 static unsigned group_of(FILE *stream, unsigned group)
 {
-    int fd = fileno(stream);
+    int fd = stream ? fileno(stream) : -1;
     return fd < 0 ? 0 : fd == 2 ? (unsigned)TELL : group;
 }
 

@@ -55,9 +55,11 @@ def fixture_library():
 class Outcome:
     """The results of a run: status, standard output, messages, files."""
 
-    def __init__(self, folder, words, environment, outputs):
+    def __init__(self, folder, words, environment, outputs, part=None):
         for name in outputs:
             (folder / name).unlink(missing_ok=True)
+        if part is not None:
+            (folder / "rows.part").write_bytes(part)
         before = contents(folder, outputs)
         result = subprocess.run(words, cwd=folder, env=environment, capture_output=True,
                                 stdin=subprocess.DEVNULL, timeout=TIMEOUT_S, check=False)
@@ -97,10 +99,13 @@ class Program:
 
     def __init__(self, folder, library, words, outputs=()):
         self.folder, self.words, self.outputs = folder, words, outputs
+        self.before = self.last = None
         self.calls = Calls(folder, library)
 
     def run(self):
-        return Outcome(self.folder, self.words, self.calls.environment(), self.outputs)
+        self.last = Outcome(self.folder, self.words, self.calls.environment(), self.outputs,
+                            self.before)
+        return self.last
 
     def list_sites(self):
         self.calls.list_sites()
@@ -204,6 +209,55 @@ def test_check_of_a_journal(programs):
 def test_bits_and_help(programs, words):
     good, _ = fail_each(programs([CANWIRE, *words]))
     assert good.status == 0 and good.stdout
+
+
+CAMPAIGN = """scenario: bus.yaml
+vary:
+  - { set: nodes.engine.queue, values: [ 1, 2 ] }
+  - { set: faults.crc.do.flip, values: [ "crc[3]", "crc[9]" ] }
+  - { set: seed, values: [ 1, 2, 3 ] }
+"""
+
+
+def rows_are_wrong(good, outcome):
+    """Tells a row that is neither as without the failure, nor lost."""
+    for name, content in outcome.files.items():
+        wanted = good.files["rows"].splitlines(True)
+        for i, line in enumerate(content.splitlines(True)):
+            if not line.endswith(b"\n") and name == "rows.part":
+                continue  # it was cut
+            if line != wanted[i] and json.loads(line)["outcome"] not in ("crashed", "time-out"):
+                return f"row {i} is wrong: {line[:200]!r}"
+            if json.loads(line)["number"] != i:
+                return f"row {i} has another number"
+    if "rows" in outcome.files and outcome.files["rows"].count(b"\n") != 12:
+        return "rows are missing"
+    return None
+
+
+@pytest.mark.parametrize("words", [[], ["--resume"]], ids=["new", "resume"])
+def test_campaign(programs, words):
+    """A row is as it should be, or tells that its process was lost, or is not there."""
+    some = programs([CANWIRE, "campaign", "run", "campaign.yaml", "--jobs", "1", "--out", "rows",
+                     *words], ["rows", "rows.part"], **{"campaign.yaml": CAMPAIGN})
+    some[0].calls.order(False)
+    first = some[0].run().files["rows"].splitlines(True)
+    for each in some:
+        each.before = b"".join(first[:5]) + first[5][:40] if words else None
+    good, sites = some[0].list_sites()
+    assert good.status == 0 and good.files["rows"] == b"".join(first)
+    assert {"fork", "socketpair", "fsync", "rename", "flock"} <= {site.call for site in sites}
+
+    def attempt(program, each):
+        wrong, reached = program.attempt(each, good)
+        return wrong or rows_are_wrong(good, program.last), reached
+    run_all(some, CANWIRE, plan(sites), attempt)
+
+
+def test_campaign_show(programs):
+    good, _ = fail_each(programs([CANWIRE, "campaign", "show", "campaign.yaml", "9"],
+                                 **{"campaign.yaml": CAMPAIGN}))
+    assert good.status == 0 and b"crc[9]" in good.stdout
 
 
 # ---- Clients -------------------------------------------------------------------------------------

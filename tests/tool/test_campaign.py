@@ -373,6 +373,7 @@ def test_failed_expectations_and_invalid_rows(make):
     assert "2 rows: 1 passed, 1 failed" in result.stderr
     result = campaign("run", make(text.replace("2 ]", "0, 1 ]")), status=1)
     assert [row["outcome"] for row in rows_of(result.stdout)] == ["passed", "invalid", "passed"]
+    assert "bus.yaml:10:34: count:" in rows_of(result.stdout)[1]["why"]
     assert "row 1 could not be run:" in result.stderr and "bus.yaml:10:34: count:" in result.stderr
 
 

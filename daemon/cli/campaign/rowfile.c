@@ -180,7 +180,8 @@ bool rowfile_close(rowfile *f, bool done)
     bool good = true;
     if (f->name && f->stream) {
         good = !done || finish(f);
-        good = fclose(f->stream) == 0 && good;
+        if (fclose(f->stream) != 0 && good)
+            good = complain(done ? f->name : f->part, strerror(errno));
     }
     free(f->part);
     free(f->real);
