@@ -239,6 +239,8 @@ campaign *campaign_load(const char *file, FILE *errors)
     o->json_left = JSONVALUE_ALL_MAX;
     o->campaign.limit_ms = CAMPAIGN_LIMIT_MS;
     o->campaign.file = arena_print(&o->arena, "%s", file);
+    if (!o->campaign.file)
+        diag_add(&found, 0, 0, "out of memory");
     const bool good = o->campaign.file && read_file(o, &found);
     diag_flush(&found, errors);
     if (good)

@@ -99,6 +99,8 @@ void names_check_keys(schema *self, yaml_node_t *list, const campaign_owner *o)
     for (size_t i = 0; i < c->factor_count; i++)
         count += is_new_key(&c->factors[i]);
     char *messages = count > 0 ? messages_of_row(c) : NULL;
+    if (count > 0 && !messages)
+        schema_complain(self, list, "out of memory");
     for (size_t i = 0; i < c->factor_count && messages; i++)
         if (is_new_key(&c->factors[i]))
             check_key(self, schema_item(self, list, i), &c->factors[i], messages);

@@ -113,7 +113,9 @@ void rowtext_seconds(rowtext *row, const char *key, uint64_t ticks)
 
 void rowtext_end(rowtext *row, rowtext *command)
 {
-    (void)buffer_append(&command->bytes, "", 1);
+    if (!buffer_append(&command->bytes, "", 1))
+        command->no_memory = true;
+    row->no_memory = row->no_memory || command->no_memory;
     rowtext_string(row, "repeat", command->no_memory ? "" : buffer_first(&command->bytes));
     rowtext_put(row, "}\n");
 }

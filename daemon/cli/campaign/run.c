@@ -196,6 +196,8 @@ int campaign_run(const campaign *c, const campaign_run_options *o)
         return CLI_BAD_INPUT;
     }
     choose_rows(&r, o);
+    if (!r.runner)
+        fputs("canwire campaign: out of memory\n", stderr);
     bool good = r.runner && open_rows(&r, o);
     if (good && !r.file.whole)
         good = prepare_ecus(&r, o) && run_rows(&r, o);
