@@ -6,6 +6,9 @@
 
 #include "base/number.h"
 
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -30,47 +33,87 @@ bool shard_parse(shard *out, const char *text)
            is_good(out);
 }
 
-/* A number of a part and the number of parts in the environment. */
+/* ---- The environment ------------------------------------------------------------------------- */
+
+/* Variables with the number of a part, from `from` on, and the number of parts. */
 typedef struct source {
     const char *index;
     const char *count;
-    const char *least; /* of the index; NULL: `from` */
     uint64_t from;
 } source;
 
 static const source sources[] = {
-    {"SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_COUNT", "SLURM_ARRAY_TASK_MIN", 0},
-    {"JOB_COMPLETION_INDEX", "JOB_COMPLETIONS", NULL, 0},
-    {"CI_NODE_INDEX", "CI_NODE_TOTAL", NULL, 1},
+    {"SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_COUNT", 0},
+    {"JOB_COMPLETION_INDEX", "JOB_COMPLETIONS", 0},
+    {"CI_NODE_INDEX", "CI_NODE_TOTAL", 1},
 };
 
-/* Reads a variable. Returns false when it is no number. */
-static bool read_variable(uint64_t *out, const char *name)
+static bool refuse(char problem[SHARD_PROBLEM_MAX], const char *format, ...)
+    __attribute__((format(printf, 2, 3)));
+
+static bool refuse(char problem[SHARD_PROBLEM_MAX], const char *format, ...)
 {
-    const char *text = getenv(name);
-    return text && !text_parse_uint(out, text);
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(problem, SHARD_PROBLEM_MAX, format, arguments);
+    va_end(arguments);
+    return false;
 }
 
-const char *shard_find(shard *out)
+/* Reads a variable that must be there. */
+static bool read_variable(uint64_t *out, const char *name, const char *reason,
+                          char problem[SHARD_PROBLEM_MAX])
+{
+    const char *text = getenv(name);
+    if (!text)
+        return refuse(problem, "%s is missing in the environment, which has %s", name, reason);
+    return !text_parse_uint(out, text) ||
+           refuse(problem, "%s=%.24s in the environment is no number", name, text);
+}
+
+/* Reads the indices of an array of Slurm. Those of a whole one are all numbers from 0 or 1 on.
+ * Others are of tasks that were submitted again, and nothing says how many parts there are. */
+static bool read_array(source *s, char problem[SHARD_PROBLEM_MAX])
+{
+    static const char least[] = "SLURM_ARRAY_TASK_MIN";
+    static const char most[] = "SLURM_ARRAY_TASK_MAX";
+    uint64_t count;
+    uint64_t max;
+    if (!read_variable(&count, s->count, s->index, problem) ||
+        !read_variable(&s->from, least, s->index, problem) ||
+        !read_variable(&max, most, s->index, problem))
+        return false;
+    if (s->from <= 1 && max >= s->from && max - s->from + 1 == count && count > 1)
+        return true;
+    return refuse(problem, "%s to %s are %" PRIu64 " to %" PRIu64 ", with %" PRIu64
+                  " task%s: that may be a part of an array", least, most, s->from, max, count,
+                  count == 1 ? "" : "s");
+}
+
+static bool read_source(shard *out, source s, char problem[SHARD_PROBLEM_MAX])
+{
+    uint64_t index;
+    const bool is_array = s.index == sources[0].index;
+    if (!read_variable(&index, s.index, s.count, problem) ||
+        !read_variable(&out->n, s.count, s.index, problem) ||
+        (is_array && !read_array(&s, problem)))
+        return false;
+    out->k = index - s.from + 1;
+    return (index >= s.from && is_good(out)) ||
+           refuse(problem, "%s=%" PRIu64 " in the environment is none of %s=%" PRIu64
+                  ", from %" PRIu64 " on", s.index, index, s.count, out->n, s.from);
+}
+
+bool shard_find(shard *out, char problem[SHARD_PROBLEM_MAX])
 {
     *out = (shard){.k = 1, .n = 1};
-    for (size_t i = 0; i < sizeof sources / sizeof *sources; i++) {
-        const source *s = &sources[i];
-        uint64_t index;
-        uint64_t least = s->from;
-        if (!getenv(s->index))
-            continue;
-        if (!read_variable(&index, s->index))
-            return s->index;
-        if (s->least && getenv(s->least) && !read_variable(&least, s->least))
-            return s->least;
-        if (!read_variable(&out->n, s->count))
-            return s->count;
-        out->k = index - least + 1;
-        return index >= least && is_good(out) ? NULL : s->index;
-    }
-    return NULL;
+    for (size_t i = 0; i < sizeof sources / sizeof *sources; i++)
+        if (getenv(sources[i].index))
+            return read_source(out, sources[i], problem);
+    return true;
 }
+
+/* ---- Rows ------------------------------------------------------------------------------------ */
 
 uint64_t shard_begin(const shard *s, uint64_t k, uint64_t rows)
 {

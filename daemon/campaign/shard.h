@@ -17,10 +17,12 @@ typedef struct shard {
 /* Reads K/N. Returns false for another text. */
 bool shard_parse(shard *out, const char *text);
 
-/* Takes it from the environment: that of an array of Slurm, an indexed job of Kubernetes, or a
- * parallel job of GitLab. Without one there is one part. Returns NULL, or the name of a variable
- * that makes no sense. */
-const char *shard_find(shard *out);
+#define SHARD_PROBLEM_MAX 160u
+
+/* Takes it from the environment: that of a whole array of Slurm, an indexed job of Kubernetes, or a
+ * parallel job of GitLab. Without one there is one part. Returns false with a message, without line
+ * end: variables are missing or make no sense, or the array may be a part of another one. */
+bool shard_find(shard *out, char problem[SHARD_PROBLEM_MAX]);
 
 /* Returns the first of `rows` rows of a part; that of part n + 1 is `rows`. The rows of all parts
  * one after the other are all rows in their order. */

@@ -114,7 +114,7 @@ _canwire_argument() {
         _canwire_files
         ;;
     vcan:0) _canwire_words "up down" ;;
-    campaign:0) _canwire_words "plan run show" ;;
+    campaign:0) _canwire_words "plan run show files" ;;
     status:0 | watch:0 | top:* | record:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | \
         set:0 | reload:0)
         _canwire_bus

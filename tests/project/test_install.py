@@ -25,7 +25,7 @@ MUST = [  # of each kind
     "/share/man/man8/canwired.8", "/bin/canwire-restbus", "/lib/canwire/restbus.py",
     "/share/man/man1/canwire-restbus.1", "/share/canwire/restbus/car.dbc",
     "/share/canwire/canwire.schema.json", "/share/canwire/profiles/cable-cut.yaml",
-    "/share/canwire/lcm/event_t.lcm", "/share/canwire/example.yaml",
+    "/share/canwire/campaign/parallel.sh", "/share/canwire/lcm/event_t.lcm", "/share/canwire/example.yaml",
     "/share/doc/canwire/README.md", "/share/doc/canwire/control.md",
     "/share/doc/canwire/DESIGN.md",
     "/share/doc/canwire/examples/realtime.conf",

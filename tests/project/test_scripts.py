@@ -277,7 +277,8 @@ def test_all_tests_that_are_stopped_leave_nothing_behind(all_tests, tmp_path, nu
 
 
 def test_modules_that_run_together_have_names_of_their_own():  # pytest imports each by its name
-    folders = re.search(r"^host_tests=\((.*?)\)", (ROOT / "scripts/test").read_text(), re.M)[1]
+    folders = re.search(r"^host_tests=\((.*?)\)", (ROOT / "scripts/test").read_text(),
+                        re.M | re.S)[1]
     names = [path.name for folder in folders.split() for path in (ROOT / folder).glob("*.py")]
     assert len(names) > 50
     assert sorted(name for name in set(names) if names.count(name) > 1) == []

@@ -351,7 +351,8 @@ def test_rows_of_another_campaign_are_not_continued(make, tmp_path):
 
 
 @pytest.mark.parametrize("environment, number", [
-    ({"SLURM_ARRAY_TASK_ID": "12", "SLURM_ARRAY_TASK_COUNT": "4", "SLURM_ARRAY_TASK_MIN": "10"}, 3),
+    ({"SLURM_ARRAY_TASK_ID": "3", "SLURM_ARRAY_TASK_COUNT": "4", "SLURM_ARRAY_TASK_MIN": "1",
+      "SLURM_ARRAY_TASK_MAX": "4"}, 3),
     ({"JOB_COMPLETION_INDEX": "2", "JOB_COMPLETIONS": "4"}, 3),
     ({"CI_NODE_INDEX": "3", "CI_NODE_TOTAL": "4"}, 3),
 ])
@@ -361,8 +362,56 @@ def test_the_shard_comes_from_the_environment(make, monkeypatch, environment, nu
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     assert campaign("run", file).stdout == wanted
-    monkeypatch.delenv(list(environment)[1])
-    assert "in the environment makes no sense" in campaign("run", file, status=1).stderr
+    index, count = list(environment)[:2]
+    monkeypatch.delenv(count)
+    assert f"{count} is missing in the environment, which has {index}; give --shard K/N" \
+        in campaign("run", file, status=1).stderr
+    assert campaign("run", file, "--shard", f"{number}/4").stdout == wanted
+
+
+def test_tasks_of_an_array_that_are_submitted_again_need_the_number_of_parts(make, monkeypatch):
+    file = make(MANY)
+    for name, value in {"ID": "7", "COUNT": "2", "MIN": "3", "MAX": "7", "STEP": "1"}.items():
+        monkeypatch.setenv(f"SLURM_ARRAY_TASK_{name}", value)  # --array=3,7
+    assert "SLURM_ARRAY_TASK_MIN to SLURM_ARRAY_TASK_MAX are 3 to 7, with 2 tasks: that may be a " \
+        "part of an array; give --shard K/N" in campaign("run", file, status=1).stderr
+
+
+def test_files_are_those_that_another_machine_needs(make, write, tmp_path):
+    write("(0.001) engine 321#11\n", "drive.log")
+    write("faults:\n  - { name: late, when: { frame: \"321\" }, do: { flip: \"crc[0]\" } }\n",
+          "late.yaml")
+    make(MANY, BUS.replace("  - name: gearbox\n",
+                           "  - { name: gearbox, traffic: [ { replay: drive.log } ] }\n") +
+         "profiles: [ { file: late.yaml }, { file: late.yaml, with: {}, as: x } ]\n")
+    wanted = ["campaign.yaml", "bus.yaml", "late.yaml", "drive.log"]
+    assert campaign("files", "campaign.yaml", cwd=tmp_path).stdout.split() == wanted
+    inside = campaign("files", tmp_path / "campaign.yaml").stdout.split()
+    assert inside == [str(tmp_path / name) for name in wanted]
+    assert "usage:" in campaign("files", "campaign.yaml", "--reload", status=2, cwd=tmp_path).stderr
+    write("buses: [ bus.yaml, other.yaml ]\ngateways:\n  - name: g\n    between: "
+          "[ \"powertrain:dash\", \"other:dash\" ]\n    rules: [ { filter: \"123\" } ]\n", "rig.yaml")
+    write(BUS.replace("powertrain", "other"), "other.yaml")
+    write("scenario: rig.yaml\nvary: [ { set: seed, values: [ 1 ] } ]\n", "of-rig.yaml")
+    assert campaign("files", "of-rig.yaml", cwd=tmp_path).stdout.split() == [
+        "of-rig.yaml", "rig.yaml", "bus.yaml", "late.yaml", "drive.log", "other.yaml"]
+
+
+@pytest.mark.parametrize("named, listed", [
+    ("a/../bus.yaml", "bus.yaml"), ("./a/.././bus.yaml", "bus.yaml"),
+    ("a/b/../../../TOP/bus.yaml", "../TOP/bus.yaml"), ("../TOP/../TOP/bus.yaml", "../TOP/bus.yaml"),
+    ("a//../bus.yaml", "bus.yaml"), ("PATH/a/../bus.yaml", "PATH/bus.yaml"),
+    ("/..PATH/bus.yaml", "/..PATH/bus.yaml"), ("link/../bus.yaml", "link/../bus.yaml"),
+])
+def test_files_are_listed_without_detours(make, tmp_path, named, listed):
+    named, listed = (text.replace("TOP", tmp_path.name).replace("PATH", str(tmp_path))
+                     for text in (named, listed))
+    file = make(MANY.replace("bus.yaml", named))
+    (tmp_path / "a/b").mkdir(parents=True)
+    (tmp_path / "other/folder").mkdir(parents=True)
+    (tmp_path / "other/bus.yaml").write_text(BUS)
+    (tmp_path / "link").symlink_to("other/folder")
+    assert campaign("files", file.name, cwd=tmp_path).stdout.split() == ["campaign.yaml", listed]
 
 
 def test_failed_expectations_and_invalid_rows(make):

@@ -16,20 +16,22 @@ static const char usage[] =
     "usage: canwire campaign plan FILE [--jobs J]\n"
     "       canwire campaign run FILE [--out F] [--resume] [--shard K/N] [--jobs J] [--only N]\n"
     "       [--reload] [--work DIR] [--keep]\n"
-    "       canwire campaign show FILE N\n";
+    "       canwire campaign show FILE N\n"
+    "       canwire campaign files FILE\n";
 
 static const char help[] =
     "\n"
     "Runs a scenario with many values of what varies, as FILE says (canwire-campaign(7)). `plan`\n"
     "tells how many rows that makes, how long they will take, and the first ones. `run` writes a\n"
-    "row of JSON for each. `show` prints the scenario of a row.\n"
+    "row of JSON for each. `show` prints the scenario of a row, `files` the paths of all files that\n"
+    "are read.\n"
     "\n"
     "  --out F      write the rows into F, which appears when all are there; until then they are\n"
     "               in F.part. By default they go to standard output\n"
     "  --resume     go on behind the rows of a run that was ended; do nothing when F is there\n"
     "  --shard K/N  only this of N parts, 1/N to N/N; by default as SLURM_ARRAY_TASK_ID and\n"
-    "               SLURM_ARRAY_TASK_COUNT say, or JOB_COMPLETION_INDEX and JOB_COMPLETIONS, or\n"
-    "               CI_NODE_INDEX and CI_NODE_TOTAL\n"
+    "               SLURM_ARRAY_TASK_COUNT of a whole array say, or JOB_COMPLETION_INDEX and\n"
+    "               JOB_COMPLETIONS, or CI_NODE_INDEX and CI_NODE_TOTAL\n"
     "  --jobs J     so many processes, by default one a processor; the rows are the same\n"
     "  --only N     only this row\n"
     "  --work DIR   the folder for the files of programs (`ecu` in FILE), a folder for each row; by\n"
@@ -130,11 +132,11 @@ static int parse_options(options *o, int argc, char **argv)
 /* Takes the shard from the environment when no option says it. */
 static bool complete_shard(options *o)
 {
-    const char *wrong = o->has_shard ? NULL : shard_find(&o->run.shard);
-    if (wrong)
-        plain_print(stderr, "canwire campaign: %s in the environment makes no sense; give --shard "
-                    "K/N\n", wrong);
-    return !wrong;
+    char problem[SHARD_PROBLEM_MAX];
+    const bool good = o->has_shard || shard_find(&o->run.shard, problem);
+    if (!good)
+        plain_print(stderr, "canwire campaign: %s; give --shard K/N\n", problem);
+    return good;
 }
 
 static int run_part(options *o, const char *name, const char *file, const char *number)
@@ -149,9 +151,10 @@ static int run_part(options *o, const char *name, const char *file, const char *
     campaign *c = campaign_load(file, stderr);
     if (!c)
         return CLI_BAD_INPUT;
-    const int status = strcmp(name, "run") == 0    ? campaign_run(c, &o->run)
-                       : strcmp(name, "plan") == 0 ? campaign_plan(c, o->run.jobs)
-                                                   : campaign_show(c, row);
+    const int status = strcmp(name, "run") == 0     ? campaign_run(c, &o->run)
+                       : strcmp(name, "plan") == 0  ? campaign_plan(c, o->run.jobs)
+                       : strcmp(name, "files") == 0 ? campaign_files(c)
+                                                    : campaign_show(c, row);
     campaign_free(c);
     return status;
 }
@@ -166,8 +169,10 @@ int cli_campaign(int argc, char **argv)
     const char *name = words > 0 ? argv[optind] : "";
     const bool shows = strcmp(name, "show") == 0;
     const bool plans = strcmp(name, "plan") == 0;
-    if ((!shows && !plans && strcmp(name, "run") != 0) || words != (shows ? 3 : 2) ||
-        (shows && o.seen) || (plans && (o.seen & SEEN_RUN)))
+    const bool lists = strcmp(name, "files") == 0;
+    const bool runs = strcmp(name, "run") == 0;
+    if ((!shows && !plans && !lists && !runs) || words != (shows ? 3 : 2) ||
+        ((shows || lists) && o.seen) || (plans && (o.seen & SEEN_RUN)))
         return refuse();
     return run_part(&o, name, argv[optind + 1], shows ? argv[optind + 2] : NULL);
 }

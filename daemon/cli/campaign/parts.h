@@ -23,5 +23,6 @@ typedef struct campaign_run_options {
 int campaign_run(const campaign *c, const campaign_run_options *o);
 int campaign_plan(const campaign *c, unsigned jobs);
 int campaign_show(const campaign *c, uint64_t number);
+int campaign_files(const campaign *c);
 
 #endif

@@ -7,9 +7,11 @@ first bus does.
 
 from .bus import (Bus, BusInfo, ConfigError, Error, ExpectationError, Node, NodeStatus, Stop,
                   Time)
+from .campaigns import CampaignError, CampaignResult, campaign
 from .frame import Frame
 from .scenario import Scenario
 from .virtualtime import Deadlock, VirtualTime
 
-__all__ = ["Bus", "BusInfo", "ConfigError", "Deadlock", "Error", "ExpectationError", "Frame",
-           "Node", "NodeStatus", "Scenario", "Stop", "Time", "VirtualTime"]
+__all__ = ["Bus", "BusInfo", "CampaignError", "CampaignResult", "ConfigError", "Deadlock", "Error",
+           "ExpectationError", "Frame", "Node", "NodeStatus", "Scenario", "Stop", "Time",
+           "VirtualTime", "campaign"]

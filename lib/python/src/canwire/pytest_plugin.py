@@ -26,7 +26,7 @@ from typing import Any, Callable
 
 import pytest
 
-from . import _library
+from ._tool import find_tool
 from .bus import Bus
 from .scenario import Recording, is_text
 from .virtualtime import VirtualTime
@@ -227,13 +227,3 @@ class Story:
         centre = errors[-1] if errors else self.bus.now_ns - width // 2
         begin = max(centre - width // 2, 0)
         return begin, begin + width
-
-
-def find_tool() -> str | None:
-    """Returns the tool `canwire`: $CANWIRE, else that of PATH or beside the library."""
-    beside = pathlib.Path(_library.library().path).resolve().parent
-    for place in (os.environ.get("CANWIRE"), shutil.which("canwire"), beside / "canwire",
-                  beside.parent.parent / "bin/canwire"):
-        if place and os.access(place, os.X_OK):
-            return str(pathlib.Path(place).resolve())
-    return None
