@@ -142,7 +142,9 @@ static void report_status(process *p)
         used = add_bus(line, used, service_config(p->host.buses[i]), &status, !p->host.rig);
     }
     log_gateways(p);
-    if (p->host.journal)
+    /* in virtual time a mark each second would make no run like the other */
+    const bool marks = service_config(p->host.buses[0])->pacing != CFG_PACING_VIRTUAL;
+    if (p->host.journal && marks)
         journal_mark(p->host.journal, engine_inputs(service_engine(p->host.buses[0])));
     notify_status(p->host.notifier, "%s%s%s", line,
                   journal_is_broken(p->host.journal) ? ", journal broken" : "",

@@ -20,14 +20,15 @@
 #include <unistd.h>
 
 #define VARIABLE "CANWIRE_SOCKETCAN"
+#define VIRTUAL_VARIABLE "CANWIRE_VIRTUAL"
 #define LIBRARY "libcanwire-socketcan.so"
 #define LIBRARY_VARIABLE "CANWIRE_PRELOAD"
 #define TEXT_MAX 8192
 #define NOT_FOUND 127
 #define NOT_RUNNABLE 126
 
-static const char usage[] = "canwire run --bus BUS --as NODE [--interface NAME]... [--] PROGRAM "
-                            "[ARGUMENT...]";
+static const char usage[] = "canwire run --bus BUS --as NODE [--interface NAME]... [--virtual] [--] "
+                            "PROGRAM [ARGUMENT...]";
 
 static const char help[] =
     "Runs a SocketCAN program where the kernel has no CAN. It sees the node as a CAN interface of\n"
@@ -38,12 +39,15 @@ static const char help[] =
     "      --bus BUS          the bus of the nodes behind it\n"
     "      --as NODE          the node that the program is, or a guest of that name\n"
     "      --interface NAME   the name that the program uses, such as can0; default: that of the\n"
-    "                         node\n";
+    "                         node\n"
+    "      --virtual          the program has the time of the bus, which goes on while all such\n"
+    "                         programs wait; the bus has 'pacing: virtual'\n";
 
 typedef struct run_request {
     const char *bus; /* of the last option */
     run_node nodes[RUN_NODES_MAX];
     unsigned count;
+    bool virtual_time;
 } run_request;
 
 /* ---- Options --------------------------------------------------------------------------------- */
@@ -175,6 +179,34 @@ static bool set_interfaces(const run_request *r)
     return used < sizeof text && setenv(VARIABLE, text, 1) == 0;
 }
 
+/* ---- Virtual time ---------------------------------------------------------------------------- */
+
+static bool refuse_time(const run_node *n, const char *why)
+{
+    plain_print(stderr, "canwire run: --virtual: bus %s %s\n", n->bus, why);
+    return false;
+}
+
+/* Tells the library the socket of time; preload/vtime.h has the format. */
+static bool set_time(const run_request *r)
+{
+    char text[PATH_MAX];
+    const run_node *n = &r->nodes[0];
+    if (!r->virtual_time && *n->time)
+        plain_print(stderr, "canwire run: warning: bus %s has virtual time, which goes on without "
+                            "this program: --virtual lets it join\n", n->bus);
+    if (!r->virtual_time)
+        return unsetenv(VIRTUAL_VARIABLE) == 0;
+    if (!*n->time)
+        return refuse_time(n, "has real time: it needs 'pacing: virtual'");
+    for (unsigned i = 1; i < r->count; i++)
+        if (strcmp(r->nodes[i].time, n->time) != 0)
+            return refuse_time(&r->nodes[i], "has another time than the first one");
+    const int length =
+        snprintf(text, sizeof text, "%d\t%s\t%s", (int)getpid(), n->name, n->time);
+    return length > 0 && (size_t)length < sizeof text && setenv(VIRTUAL_VARIABLE, text, 1) == 0;
+}
+
 /* ---- Running --------------------------------------------------------------------------------- */
 
 static int run_program(char **arguments)
@@ -204,7 +236,8 @@ int cli_run(int argc, char **argv)
                        .options_first = true,
                        .options = {{.name = "bus", .text = take_bus},
                                    {.name = "as", .text = take_node},
-                                   {.name = "interface", .text = take_interface}},
+                                   {.name = "interface", .text = take_interface},
+                                   {.name = "virtual", .flag = &r.virtual_time}},
                        .user = &r};
     const int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
@@ -213,7 +246,8 @@ int cli_run(int argc, char **argv)
         plain_print(stderr, "usage: %s\n", usage);
         return CLI_USAGE;
     }
-    if (!has_good_names(&r) || !find_nodes(&r) || !set_interfaces(&r) || !set_library())
+    if (!has_good_names(&r) || !find_nodes(&r) || !set_interfaces(&r) || !set_time(&r) ||
+        !set_library())
         return CLI_BAD_INPUT;
     run_warn_of(argv[first]);
     return run_program(argv + first);

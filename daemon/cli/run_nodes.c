@@ -34,6 +34,7 @@ typedef struct told_node {
 typedef struct search {
     run_node *node;
     const char *directory; /* of relative paths */
+    const char *time;      /* the socket of virtual time, or NULL */
     told_node found;       /* the node itself, or a place for a guest */
     bool there;
     char names[NAMES_MAX]; /* of all nodes */
@@ -58,6 +59,15 @@ static bool refuse(const search *s, const char *why)
     return false;
 }
 
+/* Writes a path as it is from here. Returns false when it is too long. */
+static bool resolve(const search *s, char out[RUN_PATH_BYTES], const char *path)
+{
+    const bool relative = path[0] != '/' && s->directory;
+    const int length = snprintf(out, RUN_PATH_BYTES, "%s%s%s", relative ? s->directory : "",
+                                relative ? "/" : "", path);
+    return length > 0 && (size_t)length < RUN_PATH_BYTES;
+}
+
 /* Takes the path of the port of the node that was found. */
 static bool take(search *s)
 {
@@ -76,10 +86,7 @@ static bool take(search *s)
         return refuse(s, why);
     n->fd = s->found.fd;
     n->guest = s->found.guest;
-    const bool relative = port.path[0] != '/' && s->directory;
-    const int length = snprintf(n->path, sizeof n->path, "%s%s%s", relative ? s->directory : "",
-                                relative ? "/" : "", port.path);
-    if (length < 0 || (size_t)length >= sizeof n->path)
+    if (!resolve(s, n->path, port.path) || (s->time && !resolve(s, n->time, s->time)))
         return refuse(s, "the path of its port is too long from here");
     struct stat there;
     if (stat(n->path, &there) == 0)
@@ -102,6 +109,7 @@ static bool find_in_status(search *s)
     const json_t *status = json_object_get(reply, "status");
     const json_t *nodes = json_object_get(status, "nodes");
     s->directory = json_string_value(json_object_get(status, "directory"));
+    s->time = json_string_value(json_object_get(json_object_get(status, "virtual"), "socket"));
     for (size_t i = 0; i < json_array_size(nodes); i++) {
         const json_t *node = json_array_get(nodes, i);
         const told_node told = {.name = json_string_value(json_object_get(node, "name")),
@@ -130,6 +138,7 @@ static bool find_in_file(search *s)
     if (!config)
         return false;
     s->directory = getcwd(directory, sizeof directory);
+    s->time = config->virtual_time.socket;
     for (size_t i = 0; i < config->node_count; i++) {
         const told_node told = {.name = config->nodes[i].name,
                                 .port = config->nodes[i].port,

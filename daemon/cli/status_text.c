@@ -72,6 +72,26 @@ static void print_pace(FILE *out, const json_t *bus)
                 number(bus, "skips"), skipped_ms / 1000, skipped_ms % 1000);
 }
 
+/* Returns what a bus in virtual time does now. */
+static const char *virtual_doing(const json_t *now)
+{
+    if (!json_is_true(json_object_get(now, "begun")))
+        return "waits for programs";
+    if (json_is_string(json_object_get(now, "runs")))
+        return "holds for";
+    return json_is_true(json_object_get(now, "rests")) ? "rests" : "goes on";
+}
+
+/* Prints how far virtual time is: "    virtual time, programs 2 of 2, holds for candump can0". */
+static void print_virtual(FILE *out, const json_t *now)
+{
+    const char *runs = json_string_value(json_object_get(now, "runs"));
+    if (!json_is_object(now))
+        return;
+    fprintf(out, "    virtual time, programs %jd of %jd, %s%s%s\n", number(now, "joined"),
+            number(now, "programs"), virtual_doing(now), runs ? " " : "", runs ? runs : "");
+}
+
 /* Prints the busy bits and the load by rate, on a bus with CAN FD. */
 static void print_rates(FILE *out, const json_t *bus)
 {
@@ -492,6 +512,7 @@ void status_print(FILE *out, const json_t *status)
     const json_t *bus = json_object_get(status, "bus");
     const json_t *nodes = json_object_get(status, "nodes");
     print_bus(out, bus);
+    print_virtual(out, json_object_get(status, "virtual"));
     for (size_t i = 0; i < json_array_size(nodes); i++)
         print_node(out, json_array_get(nodes, i), i + 1, number(bus, "bitrate"));
     for (size_t i = 0; i < json_array_size(recordings); i++)

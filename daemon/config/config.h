@@ -211,7 +211,21 @@ typedef enum cfg_termination {
     CFG_TERMINATION_NONE
 } cfg_termination;
 
-typedef enum cfg_pacing { CFG_PACING_PRECISE = 0, CFG_PACING_TICK, CFG_PACING_SPIN } cfg_pacing;
+typedef enum cfg_pacing {
+    CFG_PACING_PRECISE = 0,
+    CFG_PACING_TICK,
+    CFG_PACING_SPIN,
+    CFG_PACING_VIRTUAL /* by the programs that have joined its time */
+} cfg_pacing;
+
+#define CFG_PROGRAMS_MAX 64u
+
+/* The virtual time of a bus. */
+typedef struct cfg_virtual {
+    uint8_t programs; /* that must have joined before time begins; default 1 */
+    char *socket;     /* at which they join; set when `pacing` is virtual */
+    cfg_place place;
+} cfg_virtual;
 
 /* The action at the start, and at a reload, when the interface of a port is missing. */
 typedef enum cfg_missing_port { CFG_MISSING_PORT_FAIL = 0, CFG_MISSING_PORT_WAIT } cfg_missing_port;
@@ -337,6 +351,7 @@ typedef struct cfg {
     char *control; /* socket path, or NULL */
     cfg_place control_place;
     cfg_pacing pacing;
+    cfg_virtual virtual_time;
     cfg_missing_port missing_port;
     const char *warnings; /* a line each, FILE:LINE:COLUMN: warning: ...; "" when there is none */
     bool vxcan; /* ports that are interfaces have a peer, by default one with the node's name */

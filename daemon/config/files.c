@@ -44,12 +44,17 @@ void cfg_add_files_written(fileuses *all, const cfg *config)
     }
 }
 
-/* Adds the control socket and the sockets of ports. */
+/* Adds the sockets of control, of virtual time and of ports. */
 static void add_sockets(fileuses *all, const cfg *config)
 {
     fileuse use = at_place(config, config->control_place);
     use.what = "control";
     use.path = config->control;
+    if (use.path)
+        fileuses_add_socket(all, &use);
+    use = at_place(config, config->virtual_time.place);
+    use.what = "virtual";
+    use.path = config->virtual_time.socket;
     if (use.path)
         fileuses_add_socket(all, &use);
     for (size_t i = 0; i < config->node_count; i++) {

@@ -29,6 +29,7 @@ static const schema_choice pacings[] = {
     {.name = "precise", .value = CFG_PACING_PRECISE},
     {.name = "tick", .value = CFG_PACING_TICK},
     {.name = "spin", .value = CFG_PACING_SPIN},
+    {.name = "virtual", .value = CFG_PACING_VIRTUAL},
     {.name = NULL},
 };
 
@@ -54,6 +55,7 @@ static const schema_key file_keys[] = {
     {.name = "lcm", .read = cfg_read_lcm},
     {.name = "control", .read = read_control},
     {.name = "pacing", .read = schema_read_choice, .offset = offsetof(cfg, pacing), .arg = pacings},
+    {.name = "virtual", .read = cfg_read_virtual},
     {.name = "missing-port",
      .read = schema_read_choice,
      .offset = offsetof(cfg, missing_port),
@@ -190,6 +192,8 @@ static void read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted 
         schema_complain(self, root, "this is a rig of several buses; expected the file of one bus");
     else
         schema_map(self, "configuration", root, file_keys, walk->config);
+    if (root->type == YAML_MAPPING_NODE && !*is_profile)
+        cfg_complete_virtual(self, root, walk->config);
 }
 
 /* Returns true when a configuration has all parts that its users rely on. */

@@ -18,6 +18,10 @@ schema_reader cfg_read_faults;   /* rule.c */
 schema_reader cfg_read_expect;   /* expect.c */
 schema_reader cfg_read_record;   /* record.c */
 schema_reader cfg_read_lcm;      /* lcm.c */
+schema_reader cfg_read_virtual;  /* virtual.c */
+
+/* Gives a bus in virtual time what its keys do not say. All keys of the file have been read. */
+void cfg_complete_virtual(schema *self, yaml_node_t *root, cfg *config);
 
 schema_reader cfg_read_action;  /* `do`; object: a cw_rule whose `when` has been read */
 /* Actions that act for parts of bits, action_time.c. */

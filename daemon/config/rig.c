@@ -109,6 +109,9 @@ static void read_bus(schema *self, const schema_key *key, const yaml_node_t *ite
         schema_complain(self, item, "%s: there are errors in '%s'", key->name, file);
         return;
     }
+    if (config->pacing == CFG_PACING_VIRTUAL)
+        schema_complain(self, item, "%s: '%s' has 'pacing: virtual', which a bus of a rig cannot "
+                        "have", key->name, file);
     for (size_t i = 0; i < r->bus_count; i++)
         compare(self, key, item, config, r->buses[i]);
     r->names[r->bus_count] = schema_copy(self, config->bus_name);

@@ -4,6 +4,7 @@
  */
 #include "engine/clock.h"
 
+#include "base/epoch.h"
 #include "base/number.h"
 
 #include <stdlib.h>
@@ -21,6 +22,19 @@ void clock_begin(engine_clock *c)
 {
     c->epoch_ns = clock_ns(CLOCK_MONOTONIC);
     c->realtime_offset_ns = clock_ns(CLOCK_REALTIME) - c->epoch_ns;
+}
+
+void clock_begin_virtual(engine_clock *c)
+{
+    c->epoch_ns = EPOCH_MONOTONIC_NS;
+    c->realtime_offset_ns = EPOCH_REALTIME_NS - EPOCH_MONOTONIC_NS;
+}
+
+clock_pair clock_at(const engine_clock *c, int64_t bus_ns)
+{
+    const int64_t monotonic_ns = c->epoch_ns + bus_ns;
+    return (clock_pair){.monotonic_ns = monotonic_ns,
+                        .realtime_ns = monotonic_ns + c->realtime_offset_ns};
 }
 
 void clock_follow(engine_clock *c, const clock_pair *now)

@@ -24,6 +24,12 @@ clock_pair clock_read(void);
 /* Makes the present moment bus time 0. */
 void clock_begin(engine_clock *c);
 
+/* Takes the constants of virtual time in place of the present moment. */
+void clock_begin_virtual(engine_clock *c);
+
+/* Returns a moment of virtual time, bus time in ns. */
+clock_pair clock_at(const engine_clock *c, int64_t bus_ns);
+
 /* Follows CLOCK_REALTIME, which somebody may have set: recordings adopt it when it differs by a
  * millisecond. */
 void clock_follow(engine_clock *c, const clock_pair *now);

@@ -11,6 +11,7 @@
  *   links.c    detaches and attaches nodes with their interfaces
  *   guests.c   ... and with their clients
  *   orders.c   ... and as their controllers say, which are in programs
+ *   virtual.c  bus time that the waits of programs move
  *   go_over.c  changes to another configuration
  *   engine.c   start and stop; wake-ups
  *   group.c    wake-ups of several engines with one clock and one timer
@@ -111,6 +112,7 @@ struct engine {
     int64_t due_ns; /* CLOCK_MONOTONIC: the time of the timer; INT64_MAX: none */
     int64_t wake_ns; /* in the same way: the wake-up for it */
     pacing_duty duty;
+    struct engine_virtual *virtual_time; /* NULL: real time */
     bool ticking;   /* in `tick`: ports are read at each tick and not watched meanwhile */
     engine_clock *clock; /* its own, or that of the group */
     engine_clock own_clock;
@@ -164,6 +166,24 @@ void engine_read_rest(engine *e, unsigned node);
 void engine_watch_port(engine *e, unsigned node);
 void engine_unwatch_port(engine *e, unsigned node);
 
+/* ---- virtual.c ------------------------------------------------------------------------------- */
+
+/* Gives an engine virtual time. Returns false after logging the reason. */
+bool engine_open_virtual(engine *e);
+
+/* Lets programs come. */
+void engine_begin_virtual(engine *e);
+
+void engine_close_virtual(engine *e);
+
+/* Returns the present moment, of the machine or of virtual time. */
+clock_pair engine_now(const engine *e);
+
+/* Returns true while a program has its turn, whose messages are read when it waits. */
+bool engine_is_held(const engine *e);
+
+void engine_report_virtual(const engine *e, report *out);
+
 /* ---- core.c ---------------------------------------------------------------------------------- */
 
 /* Runs releases and bus up to a tick. Returns the tick that was reached, an earlier one when the
@@ -200,6 +220,9 @@ bool engine_open_door(engine *e);
 /* Start and stop watching the door; a missing one, and one in that state already, are allowed. */
 void engine_watch_door(engine *e);
 void engine_unwatch_door(engine *e);
+
+/* Reads the door, and gives nodes to those who wait. */
+void engine_look_at_door(engine *e);
 
 /* Takes the nodes of guests off the bus whose clients have gone. */
 void engine_see_guests_off(engine *e);

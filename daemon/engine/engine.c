@@ -264,6 +264,10 @@ engine *engine_open(struct ev_loop *loop, live *config)
     e->arm = arm;
     e->over = break_loop;
     e->alarm = ALARM_CLOSED;
+    if (e->config->pacing == CFG_PACING_VIRTUAL && !engine_open_virtual(e)) {
+        engine_free(e);
+        return NULL;
+    }
     bool memory = setup_make(&e->now, e->config);
     inputs_init(&e->inputs, config, e->now.bus, engine_handle_events, e);
     if (!memory)
@@ -294,10 +298,13 @@ engine *engine_start(struct ev_loop *loop, live *config)
         engine_free(e);
         return NULL;
     }
-    clock_begin(e->clock);
+    if (!e->virtual_time)
+        clock_begin(e->clock);
     catchup_begin(&e->catchup, clock_ns(CLOCK_BOOTTIME), e->clock->epoch_ns);
     ev_io_start(loop, &e->timer);
     engine_begin(e);
+    if (e->virtual_time)
+        engine_begin_virtual(e);
     return e;
 }
 
@@ -336,6 +343,7 @@ void engine_free(engine *e)
         ev_io_stop(e->loop, &e->timer);
     alarm_close(&e->alarm);
     reload_free(e->next);
+    engine_close_virtual(e);
     setup_free(&e->now);
     free(e);
 }
@@ -400,6 +408,8 @@ const cw_bus *engine_bus(const engine *e)
 
 static uint64_t lag_ns(const engine *e)
 {
+    if (e->virtual_time)
+        return 0;
     uint64_t now = clock_tick(e->clock, clock_ns(CLOCK_MONOTONIC));
     uint64_t due = engine_next_tick(e);
     return due < now ? (now - due) / 2 * 25 : 0;
@@ -412,6 +422,7 @@ void engine_report(const engine *e, report *out)
     out->lag_ns = lag_ns(e);
     out->skips = e->catchup.skips;
     out->skipped_ns = e->catchup.skipped_ns;
+    engine_report_virtual(e, out);
     for (unsigned i = 0; i < e->config->node_count; i++) {
         port *own = e->now.ports[i];
         out->nodes[i].link = e->links.state[i];

@@ -115,18 +115,27 @@ static void admit(engine *e)
     }
 }
 
-static void on_door(struct ev_loop *loop, ev_io *io, int events)
+void engine_look_at_door(engine *e)
 {
-    (void)loop;
-    engine *e = io->data;
-    bool more = !(events & EV_ERROR) && !e->stopping;
-    if (!more)
-        return;
-    e->wake(e); /* this may be a reload without guests */
+    bool more = true;
     for (unsigned i = 0; e->now.door && more && i < READS_MAX; i++)
         (void)port_read(e->now.door, e->batch, PORT_BATCH, &more);
     if (e->now.door)
         admit(e);
+}
+
+static void on_door(struct ev_loop *loop, ev_io *io, int events)
+{
+    (void)loop;
+    engine *e = io->data;
+    if ((events & EV_ERROR) || e->stopping)
+        return;
+    if (engine_is_held(e)) {
+        engine_unwatch_door(e);
+        return;
+    }
+    e->wake(e); /* this may be a reload without guests */
+    engine_look_at_door(e);
     e->wake(e);
 }
 

@@ -54,6 +54,8 @@ static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_
     e->frames_read += count;
     for (unsigned i = 0; i < count; i++) {
         uint64_t tick = arrival_tick(e, node, &e->batch[i], now);
+        if (e->virtual_time)
+            e->batch[i].realtime_ns = now->realtime_ns;
         if (port_is_shared(e->now.ports[node]))
             share_frame(e, e->now.ports[node], &e->batch[i], tick);
         (void)inputs_send(&e->inputs, node, &e->batch[i].frame, tick); /* there is room for the
@@ -113,7 +115,7 @@ static bool read_port(engine *e, unsigned node, const clock_pair *now, bool wait
 
 void engine_read_rest(engine *e, unsigned node)
 {
-    clock_pair now = clock_read();
+    clock_pair now = engine_now(e);
     (void)read_port(e, node, &now, false);
     if (cw_bus_inbox_room(e->now.bus) <= KEPT_FREE)
         log_node_warning(e->config->nodes[node].name,
@@ -151,7 +153,7 @@ void engine_read_ports(engine *e, const clock_pair *now)
 /* Reads frames that have waited for room as soon as there is some. */
 void engine_read_pushed_back(engine *e)
 {
-    clock_pair now = clock_read();
+    clock_pair now = engine_now(e);
     for (unsigned i = 0; i < e->config->node_count; i++)
         if ((e->pushed_back >> i & 1u) && e->now.ports[i] && cw_node_room(e->now.bus, i) > 0)
             read_or_push_back(e, i, &now);

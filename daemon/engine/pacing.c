@@ -22,6 +22,7 @@ int64_t pacing_wake_ns(cfg_pacing pacing, int64_t due_ns, bool may_spin)
 {
     switch (pacing) {
     case CFG_PACING_PRECISE:
+    case CFG_PACING_VIRTUAL: /* it has no timer */
         break;
     case CFG_PACING_TICK:
         return round_up(due_ns);

@@ -70,6 +70,11 @@ static bool can_follow(const cfg *new, const cfg *old, FILE *errors)
         {"bus.name", same_text(new->bus_name, old->bus_name), new->bus_name_place},
         {"bus.bitrate", new->bitrate_bps == old->bitrate_bps, new->bitrate_place},
         {"control", same_text(new->control, old->control), new->control_place},
+        {"pacing: virtual",
+         (new->pacing == CFG_PACING_VIRTUAL) == (old->pacing == CFG_PACING_VIRTUAL),
+         new->virtual_time.place},
+        {"virtual.socket", same_text(new->virtual_time.socket, old->virtual_time.socket),
+         new->virtual_time.place},
         {"lcm", lcm->enabled == old->lcm.enabled, lcm->place},
         {"lcm.url", same_text(lcm->url, old->lcm.url), lcm->url_place},
     };

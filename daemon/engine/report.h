@@ -25,12 +25,23 @@ typedef struct report_node {
     cw_frame overflowed;  /* the last frame that was dropped by a full queue */
 } report_node;
 
+/* Virtual time. */
+typedef struct report_virtual {
+    bool on;
+    unsigned programs; /* that are there */
+    bool begun;        /* there were enough once */
+    uint64_t now_ns;   /* bus time */
+    const char *runs;  /* the words of the program whose turn it is, or NULL */
+    bool rests;        /* nothing will happen unless somebody does something from outside */
+} report_virtual;
+
 typedef struct report {
     report_node nodes[CW_NODES_MAX];
     uint64_t epoch_ns;   /* since 1970: bus time 0 */
     uint64_t lag_ns;     /* present lag behind real time */
     uint64_t skips;      /* number of times that it was too far behind ... */
     uint64_t skipped_ns; /* ... and the time that it has skipped then */
+    report_virtual virtual_time;
 } report;
 
 #endif

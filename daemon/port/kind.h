@@ -98,6 +98,8 @@ struct port {
     int reported_read_error;   /* see port_reading_changed() */
     bool gathers;          /* see port_gather() */
     errframe_limit limit;
+    port_told told[PORT_TOLD_MAX]; /* see port_take_told() */
+    unsigned told_count;
     bool loopless_begun;
     int64_t loopless_before; /* frames sent without loopback before it was opened */
     port_messages messages;
@@ -131,6 +133,12 @@ void port_count_sent(port *p, uint32_t can_id, port_sent sent);
 /* Reads the kernel's data beside a message: the arrival, 0 when unknown, and the number of messages
  * dropped before it. */
 int64_t port_take_control(port *p, struct msghdr *header);
+
+/* Notes what a process was told. */
+void port_note_told(port *p, int pid, unsigned what);
+
+/* Returns the process that has made a connection, 0 when it is not known. */
+int port_peer_of(int fd);
 
 /* Sets the kernel's count of dropped frames of a socket since it was opened, modulo 2^32. */
 void port_count_drops(port *p, uint32_t drops);

@@ -13,6 +13,7 @@
 bool member_open(member *c, const member_kind *kind, int fd, uint32_t id)
 {
     *c = (member){.state = MEMBER_NEW, .kind = kind, .fd = fd, .id = id};
+    c->pid = port_peer_of(fd);
     if (!kind->open || kind->open(c))
         return true;
     *c = (member){.state = MEMBER_NONE, .fd = -1};

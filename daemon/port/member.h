@@ -29,6 +29,7 @@ typedef struct member {
     member_state state;
     const member_kind *kind;
     int fd;
+    int pid;     /* of the process that has connected; 0: not known */
     uint32_t id; /* of the connection, which no other one of the port has; never 0 */
     uint32_t options;
     uint32_t error_mask;

@@ -288,6 +288,34 @@ bool port_client(const port *p, unsigned n, port_client_info *out)
     return p->kind->client && p->kind->client(p, n, out);
 }
 
+/* ---- Virtual time ---------------------------------------------------------------------------- */
+
+int port_peer_of(int fd)
+{
+    struct ucred peer = {.pid = 0};
+    socklen_t size = sizeof peer;
+    return getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0 ? peer.pid : 0;
+}
+
+void port_note_told(port *p, int pid, unsigned what)
+{
+    for (unsigned i = 0; i < p->told_count; i++)
+        if (p->told[i].pid == pid || i == PORT_TOLD_MAX - 1) {
+            p->told[i].pid = p->told[i].pid == pid ? pid : 0;
+            p->told[i].what |= what;
+            return;
+        }
+    p->told[p->told_count++] = (port_told){.pid = pid, .what = what};
+}
+
+unsigned port_take_told(port *p, port_told told[PORT_TOLD_MAX])
+{
+    const unsigned count = p->told_count;
+    memcpy(told, p->told, count * sizeof *told);
+    p->told_count = 0;
+    return count;
+}
+
 bool port_tunnel(const port *p, port_tunnel_info *out)
 {
     return p->kind->tunnel && p->kind->tunnel(p, out);

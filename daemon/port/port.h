@@ -48,6 +48,17 @@ typedef struct port_command {
     char settings[MESSAGE_SETTINGS_BYTES]; /* "": none */
 } port_command;
 
+/* What a process may have waited for. */
+#define PORT_TOLD_MESSAGE 0x01u /* a message for it, or its end */
+#define PORT_TOLD_ROOM 0x02u    /* a message of it was read */
+
+typedef struct port_told {
+    int pid; /* 0: of some process */
+    unsigned what;
+} port_told;
+
+#define PORT_TOLD_MAX 32u
+
 /* One of the programs at a port. */
 typedef struct port_client_info {
     const char *name; /* of a client, "" when it has not said one; NULL: the plain ECU */
@@ -153,6 +164,9 @@ void port_ended(port *p, const cw_event *event);
 
 /* Returns true when the only client of a port has gone, see door.h. */
 bool port_is_over(const port *p);
+
+/* Takes what processes at the port were told since the last call. Returns their number. */
+unsigned port_take_told(port *p, port_told told[PORT_TOLD_MAX]);
 
 /* Describes the n-th program at a port. Returns false when there are fewer. */
 bool port_client(const port *p, unsigned n, port_client_info *out);

@@ -66,6 +66,7 @@ static void turn_away(port *p, int fd, int code, const char *why)
         return;
     }
     member_refuse(&away, MESSAGE_HELLO, code, why);
+    port_note_told(p, away.pid, PORT_TOLD_MESSAGE);
     member_close(&away);
 }
 
@@ -174,6 +175,7 @@ void shared_disconnect(port *p, member *c)
 {
     if (p->commands && c->state == MEMBER_THERE && (c->options & MESSAGE_CONTROLLER))
         lose_controller(p);
+    port_note_told(p, c->pid, PORT_TOLD_MESSAGE);
     member_close(c);
     count_out(p);
 }
@@ -325,6 +327,7 @@ void shared_greet(port *p, member *c)
         send_off(p, c, EBUSY, too_many);
     else
         member_welcome(c, own(p)->node, own(p)->sharing.fd);
+    port_note_told(p, c->pid, PORT_TOLD_MESSAGE);
 }
 
 static void answer_flush(port *p, member *c);
@@ -335,6 +338,7 @@ static bool read_client(port *p, member *c, port_frame *frames, unsigned *count)
     *count = 0;
     if (c->state == MEMBER_NONE) /* it has given way since it was found */
         return false;
+    const int pid = c->pid;
     const member_result result = member_read(c, p, frames);
     *count = result == MEMBER_FRAME;
     p->stats.read += *count;
@@ -348,6 +352,8 @@ static bool read_client(port *p, member *c, port_frame *frames, unsigned *count)
         watch_room(p, c, (unsigned)(c - own(p)->programs));
     if (result == MEMBER_CONTROL)
         answer_flush(p, c);
+    if (result != MEMBER_NOTHING)
+        port_note_told(p, pid, PORT_TOLD_ROOM);
     return (c->state == MEMBER_NEW || c->state == MEMBER_THERE) && result != MEMBER_NOTHING;
 }
 
@@ -421,12 +427,17 @@ static port_sent send_client(port *p, member *c, const message_head *head, const
     watch_room(p, c, (unsigned)(c - own(p)->programs));
     shared_wake_at(p, c->wake_ns);
     p->stats.clients_lost += c->lost != lost;
+    if (sent)
+        port_note_told(p, c->pid, PORT_TOLD_MESSAGE);
     return sent ? PORT_SENT : c->lost != lost ? PORT_SEND_FAILED : PORT_UNHEARD;
 }
 
 static port_sent send_plain(port *p, const void *frame, size_t size)
 {
-    return ecu_of(p) >= 0 ? own(p)->ways->send_plain(p, frame, size) : PORT_UNHEARD;
+    if (ecu_of(p) < 0)
+        return PORT_UNHEARD;
+    port_note_told(p, own(p)->programs[PLAIN].pid, PORT_TOLD_MESSAGE);
+    return own(p)->ways->send_plain(p, frame, size);
 }
 
 /* Counts a frame of the bus; struct can_frame and struct canfd_frame have their length in one
@@ -492,11 +503,12 @@ static void give_back(port *p, member *sender, const port_frame *frame)
 }
 
 /* Tells the sender of a frame that it will not be sent. */
-static void tell_dropped(member *sender, const port *p, const port_frame *frame, cw_drop why)
+static void tell_dropped(member *sender, port *p, const port_frame *frame, cw_drop why)
 {
     message_head head = head_of(p, MESSAGE_DROPPED);
     head.number = frame->number;
     member_tell(sender, &head, why == CW_DROP_QUEUE_FULL ? ENOBUFS : ENETDOWN, cw_drop_name(why));
+    port_note_told(p, sender->pid, PORT_TOLD_MESSAGE);
 }
 
 /* The plain ECU's frames loop back always, since it cannot choose. */
@@ -520,9 +532,11 @@ static bool flushes(const port_frame *frame)
 static void answer_flush(port *p, member *c)
 {
     const message_head head = head_of(p, MESSAGE_FLUSH);
-    if (c && c->flushing && c->handed_in >= c->flush_at &&
-        !underway_has(&own(p)->underway, c->id))
-        member_flushed(c, &head);
+    if (!c || !c->flushing || c->handed_in < c->flush_at ||
+        underway_has(&own(p)->underway, c->id))
+        return;
+    member_flushed(c, &head);
+    port_note_told(p, c->pid, PORT_TOLD_MESSAGE);
 }
 
 /* Counts a frame of a client that may ask for a flush: those that were read before the question may

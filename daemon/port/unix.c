@@ -81,7 +81,7 @@ static bool connect_ecu(port *p, int fd)
 {
     if (!shared_prepare(fd, SEND_BUFFER_BYTES) || !shared_watch(p, fd, PLAIN))
         return false;
-    *plain_of(p) = (member){.fd = fd};
+    *plain_of(p) = (member){.fd = fd, .pid = port_peer_of(fd)};
     own(p)->takes_fd = false;
     p->stats.connected++;
     return true;
@@ -209,6 +209,7 @@ static int receive(port *p, unsigned max)
  * there. */
 static unsigned read_plain(port *p, port_frame *frames, unsigned max, bool *waits)
 {
+    const int pid = plain_of(p)->pid;
     const int received = receive(p, max);
     const bool nothing = received < 0 && (errno == EAGAIN || errno == EINTR);
     const int count = messages_before_end(p, received);
@@ -220,6 +221,8 @@ static unsigned read_plain(port *p, port_frame *frames, unsigned max, bool *wait
     else if (gone)
         disconnect_ecu(p);
     const unsigned taken = port_take(p, frames, count);
+    if (!nothing)
+        port_note_told(p, pid, PORT_TOLD_ROOM);
     plain_of(p)->read += gone ? 0 : taken;
     return taken;
 }
@@ -403,6 +406,7 @@ void door_welcome(port *admitted)
 {
     port_unix *u = own(admitted);
     member_welcome(&u->shared.programs[0], u->shared.node, u->shared.sharing.fd);
+    port_note_told(admitted, u->shared.programs[0].pid, PORT_TOLD_MESSAGE);
 }
 
 void door_refuse(port *door, int code, const char *text)

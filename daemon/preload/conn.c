@@ -5,6 +5,7 @@
 #include "preload/conn.h"
 
 #include "preload/real.h"
+#include "preload/waiting.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -164,7 +165,7 @@ int conn_send(int fd, const void *frame, size_t size, int flags)
     message_head head = head_of(MESSAGE_FRAME, size);
     struct iovec parts[] = {{&head, sizeof head}, {(void *)(uintptr_t)frame, size}};
     const struct msghdr whole = {.msg_iov = parts, .msg_iovlen = 2};
-    if (real()->sendmsg(fd, &whole, (flags & MSG_DONTWAIT) | MSG_NOSIGNAL) >= 0)
+    if (waiting_send(fd, &whole, (flags & MSG_DONTWAIT) | MSG_NOSIGNAL) >= 0)
         return 0;
     return conn_is_over(errno) ? ENETDOWN : errno;
 }

@@ -9,6 +9,8 @@
 #include "preload/raw.h"
 #include "preload/real.h"
 #include "preload/relay.h"
+#include "preload/vtime.h"
+#include "preload/vtimer.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -116,6 +118,20 @@ static void forked_child(void)
     bcm_forked();
     pump_forked();
     table_unlock();
+    vtimer_forked();
+    vtime_fork_child();
+}
+
+static void forking(void)
+{
+    vtime_fork_prepare();
+    table_lock();
+}
+
+static void forked_parent(void)
+{
+    table_unlock();
+    vtime_fork_parent();
 }
 
 static void __attribute__((constructor)) begin(void)
@@ -123,7 +139,8 @@ static void __attribute__((constructor)) begin(void)
     real_find();
     ifmap_read();
     table_on_end = end;
-    (void)pthread_atfork(table_lock, table_unlock, forked_child);
+    (void)pthread_atfork(forking, forked_parent, forked_child);
+    vtime_begin();
 }
 
 static void __attribute__((destructor)) finish(void)

@@ -4,6 +4,7 @@
  */
 #include "preload/create.h"
 #include "preload/hook.h"
+#include "preload/vtimer.h"
 
 #include <fcntl.h>
 #include <linux/close_range.h>
@@ -13,6 +14,7 @@
 
 HOOK int close(int fd)
 {
+    vtimer_forget(fd);
     if (!table_concerns(fd))
         return real()->close(fd);
     if (table_is_hidden(fd))

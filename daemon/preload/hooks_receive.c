@@ -4,6 +4,8 @@
  */
 #include "preload/hook.h"
 #include "preload/receive.h"
+#include "preload/vtimer.h"
+#include "preload/waiting.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -27,6 +29,8 @@ static void check_room(size_t size, size_t room)
 HOOK ssize_t read(int fd, void *to, size_t size)
 {
     cansock *s = table_take(fd);
+    if (!s && vtimer_is_fd(fd))
+        return waiting_read(fd, to, size);
     return s ? into(s, fd, to, size, 0) : real()->read(fd, to, size);
 }
 

@@ -7,6 +7,7 @@
 #include "base/moment.h"
 #include "preload/real.h"
 #include "preload/table.h"
+#include "preload/vtime.h"
 
 #include <poll.h>
 #include <pthread.h>
@@ -26,7 +27,9 @@ static int wake = -1;
 int64_t pump_now_ns(void)
 {
     struct timespec now;
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    if (vtime_is_on())
+        return vtime_on(CLOCK_MONOTONIC, vtime_now_ns());
+    (void)real()->clock_gettime(CLOCK_MONOTONIC, &now);
     return now.tv_sec * NS_PER_S + now.tv_nsec;
 }
 
@@ -61,7 +64,7 @@ static void wait_for_items(struct pollfd *fds, nfds_t count, int64_t due_ns)
     if (left_ns > 0)
         left = moment_of(left_ns);
     table_unlock();
-    const int found = ppoll(fds, count, due_ns == PUMP_NEVER ? NULL : &left, NULL);
+    const int found = real()->ppoll(fds, count, due_ns == PUMP_NEVER ? NULL : &left, NULL);
     table_lock();
     if (found <= 0)
         return;
@@ -87,24 +90,56 @@ static bool run_one(int64_t now_ns)
     return false;
 }
 
+/* Waits for items, at most until a time, and runs those that are ready or due. */
+static void run_items(int64_t until_ns)
+{
+    int64_t due_ns = PUMP_NEVER;
+    const nfds_t room = count_items();
+    struct pollfd *fds = calloc(room, sizeof *fds);
+    const nfds_t count = fds ? list(fds, room, &due_ns) : 0;
+    if (fds)
+        wait_for_items(fds, count, due_ns < until_ns ? due_ns : until_ns);
+    free(fds);
+    const int64_t now_ns = pump_now_ns();
+    for (nfds_t k = 0; k < 2 * room && run_one(now_ns); k++)
+        continue;
+}
+
 static void *pump(void *nothing)
 {
     (void)nothing;
     table_lock();
-    for (;;) {
-        int64_t due_ns = PUMP_NEVER;
-        const nfds_t room = count_items();
-        struct pollfd *fds = calloc(room, sizeof *fds);
-        const nfds_t count = fds ? list(fds, room, &due_ns) : 0;
-        if (fds)
-            wait_for_items(fds, count, due_ns);
-        free(fds);
-        const int64_t now_ns = pump_now_ns();
-        for (nfds_t k = 0; k < 2 * room && run_one(now_ns); k++)
-            continue;
-    }
+    for (;;)
+        run_items(PUMP_NEVER);
     return NULL;
 }
+
+/* ---- Virtual time ---------------------------------------------------------------------------- */
+
+bool pump_has_items(void)
+{
+    return items != NULL;
+}
+
+int64_t pump_due_ns(void)
+{
+    int64_t due_ns = PUMP_NEVER;
+    for (const pump_item *i = items; i; i = i->next)
+        if (i->due_ns < due_ns)
+            due_ns = i->due_ns;
+    return due_ns == PUMP_NEVER ? VTIME_NEVER : vtime_of(CLOCK_MONOTONIC, due_ns);
+}
+
+void pump_step(void)
+{
+    if (!items)
+        return;
+    table_lock();
+    run_items(0);
+    table_unlock();
+}
+
+/* ---- The thread ------------------------------------------------------------------------------ */
 
 /* Starts the thread. It takes no signals, which are the program's. */
 static void start(void)
@@ -112,7 +147,7 @@ static void start(void)
     pthread_t thread;
     pthread_attr_t attributes;
     sigset_t all, before;
-    if (runs)
+    if (runs || vtime_is_on())
         return;
     if (wake < 0)
         wake = table_hide(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
@@ -120,7 +155,7 @@ static void start(void)
     (void)pthread_sigmask(SIG_SETMASK, &all, &before);
     (void)pthread_attr_init(&attributes);
     (void)pthread_attr_setdetachstate(&attributes, PTHREAD_CREATE_DETACHED);
-    runs = pthread_create(&thread, &attributes, pump, NULL) == 0;
+    runs = real()->pthread_create(&thread, &attributes, pump, NULL) == 0;
     (void)pthread_attr_destroy(&attributes);
     (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
 }
@@ -134,7 +169,8 @@ void pump_put(pump_item *item)
         items = item;
     }
     start();
-    (void)!real()->write(wake, &one, sizeof one);
+    if (wake >= 0)
+        (void)!real()->write(wake, &one, sizeof one);
 }
 
 void pump_remove(pump_item *item)

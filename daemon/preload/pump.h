@@ -27,6 +27,12 @@ struct pump_item {
 
 int64_t pump_now_ns(void);
 
+/* In virtual time there is no thread: waiting calls of the program run the items. None of these
+ * needs the lock. pump_due_ns(): bus time in ns at which the first item is due. */
+int64_t pump_due_ns(void);
+bool pump_has_items(void);
+void pump_step(void);
+
 /* Adds an item, or says that it has changed. The thread starts when there is none. */
 void pump_put(pump_item *item);
 

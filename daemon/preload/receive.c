@@ -8,6 +8,7 @@
 #include "preload/conn.h"
 #include "preload/raw.h"
 #include "preload/real.h"
+#include "preload/waiting.h"
 
 #include <errno.h>
 #include <linux/net_tstamp.h>
@@ -129,9 +130,9 @@ static ssize_t take(cansock *s, int fd, incoming *in, int flags)
 {
     const int known = flags & (MSG_PEEK | MSG_DONTWAIT);
     in->head = (message_head){.type = 0};
-    ssize_t size = real()->recv(fd, in, sizeof *in, known);
+    ssize_t size = waiting_recv(fd, in, sizeof *in, known);
     if (size < 0 && errno == ECONNRESET)
-        size = real()->recv(fd, in, sizeof *in, known);
+        size = waiting_recv(fd, in, sizeof *in, known);
     if (size > 0)
         return size;
     if (size == 0 || errno == ECONNRESET)

@@ -4,8 +4,10 @@
  */
 #include "run/journal.h"
 
+#include "base/epoch.h"
 #include "base/jsonput.h"
 #include "base/log.h"
+#include "base/moment.h"
 #include "base/number.h"
 #include "base/spool.h"
 #include "base/thread.h"
@@ -370,11 +372,13 @@ static void put_marks(journal *j, const char *key)
 
 /* ---- The beginning --------------------------------------------------------------------------- */
 
-static void print_time(char out[32])
+/* Writes when the buses have started, in virtual time that of its clock. */
+static void print_time(char out[32], const cfg *config)
 {
-    struct timespec now;
+    struct timespec now = moment_of(EPOCH_REALTIME_NS);
     struct tm date;
-    (void)clock_gettime(CLOCK_REALTIME, &now);
+    if (config->pacing != CFG_PACING_VIRTUAL)
+        (void)clock_gettime(CLOCK_REALTIME, &now);
     size_t used = strftime(out, 32, "%Y-%m-%dT%H:%M:%S", gmtime_r(&now.tv_sec, &date));
     (void)snprintf(out + used, 32 - used, ".%06ldZ", now.tv_nsec / 1000);
 }
@@ -580,7 +584,7 @@ static journal *open_file(const char *file, unsigned files, char error[JOURNAL_E
 static journal *begin(journal *j)
 {
     spool_last(j->spool);
-    print_time(j->started);
+    print_time(j->started, j->buses[0].config);
     put_header(j);
     put_configs(j, 0);
     return j;

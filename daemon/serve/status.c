@@ -226,6 +226,22 @@ static json_t *bus_json(const cfg *config, const cw_bus *bus, const report *beyo
     return object;
 }
 
+/* Puts how far virtual time has come, if the bus has that. */
+static void put_virtual(json_t *status, const cfg *config, const report_virtual *now)
+{
+    if (!now->on)
+        return;
+    json_t *object = json_object();
+    put_text(object, "socket", config->virtual_time.socket);
+    put_count(object, "programs", config->virtual_time.programs);
+    put_count(object, "joined", now->programs);
+    put_bool(object, "begun", now->begun);
+    put_count(object, "now_ns", now->now_ns);
+    put_text(object, "runs", now->runs);
+    put_bool(object, "rests", now->rests);
+    put(status, "virtual", object);
+}
+
 /* Returns the files that the configuration reads besides its own. */
 static json_t *reads_json(const cfg *config)
 {
@@ -260,6 +276,7 @@ json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
     put_directory(object);
     put(object, "reads", reads_json(config));
     put_text(object, "control", config->control);
+    put_virtual(object, config, &beyond->virtual_time);
     put(object, "bus", bus_json(config, bus, beyond));
     for (unsigned i = 0; i < config->node_count; i++)
         put_last(nodes, node_json(config, bus, i, &beyond->nodes[i], errors));

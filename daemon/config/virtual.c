@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * virtual.c - the keys of `virtual`: the programs whose waits move the time of a bus.
+ */
+#include "config/parts.h"
+
+#include "config/portname.h"
+#include "config/source.h"
+#include "config/values.h"
+
+#include <string.h>
+
+static schema_reader read_socket;
+
+static const schema_range programs_range = {1, CFG_PROGRAMS_MAX, sizeof(uint8_t)};
+
+static const schema_key virtual_keys[] = {
+    {.name = "programs",
+     .read = schema_read_uint,
+     .offset = offsetof(cfg, virtual_time.programs),
+     .arg = &programs_range},
+    {.name = "socket", .read = read_socket},
+    {.name = NULL},
+};
+
+static void read_socket(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+    const char *text = schema_text(self, key, value, "the path of a socket");
+    if (text)
+        config->virtual_time.socket = cfg_resolve_path(self, config->file, text);
+}
+
+void cfg_read_virtual(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+    config->virtual_time.place = cfg_place_of(value);
+    if (config->pacing != CFG_PACING_VIRTUAL)
+        schema_complain(self, value, "%s: only a bus with 'pacing: virtual' has it", key->name);
+    schema_map(self, key->name, value, virtual_keys, config);
+}
+
+/* Returns true for a path that a socket can have. */
+static bool fits(const char *path)
+{
+    return strlen(path) <= PORTNAME_PATH_MAX;
+}
+
+void cfg_complete_virtual(schema *self, yaml_node_t *root, cfg *config)
+{
+    cfg_virtual *v = &config->virtual_time;
+    if (config->pacing != CFG_PACING_VIRTUAL)
+        return;
+    const yaml_node_t *at = schema_find(self, root, "virtual");
+    if (!at)
+        at = schema_find(self, root, "pacing");
+    v->place = cfg_place_of(at);
+    if (v->programs == 0)
+        v->programs = 1;
+    if (!v->socket && !config->control)
+        schema_complain(self, at, "virtual: socket: expected the path of a socket, at which "
+                        "programs join; with 'control' it is that path with .time behind it");
+    else if (!v->socket)
+        v->socket = schema_print(self, "%s.time", config->control);
+    if (v->socket && !fits(v->socket))
+        schema_complain(self, at, "virtual: socket: the path of a socket has at most %u bytes, not "
+                        "%zu (%s)", PORTNAME_PATH_MAX, strlen(v->socket), v->socket);
+}

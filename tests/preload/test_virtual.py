@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: MIT
+"""Unmodified programs in virtual time: canwire run --virtual at a bus with `pacing: virtual`."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from simtool import (CANWIRE, CANWIRED, ROOT, TIMEOUT_S, canwire, events, kill_all, listens,
+                     stop_canwired)
+from test_record import wait_until
+
+BUS = """bus: {{ name: slow, bitrate: 500000 }}
+control: slow.sock
+pacing: virtual
+virtual: {{ programs: {programs} }}
+{more}
+nodes:
+  - {{ name: engine, port: "unix:engine.sock"{engine} }}
+  - {{ name: dash, port: "unix:dash.sock" }}
+  - {{ name: idle }}
+"""
+
+
+class Virtual:
+    def __init__(self, folder, programs=1, more="", engine=""):
+        folder.mkdir(exist_ok=True)
+        self.folder, self.log, self.started = folder, folder / "stderr", []
+        (folder / "bus.yaml").write_text(BUS.format(programs=programs, more=more, engine=engine))
+        with self.log.open("w") as log:
+            self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml", "--journal", "journal"],
+                                            cwd=folder, stderr=log)
+        wait_until(lambda: listens(folder / "slow.sock") or self.process.poll() is not None,
+                   "the bus")
+
+    def begin(self, node, *program, **more):
+        words = [CANWIRE, "run", "--virtual", "--bus", "./slow.sock", "--as", node, "--", *program]
+        more = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **more}
+        self.started.append(subprocess.Popen(list(map(str, words)), cwd=self.folder, text=True,
+                                             stdin=subprocess.DEVNULL, **more))
+        return self.started[-1]
+
+    @staticmethod
+    def end(program, status=0):
+        out, errors = program.communicate(timeout=TIMEOUT_S)
+        assert program.returncode == status, (program.returncode, out, errors)
+        return out
+
+    def run(self, node, *program, status=0):
+        return self.end(self.begin(node, *program), status)
+
+    def status(self):
+        return json.loads(canwire("status", "./slow.sock", "--json", cwd=self.folder).stdout)
+
+    def stop(self):
+        return stop_canwired(self.process, self.log)
+
+
+@pytest.fixture
+def bus(tmp_path):
+    """bus(KEY=TEXT…) starts a canwired in virtual time, in a folder of its own."""
+    buses = []
+
+    def make(**more):
+        buses.append(Virtual(tmp_path / f"bus-{len(buses)}", **more))
+        return buses[-1]
+
+    yield make
+    for one in buses:
+        kill_all([*one.started, one.process])
+
+
+@pytest.fixture(scope="module")
+def waits(tmp_path_factory):
+    """The path of the program waits.c."""
+    made = tmp_path_factory.mktemp("waits") / "waits"
+    subprocess.run([os.environ.get("CC", "cc"), "-D_GNU_SOURCE", "-O1", "-Wall", "-Wextra",
+                    "-Werror", "-pthread", "-o", made, ROOT / "tests/preload/waits.c"], check=True)
+    return made
+
+
+# ---- Waiting --------------------------------------------------------------------------------------
+
+EXPECTED = {
+    "sleeps": """5.000 nanosleep 0
+1000.000 clock_nanosleep 0
+1000.250 usleep 0
+3601000.250 sleep 0
+3601007.250 poll 0
+3601010.250 select 0
+1 1 1
+""",
+    # alarm() ends a read, and the timer of 1 ms has rung four times more
+    "timers": """30.000 timerfd 1
+80.000 timerfd 2
+90.000 poll 1
+2090.000 read -4
+2094.000 alarms 5
+""",
+    "spins": "over\n",
+    "computes": "0.000 computed 0\n",
+    "has_children": """1.000 slept 0
+5.000 child 3
+2005.000 system 0
+""",
+}
+
+
+@pytest.mark.parametrize("way", EXPECTED)
+def test_each_wait_ends_at_its_time(bus, waits, way):
+    assert bus().run("engine", waits, way, "engine") == EXPECTED[way]
+
+
+def test_frames_wake_those_who_wait_for_them(bus, waits):
+    """A frame of no data and identifier 0 lasts 56 bits with its stuff bits and acknowledgement,
+    and is there at the end of the last but one bit of EOF."""
+    b = bus(programs=2)
+    reader = b.begin("dash", waits, "receives", "dash")
+    b.run("engine", "cangen", "engine", "-g", "10", "-n", "3", "-I", "123", "-L", "0")
+    shown = [line.split(" ", 1) for line in b.end(reader).splitlines()]
+    assert [line[1] for line in shown] == [
+        "poll 1", "read 16", "select 0", "blocking read 16", "read with a limit -11",
+        "epoll_wait 0", "epoll_wait 1", "read 16", "read -11"]
+    at = [float(line[0]) for line in shown]
+    assert at[0] == at[1] and 0.1 < at[0] < 0.15  # its bits, and 11 before that
+    assert at[2] == pytest.approx(at[0] + 4, abs=0.0011)
+    assert at[3] == pytest.approx(at[0] + 10, abs=0.05)
+    assert at[4] == pytest.approx(at[3] + 4, abs=0.0011) and at[6] == at[7] == at[8]
+
+
+def test_a_program_of_an_hour_takes_no_time(bus):
+    b, begun = bus(), time.monotonic()
+    b.run("engine", "sleep", "3600")
+    assert time.monotonic() - begun < 20
+    assert b.status()["virtual"] == {"socket": "slow.sock.time", "programs": 1, "joined": 0,
+                                     "begun": True, "now_ns": 3600 * 10**9, "runs": None,
+                                     "rests": True}
+
+
+# ---- Runs are the same ----------------------------------------------------------------------------
+
+SCRIPT = ("cansequence engine --loop=100; sleep 3; cansend engine 111#22; sleep 0.01; "
+          "cangen engine -g 5 -n 50; cangen engine -g 0 -p 1 -n 200")
+
+
+def drive(b):
+    """Runs three programs, one of them a shell with others; what they have shown."""
+    with (b.folder / "watch").open("w") as log:
+        watch = subprocess.Popen([CANWIRE, "watch", "./slow.sock"], cwd=b.folder, stdout=log)
+    record = subprocess.Popen([CANWIRE, "record", "./slow.sock", "bus.log"], cwd=b.folder,
+                              stderr=subprocess.PIPE, text=True)
+    assert "writing" in record.stderr.readline()
+    wait_until(lambda: (b.folder / "bus.log").exists(), "the recording")
+    dump = b.begin("dash", "candump", "-t", "z", "-x", "-T", "4000", "dash")
+    other = b.begin("dash", "cangen", "dash", "-g", "7", "-n", "30")
+    b.run("engine", "sh", "-c", SCRIPT)
+    b.end(other)
+    shown = b.end(dump)
+    kill_all([])
+    for one in (record, watch):
+        one.send_signal(signal.SIGINT)
+        one.wait(TIMEOUT_S)
+    b.stop()
+    return shown
+
+
+def without_configuration(journal):
+    return [line for line in journal.read_text().splitlines() if '"config"' not in line]
+
+
+def test_two_runs_are_the_same_byte_for_byte(bus):
+    pair = [bus(programs=3), bus(programs=3)]
+    one, other = map(drive, pair)
+    assert one == other and len(one.splitlines()) == 381
+    journals = [without_configuration(b.folder / "journal") for b in pair]
+    assert journals[0] == journals[1] and len(journals[0]) > 381
+    logs = [(b.folder / "bus.log").read_bytes() for b in pair]
+    assert logs[0] == logs[1] and logs[0].count(b"\n") == 381
+    assert logs[0].startswith(b"(1000000000.000134) engine 002#00\n")
+
+
+def test_the_journal_repeats_the_run(bus):
+    b = bus(programs=2)
+    dump = b.begin("dash", "candump", "-L", "-T", "1000", "dash")
+    b.run("engine", "cangen", "engine", "-g", "3", "-n", "40")
+    seen = [re.sub(r"\(\d+\.\d+\) dash ", "", line) for line in b.end(dump).splitlines()]
+    b.stop()
+    log = canwire("sim", "--journal", "journal", "--events", "-", cwd=b.folder).stdout
+    assert [e["frame"] for e in map(json.loads, log.splitlines()) if e["event"] == "rx" and
+            e["node"] == "dash"] == seen and len(seen) == 40
+
+
+# ---- Programs -------------------------------------------------------------------------------------
+
+PYTHON_CAN = """
+import can, time
+begin = time.monotonic()
+with can.Bus(interface="socketcan", channel="{node}") as bus:
+    {body}
+"""
+PERIODIC = """task = bus.send_periodic(can.Message(arbitration_id=0x77, is_extended_id=False), 0.25)
+    time.sleep(60.1)
+    task.stop()
+    print(round(time.monotonic() - begin, 6))"""
+RECEIVE = """stamps = [bus.recv(5).timestamp for _ in range(241)]
+    print(len({round(b - a, 6) for a, b in zip(stamps, stamps[1:])} - {0.25}), bus.recv(5))"""
+
+
+def test_python_can_with_frames_of_can_bcm(bus):
+    b = bus(programs=2)
+    reader = b.begin("dash", sys.executable, "-c", PYTHON_CAN.format(node="dash", body=RECEIVE))
+    out = b.run("engine", sys.executable, "-c", PYTHON_CAN.format(node="engine", body=PERIODIC))
+    assert float(out) == pytest.approx(60.1, abs=0.05)
+    assert b.end(reader) == "0 None\n"
+
+
+def test_a_program_whose_queue_is_full_waits_for_the_bus(bus):
+    """A frame of 8 bytes has 111 to 135 bits with intermission; the program could write all at
+    once."""
+    b = bus(engine=", queue: 2")
+    b.run("engine", "cangen", "engine", "-g", "0", "-n", "2000", "-L", "8", "-I", "555")
+    wait_until(lambda: b.status()["virtual"]["rests"], "the end")
+    status = b.status()
+    assert status["bus"]["frames"] == 2000 and not any(status["nodes"][0]["dropped"].values())
+    assert 2000 * 111 * 2000 <= status["virtual"]["now_ns"] < 2000 * 136 * 2000
+
+
+def test_guests_in_virtual_time(bus):
+    b = bus(more='guests: { count: 4, port: "unix:guests.sock" }')
+    assert b.run("tester", "sh", "-c", "cansend tester 123#45; sleep 1; cansend tester 124#") == ""
+    assert b.status()["bus"]["frames"] == 2
+
+
+def test_threads_are_refused(bus, waits):
+    b = bus()
+    program = b.begin("engine", waits, "makes_threads", "engine")
+    out, errors = program.communicate(timeout=TIMEOUT_S)
+    assert out == "0.000 pthread_create 1\n"
+    assert errors.count("only programs of one thread have virtual time") == 1
+
+
+def test_signals_reach_a_program_that_waits(bus):
+    b = bus(programs=2)
+    dump = b.begin("dash", "candump", "dash")
+    sleeper = b.begin("engine", "sh", "-c", "sleep 5; cansend engine 01A#; sleep 2")
+    b.end(sleeper)
+    assert dump.stdout.readline().split() == ["dash", "01A", "[0]"]
+    dump.send_signal(signal.SIGTERM)
+    assert dump.wait(TIMEOUT_S) == 0  # it has a handler
+    wait_until(lambda: b.status()["virtual"]["joined"] == 0, "its end")
+
+
+def test_a_program_that_is_killed_holds_nobody(bus, waits):
+    b = bus(programs=2)
+    idle = b.begin("dash", "sleep", "1000000")
+    busy = b.begin("engine", sys.executable, "-c", "while True: pass")
+    wait_until(lambda: "while True" in (b.status()["virtual"]["runs"] or ""), "its turn")
+    assert b.status()["virtual"]["now_ns"] < 10**7 and idle.poll() is None
+    busy.kill()
+    b.end(idle)
+
+
+def test_time_begins_when_all_programs_are_there(bus):
+    b = bus(programs=2)
+    first = b.begin("engine", "cangen", "engine", "-g", "100", "-n", "10")
+    wait_until(lambda: b.status()["virtual"]["joined"] == 1, "the first program")
+    time.sleep(0.2)
+    status = b.status()
+    assert first.poll() is None and not status["virtual"]["begun"]
+    assert status["bus"]["frames"] == 0 and status["virtual"]["now_ns"] == 0
+    b.run("dash", "candump", "-n", "10", "dash")
+    b.end(first)
+
+
+def test_programs_go_on_when_the_bus_goes(bus):
+    """Their clock then is that of the machine."""
+    b = bus(programs=1)
+    code = "import time; print(time.monotonic(), flush=True); input()\n"
+    program = b.begin("engine", "sh", "-c", "echo ready; read line; sleep 0.1; echo over")
+    program.kill()
+    program = b.begin("engine", sys.executable, "-c", code + "pass")
+    assert float(program.stdout.readline()) >= 1000
+
+
+# ---- What is refused ------------------------------------------------------------------------------
+
+def test_virtual_needs_virtual_time(bus, tmp_path):
+    b = bus()
+    (tmp_path / "real.yaml").write_text("bus: { name: r, bitrate: 500000 }\nnodes:\n"
+                                        "  - { name: engine, port: 'unix:r.sock' }\n")
+    (tmp_path / "r.sock").touch()
+    done = canwire("run", "--virtual", "--bus", "real.yaml", "--as", "engine", "--", "true",
+                   status=1, cwd=tmp_path)
+    assert done.stderr == ("canwire run: --virtual: bus real.yaml has real time: it needs "
+                           "'pacing: virtual'\n")
+    done = canwire("run", "--bus", "./slow.sock", "--as", "engine", "--", "true", cwd=b.folder)
+    assert "bus ./slow.sock has virtual time" in done.stderr
+
+
+@pytest.mark.parametrize("text, message", [
+    ("virtual: {}\n", "3:10: virtual: only a bus with 'pacing: virtual' has it"),
+    ("pacing: virtual\n", "3:9: virtual: socket: expected the path of a socket"),
+    ("pacing: virtual\nvirtual: { programs: 0, socket: s }\n",
+     "programs: expected a decimal integer 1..64, not '0'"),
+    ("pacing: virtual\nvirtual: { socket: " + "x" * 200 + " }\n", "has at most 107 bytes"),
+])
+def test_wrong_configurations(tmp_path, text, message):
+    (tmp_path / "bus.yaml").write_text("bus: { name: r, bitrate: 500000 }\nnodes: [{ name: a }]\n" +
+                                       text)
+    assert message in canwire("check", "bus.yaml", status=1, cwd=tmp_path).stderr
+
+
+def test_sim_runs_such_a_file_as_any_other(tmp_path):
+    (tmp_path / "bus.yaml").write_text(
+        "bus: { name: r, bitrate: 500000 }\npacing: virtual\nvirtual: { socket: s }\n"
+        "nodes: [{ name: a, traffic: [{ send: 123# }] }, { name: b }]\n")
+    assert [e["event"] for e in events(tmp_path / "bus.yaml")] == ["rx", "tx"]
