@@ -71,7 +71,7 @@ _canwire_options() {
     inject) echo --with --help ;;
     clear) echo --injected --help ;;
     reload) echo --config --pid --help ;;
-    run) echo --bus --as --interface --help ;;
+    run) echo --bus --as --interface --virtual --help ;;
     *) echo --help ;;
     esac
 }
