@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: MIT
+"""The shipped campaign config/wheel-speed: what config/wheel-speed.md says of it is true.
+
+All of it has a million rows; here are those that the page is about.
+"""
+import json
+import pathlib
+import re
+
+import pytest
+import yaml
+
+from simtool import canwire
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+CAMPAIGN = ROOT / "config/wheel-speed/campaign.yaml"
+PAGE = (ROOT / "config/wheel-speed.md").read_text(encoding="utf-8")
+MODES = [("off", 20), ("off", 100), ("on", 20), ("on", 100)]
+
+
+@pytest.fixture(name="rows")
+def fixture_rows(write):
+    """rows(status, NAME=value or list, ...): the rows of the campaign with these values of factors
+    only; seed 1 without others."""
+    def rows(status, **chosen):
+        text = yaml.load(CAMPAIGN.read_text(encoding="utf-8"), yaml.BaseLoader)
+        text["scenario"] = str(CAMPAIGN.parent / text["scenario"])
+        for factor in text["vary"]:
+            name = factor.get("name", factor["set"]).replace("-", "_")
+            values = chosen.pop(name, 1 if name == "seed" else None)
+            if values is None:
+                continue
+            for key in "values", "range", "positions":
+                factor.pop(key, None)
+            factor["values"] = values if isinstance(values, list) else [values]
+        assert not chosen
+        out = canwire("campaign", "run", write(yaml.dump(text), "campaign.yaml"), status=status)
+        return [json.loads(line) for line in out.stdout.splitlines()]
+    return rows
+
+
+def test_it_has_a_million_rows():
+    plan = canwire("campaign", "plan", CAMPAIGN).stdout
+    assert re.match(r"1003200 rows: the full product\n", plan), plan
+
+
+def test_a_bit_that_is_wrong_once_never_makes_the_speed_stale(rows):
+    """All bits of all frames, at each node and at all, in all modes."""
+    found = rows(0, times=1)
+    assert len(found) == 4 * 4 * 5 * 114
+    assert {row["outcome"] for row in found} == {"passed"}
+    assert sum(row["faults"] for row in found) > 0.9 * len(found)
+
+
+def one(rows, status, one_shot="off", restart_ms=100, frame="0D0", at="wire", times=40,
+        bit="data[0.0]"):
+    row, = rows(status, one_shot=one_shot, restart_ms=restart_ms, frame=frame, at=at, times=times,
+                bit=bit)
+    return row
+
+
+def gap_of(row):
+    failed, = row["expectations"]["failed"]
+    assert failed["name"] == "wheel speed at the dash"
+    return float(re.match(r"at most ([0-9.]+)ms", failed["got"])[1])
+
+
+def test_the_brakes_go_bus_off_when_they_repeat_a_frame(rows):
+    """32 errors of a sender in a row are 256 in its error counter. Eight are left for later."""
+    row = one(rows, 3)
+    assert (row["nodes"]["brakes"]["bus_off"], row["faults"]) == (1, 40)
+    assert gap_of(row) > 100
+    row = one(rows, 0, restart_ms=20)
+    assert (row["nodes"]["brakes"]["bus_off"], row["faults"]) == (1, 40)
+
+
+@pytest.mark.parametrize("one_shot, restart_ms", MODES)
+def test_sixteen_errors_are_repaired_by_repetition_alone(rows, one_shot, restart_ms):
+    row = one(rows, 0 if one_shot == "off" else 3, one_shot, restart_ms, times=16)
+    brakes = row["nodes"]["brakes"]
+    assert brakes["bus_off"] == 0
+    if one_shot == "off":
+        assert (brakes["error_passive"], brakes["dropped"], brakes["retransmissions"]) == (1, 0, 16)
+    else:
+        assert brakes["retransmissions"] == 0 and gap_of(row) > 120
+
+
+def test_a_dash_that_samples_wrong_is_left_alone(rows):
+    """It becomes error-passive, and its flags then disturb nobody. Good frames of others bring it
+    back, so that it disturbs one frame now and then."""
+    row = one(rows, 3, at="dash")
+    nodes = row["nodes"]
+    assert nodes["dash"]["error_passive"] > 1
+    assert nodes["brakes"]["bus_errors"] < nodes["dash"]["bus_errors"]
+    # all others get each frame of the brakes
+    sent = {name: node["tx_frames"] for name, node in nodes.items()}
+    assert (sent["brakes"], nodes["brakes"]["bus_off"]) == (20, 0)
+    assert nodes["engine"]["rx_frames"] == sent["brakes"] + sent["gateway"] + sent["dash"]
+    assert nodes["dash"]["rx_frames"] < sent["brakes"] + sent["gateway"] + sent["engine"] - 10
+
+
+@pytest.mark.parametrize("bit", ["id[3]", "id[4]", "stuff[0]"])
+def test_a_sender_that_begins_anew_again_and_again_blocks_the_bus(rows, bit):
+    """No error counter of a sender rises: it has lost the arbitration, or sees another level in a
+    stuff bit of it."""
+    row = one(rows, 3, frame="0C0", times=100000, bit=bit)
+    assert row["nodes"]["engine"]["bus_off"] == 0
+    assert row["faults"] > 500 and gap_of(row) > 50
+
+
+def test_only_overload_frames_are_not_seen(rows):
+    """Of the faults without an end. All others that make the speed stale have an error."""
+    found = rows(3, one_shot="off", restart_ms=100, times=100000)
+    stale = [row for row in found if row["outcome"] == "failed"]
+    unseen = {row["factors"]["bit"] for row in stale if row["first_error"] is None}
+    assert unseen == {"intermission[0]", "intermission[1]"}
+    assert {row["factors"]["frame"] for row in stale if row["first_error"] is None} == {
+        "0D0", "0C0", "3E0", "4A0"}
+    assert all(row["latency"] is not None for row in stale if row["first_error"])
