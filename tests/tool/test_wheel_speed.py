@@ -99,6 +99,16 @@ def test_a_dash_that_samples_wrong_is_left_alone(rows):
     assert nodes["dash"]["rx_frames"] < sent["brakes"] + sent["gateway"] + sent["engine"] - 10
 
 
+@pytest.mark.parametrize("bit, stale", [("data[0.0]", False), ("ack-delimiter", True),
+                                        ("eof[5]", True), ("eof[6]", False)])
+def test_a_third_node_takes_the_brakes_off_the_bus_at_the_end_of_a_frame(rows, bit, stale):
+    """It has acknowledged the frame, which takes it out of error-passive before the bit."""
+    row = one(rows, 3 if stale else 0, at="engine", bit=bit)
+    nodes = row["nodes"]
+    assert (nodes["brakes"]["bus_off"], nodes["engine"]["bus_off"]) == (int(stale), 0)
+    assert not stale or gap_of(row) > 100
+
+
 @pytest.mark.parametrize("bit", ["id[3]", "id[4]", "stuff[0]"])
 def test_a_sender_that_begins_anew_again_and_again_blocks_the_bus(rows, bit):
     """No error counter of a sender rises: it has lost the arbitration, or sees another level in a
