@@ -12,7 +12,7 @@ import pytest
 
 import campaigns
 from campaigns import need
-from engine import fixture_gate, fixture_place  # pylint: disable=unused-import
+from engine import fixture_gate, fixture_place, free_port  # pylint: disable=unused-import
 from simtool import ROOT, TIMEOUT_S
 
 CONFIG = """
@@ -31,12 +31,6 @@ SetEnv PATH={path}
 """
 SSH = "ssh -F none -p {port} -i {folder}/user -o IdentitiesOnly=yes -o LogLevel=ERROR " \
     "-o StrictHostKeyChecking=no -o UserKnownHostsFile=/dev/null -o ConnectTimeout=60"
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def answers(port):

@@ -40,6 +40,7 @@ GATE = """#!/bin/bash
 # notes its shards in the file runs; stops at the shard STOP until the file go is there; the file
 # held has the process id of the caller and its own
 shard=$(sed -n 's/.* --shard \\([^ ]*\\) .*/\\1/p' <<<" $* ")
+[ -z "$JOB_COMPLETION_INDEX" ] || shard=$((JOB_COMPLETION_INDEX + 1))/8 # of Kubernetes
 [ -z "$shard" ] || echo "$shard" >>FOLDER/runs
 if [ "$shard" = STOP ]; then
     [ -e FOLDER/go ] || { echo "$PPID $$" >FOLDER/half; mv FOLDER/half FOLDER/held; }
