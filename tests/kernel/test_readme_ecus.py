@@ -46,7 +46,7 @@ def written_to_tester(session):
 
 def test_an_ecu_and_a_tester_on_other_machines(tmp_path):
     """A tester that has connected gets frames when it has chosen its mode."""
-    text, (bus, logger) = example("far")
+    text, (bus, logger) = example("far", "config/ports.md")
     (tmp_path / "far.yaml").write_text(text.replace("192.168.1.2", "127.0.0.2"))
     with Session(tmp_path) as session:
         session.run("ip link set lo up")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The examples of README.md: a configuration, and the commands below it, which are run as they
-stand there."""
+"""The examples of README.md and other pages: a configuration, and the commands below it, which are
+run as they stand there."""
 
 import getpass
 import os
@@ -13,9 +13,9 @@ PROGRAMS = ROOT / "build/release"
 PATIENCE_S = 120
 
 
-def example(bus):
-    """Returns the configuration of the bus of that name, and the commands."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def example(bus, page="README.md"):
+    """Returns the configuration of the bus of that name on a page, and the commands."""
+    text = (ROOT / page).read_text(encoding="utf-8")
     found = re.search(r"```yaml\n(bus: \{ name: " + bus + r",.*?)```\n\n((?:    [^\n]+\n)+)", text,
                       re.DOTALL)
     return found[1], [line[4:] for line in found[2].splitlines()]

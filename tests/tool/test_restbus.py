@@ -4,6 +4,7 @@
 `canwire check` accepts all that it writes, and cantools decodes the frames of the bus."""
 
 import pathlib
+import re
 import subprocess
 import sys
 
@@ -11,7 +12,7 @@ import cantools
 import pytest
 import yaml
 from cantools.autosar.end_to_end import check_profile2_crc
-from readme import Session, example
+from readme import Session
 
 from simtool import ROOT, canwire, run, sim
 
@@ -422,9 +423,10 @@ def test_without_cantools_it_says_how_to_get_it():
 
 
 def test_the_example_of_the_readme(tmp_path):
-    text, commands = example("car")
-    (tmp_path / "car.yaml").write_text(text)
-    canwire("check", tmp_path / "car.yaml")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    found = re.search(r"^((?:    canwire.*restbus.yaml.*\n)+)", readme, re.MULTILINE)
+    commands = [line[4:] for line in found[1].splitlines()]
+    assert len(commands) == 2
     (tmp_path / "car.dbc").write_text(CAR.read_text())
     program = tmp_path / "canwire-restbus"
     program.write_text(f'#!/bin/sh\nexec {sys.executable} {RESTBUS} "$@"\n')

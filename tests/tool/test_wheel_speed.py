@@ -14,15 +14,17 @@ from simtool import canwire
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 CAMPAIGN = ROOT / "config/wheel-speed/campaign.yaml"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGE = (ROOT / "config/wheel-speed.md").read_text(encoding="utf-8")
+CLASS = re.compile(r"^ *([a-z][a-z ]+[a-z]) +(\d+)  (\d+\.\d+) % \(.* %\)$", re.MULTILINE)
 MODES = [("off", 20), ("off", 100), ("on", 20), ("on", 100)]
 
 
-@pytest.fixture(name="rows")
-def fixture_rows(write):
-    """rows(status, NAME=value or list, ...): the rows of the campaign with these values of factors
-    only; seed 1 without others."""
-    def rows(status, **chosen):
+@pytest.fixture(name="make")
+def fixture_make(write):
+    """make(NAME=value or list, ...): the campaign with these values of factors only, and seed 1
+    without others; its path."""
+    def make(**chosen):
         text = yaml.load(CAMPAIGN.read_text(encoding="utf-8"), yaml.BaseLoader)
         text["scenario"] = str(CAMPAIGN.parent / text["scenario"])
         for factor in text["vary"]:
@@ -34,7 +36,15 @@ def fixture_rows(write):
                 factor.pop(key, None)
             factor["values"] = values if isinstance(values, list) else [values]
         assert not chosen
-        out = canwire("campaign", "run", write(yaml.dump(text), "campaign.yaml"), status=status)
+        return write(yaml.dump(text), "campaign.yaml")
+    return make
+
+
+@pytest.fixture(name="rows")
+def fixture_rows(make):
+    """rows(status, NAME=value or list, ...): the rows of such a campaign."""
+    def rows(status, **chosen):
+        out = canwire("campaign", "run", make(**chosen), status=status)
         return [json.loads(line) for line in out.stdout.splitlines()]
     return rows
 
@@ -127,3 +137,22 @@ def test_only_overload_frames_are_not_seen(rows):
     assert {row["factors"]["frame"] for row in stale if row["first_error"] is None} == {
         "0D0", "0C0", "3E0", "4A0"}
     assert all(row["latency"] is not None for row in stale if row["first_error"])
+
+
+def test_the_report_is_as_it_is_shown(make, tmp_path):
+    """README.md has that of the whole campaign. One of the 22 seeds has the same shares, nearly."""
+    shown = CLASS.findall(README)
+    assert len(shown) == 5 and sum(int(rows) for _, rows, _ in shown) == 1003200
+    summary = re.search(r"1003200 rows: (\d+) passed, (\d+) failed", README)
+    assert summary[0] in PAGE
+    assert int(summary[2]) == sum(int(rows) for name, rows, _ in shown if "failed" in name)
+    out = tmp_path / "rows.ndjson"
+    canwire("campaign", "run", make(), "--out", out, status=3)
+    report = canwire("campaign", "report", out).stdout
+    lines = report.splitlines()[:8]
+    assert lines[0] == f"{tmp_path}/campaign.yaml: 45600 rows, 7 factors"
+    assert re.search(r"^    " + re.escape(lines[2]) + "$", README, re.MULTILINE)
+    found = CLASS.findall("\n".join(lines))
+    assert [name for name, _, _ in found] == [name for name, _, _ in shown]
+    for (name, _, share), (_, _, wanted) in zip(found, shown):
+        assert abs(float(share) - float(wanted)) < 2, name
