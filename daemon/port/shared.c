@@ -142,7 +142,7 @@ void shared_take_client(port *p, int fd)
     port_shared *s = own(p);
     const unsigned place = make_place(p);
     if (place == PORT_CLIENTS_MAX) {
-        turn_away(p, fd, EBUSY, too_many);
+        turn_away(p, fd, EUSERS, too_many);
         return;
     }
     if (!shared_watch(p, fd, place) || !member_open(&s->programs[place], s->ways->member, fd, 0)) {
@@ -324,7 +324,7 @@ void shared_greet(port *p, member *c)
     else if (controls && find_controller(own(p)))
         send_off(p, c, EBUSY, "the node has a controller already");
     else if (!controls && count_there(own(p)) >= own(p)->sharing.max)
-        send_off(p, c, EBUSY, too_many);
+        send_off(p, c, EUSERS, too_many);
     else
         member_welcome(c, own(p)->node, own(p)->sharing.fd);
     port_note_told(p, c->pid, PORT_TOLD_MESSAGE);

@@ -26,7 +26,7 @@
 
 #define SILENT_TICKS 10u /* of this process, which a busy machine delays, too */
 #define RETRY_TICKS 10u
-#define TAKEN_TICKS 100u /* each attempt plugs it in */
+#define BARRED_TICKS 100u /* each attempt plugs it in */
 #define BACK_TICKS 10u   /* between two looks for an interface that has come back */
 #define NAMESPACE_BYTES 80u
 #define PATH_BYTES 108u
@@ -154,21 +154,29 @@ static void complain(adapter *a, int number)
     a->rest = RETRY_TICKS;
 }
 
+static void explain_forbidden(const adapter *a)
+{
+    char text[ACCESS_WHY_BYTES];
+    access_explain(text, a->path);
+    log_node_error(a->name, "%s%s: it is not plugged in until that changes; --user names another "
+                   "user", text, access_is_denied(a->path)
+                   ? "" : ", though not for its mode: AppArmor or SELinux may forbid it");
+}
+
 /* Says once why an adapter is not plugged in. */
 static void complain_barred(adapter *a, serve_end why)
 {
-    char text[ACCESS_WHY_BYTES];
-    if (a->barred != why && why == SERVE_FORBIDDEN) {
-        access_explain(text, a->path);
-        log_node_error(a->name, "%s: it is not plugged in until that changes; --user names "
-                       "another user", text);
-    } else if (a->barred != why) {
+    if (a->barred != why && why == SERVE_FORBIDDEN)
+        explain_forbidden(a);
+    else if (a->barred != why && why == SERVE_FULL)
+        log_node_error(a->name, "the port %s has as many programs as it takes (clients: max): it "
+                       "is not plugged in while they are there", a->path);
+    else if (a->barred != why)
         log_node_error(a->name, "its node has a controller already, such as another canwire-usb "
                        "(%s): it is not plugged in while that is there", a->path);
-    }
     a->barred = why;
     a->settled = true;
-    a->rest = why == SERVE_TAKEN ? TAKEN_TICKS : RETRY_TICKS;
+    a->rest = RETRY_TICKS;
 }
 
 static void complain_namespace(adapter *a)
@@ -330,11 +338,14 @@ static void look_for_interface(adapters *all, adapter *a)
 static void look_at_end(adapters *all, adapter *a, int result)
 {
     unplug(all, a);
-    if (result == SERVE_FORBIDDEN || result == SERVE_TAKEN)
-        complain_barred(a, (serve_end)result);
-    else
+    if (result != SERVE_FORBIDDEN && result != SERVE_TAKEN && result != SERVE_FULL) {
         log_node_warning(a->name, "unplugged%s",
                          result == SERVE_UNPLUGGED ? " by the kernel" : ": its process has ended");
+        return;
+    }
+    complain_barred(a, (serve_end)result);
+    if (!access_is_denied(a->path)) /* only another attempt tells whether it is let in */
+        a->rest = BARRED_TICKS;
 }
 
 static void look_after(adapters *all, adapter *a)

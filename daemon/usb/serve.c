@@ -106,7 +106,7 @@ static serve_end judge(const wire *w, bool good)
     if (w->barred == EACCES)
         return SERVE_FORBIDDEN;
     if (w->barred)
-        return SERVE_TAKEN;
+        return w->barred == EUSERS ? SERVE_FULL : SERVE_TAKEN;
     return good ? SERVE_UNPLUGGED : SERVE_FAILED;
 }
 

@@ -19,7 +19,8 @@ typedef enum serve_end {
     SERVE_UNPLUGGED = 0,
     SERVE_FAILED,    /* a request could not be understood, or memory is short */
     SERVE_FORBIDDEN, /* the socket of the node may not be opened */
-    SERVE_TAKEN      /* the node has another controller, which stays */
+    SERVE_TAKEN,     /* the node has another controller, which stays */
+    SERVE_FULL       /* the port has as many programs as it takes, which stay */
 } serve_end;
 
 /* Serves the kernel at one descriptor until it hangs up. Bytes at `beat` are signs. */

@@ -80,15 +80,16 @@ static void take_error(wire *w, message *m, size_t size)
 {
     m->error.text[size < sizeof m->error ? size - sizeof m->error.code : MESSAGE_TEXT_BYTES - 1] =
         '\0';
-    if (!w->there && m->error.code == EBUSY) {
+    const int code = (int)m->error.code;
+    if (!w->there && (code == EBUSY || code == EUSERS)) {
         w->busy++; /* the one before may have gone a moment ago */
-        w->barred = w->busy < BUSY_MAX ? 0 : EBUSY;
+        w->barred = w->busy < BUSY_MAX ? 0 : code;
         return;
     }
-    if (!w->there && w->told == (int)m->error.code)
+    if (!w->there && w->told == code)
         return;
     log_node_warning(w->name, "canwired refuses: %s", m->error.text);
-    w->told = w->there ? w->told : (int)m->error.code;
+    w->told = w->there ? w->told : code;
 }
 
 static void take(wire *w, message *m, size_t whole)
@@ -121,13 +122,20 @@ static void take(wire *w, message *m, size_t whole)
     }
 }
 
+/* The kernel reports once that canwired has gone without reading the hello. Its answer waits behind
+ * that report. */
 static void read_all(wire *w)
 {
     message m;
+    bool reported = false;
     while (w->fd >= 0) {
         const ssize_t size = recv(w->fd, &m, sizeof m, MSG_DONTWAIT);
         if (size < 0 && (errno == EAGAIN || errno == EINTR))
             return;
+        if (size < 0 && errno == ECONNRESET && !reported) {
+            reported = true;
+            continue;
+        }
         if (size < (ssize_t)sizeof m.head) {
             if (w->there)
                 log_node_warning(w->name, "canwired has gone from %s; frames wait", w->path);

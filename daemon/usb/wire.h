@@ -17,9 +17,9 @@ typedef struct wire {
     bool there;       /* the hello was answered */
     bool news;        /* it has been answered, and nobody was told yet */
     int told;         /* the errno that the log has */
-    unsigned busy;    /* attempts in a row at which the node had another controller */
+    unsigned busy;    /* attempts in a row at which its place, or the port, was taken */
     unsigned denied;  /* attempts in a row at which the socket was not to be opened */
-    int barred;       /* EACCES, EBUSY: it will not be let in; 0: it may be */
+    int barred;       /* EACCES, EBUSY, EUSERS: it will not be let in; 0: it may be */
 } wire;
 
 extern const device_calls wire_calls; /* of the device; their user is a wire */

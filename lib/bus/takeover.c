@@ -140,6 +140,16 @@ static void take_over_sleep(cw_bus *bus, unsigned i, const cw_bus *old, unsigned
     take_over_set(&bus->listening, i, old->listening, from);
 }
 
+/* Notes that a node leaves its transmission. The frame may have no place in its queue any more. */
+static void note_stopped(cw_bus *bus, unsigned i, const bus_node *old)
+{
+    cw_start *start = &bus->starts[i];
+    if (start->stopped != 0)
+        return;
+    cw_note_stopped(bus, i, cw_mac_place(&old->mac));
+    start->handed_in = cw_queue_at(&old->queue, old->offered_slot)->handed_in;
+}
+
 /* Takes state and counters of the old node, and settings of the new one. */
 static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsigned from)
 {
@@ -154,7 +164,7 @@ static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsig
     take_over_sleep(bus, i, old_bus, from);
     take_over_queue(bus, i, old_bus, from);
     if (!are_alike(&n->mac, &old->mac) && old->mac.role == CW_ROLE_TRANSMITTER)
-        cw_note_stopped(bus, i, cw_mac_place(&old->mac));
+        note_stopped(bus, i, old);
     take_over_mac(&n->mac, &old->mac);
     n->mac.offered = are_alike(&n->mac, &old->mac) && has_begun(&old->mac);
     n->mac.no_ack = false;

@@ -327,7 +327,7 @@ def test_error_frames_of_clients_do_not_enter_the_bus(rig):
 def test_too_many_are_turned_away(rig):
     r = rig(engine=", clients: 2")
     first, second, third = r.client(), r.client(), r.client()
-    assert (third.welcome.type, third.welcome.code) == (ERROR, errno.EBUSY)
+    assert (third.welcome.type, third.welcome.code) == (ERROR, errno.EUSERS)
     assert third.ends()
     assert r.node()["interface"]["refused"] == 1
     first.close()
@@ -429,7 +429,7 @@ def test_a_reload_keeps_clients_and_changes_how_they_share(rig):
                                               "do: { disconnect: engine } } ]\n")
     r.run("reload", "./share.sock")
     r.wait(lambda node: node["tx_frames"] == 1, "the frame, as the rule is gone")
-    assert r.client().welcome.code == errno.EBUSY
+    assert r.client().welcome.code == errno.EUSERS
     r.run("fire", "./share.sock", "away2")
     a.send(0x101)
     r.wait(lambda node: node["interface"]["read"] == 2, "the frame")

@@ -23,15 +23,16 @@ nodes:
 """
 CONTROL, STATE = 8, 9
 CONTROLLER = 64
+PLACES = 63  # for clients of a port
 SET, OFF, ON, RESTART = range(4)
 ACTIVE, WARNING, PASSIVE, BUS_OFF = range(4)
 MINE = LOOPBACK | RECV_OWN | TELL_DROPPED | CONTROLLER
 
 
 class Rig:
-    def __init__(self, folder):
+    def __init__(self, folder, text=BUS):
         self.folder, self.log = folder, folder / "stderr"
-        (folder / "bus.yaml").write_text(BUS)
+        (folder / "bus.yaml").write_text(text)
         with self.log.open("w") as log:
             self.process = subprocess.Popen(
                 [CANWIRED, "-c", "bus.yaml", "--journal", "bus.journal"], cwd=folder, stderr=log)
@@ -193,6 +194,22 @@ def test_wrong_clients(rig):
     assert until(first, ERROR)[0].text == "the hello says who is the controller"
     assert rig.node()["interface"]["malformed"] == 3
     rig.stop()
+
+
+def test_a_full_port_is_another_answer_than_another_controller(tmp_path):
+    rig = Rig(tmp_path, f"defaults: {{ clients: {PLACES} }}\n" + BUS)
+    try:
+        guests = [rig.controller(LOOPBACK) for _ in range(PLACES)]
+        assert [guest.welcome.type for guest in guests] == [HELLO] * PLACES
+        refusal = rig.controller().welcome
+        assert (refusal.type, refusal.code) == (ERROR, errno.EUSERS)
+        assert "as many clients as it takes" in refusal.text
+        guests.pop().close()
+        wait_until(lambda: len(rig.node()["clients"]) == PLACES - 1, "its going")
+        assert rig.controller().welcome.type == HELLO
+        rig.stop()
+    finally:
+        kill_all([rig.process])
 
 
 def test_a_bus_of_a_rig(tmp_path):

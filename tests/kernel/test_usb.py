@@ -23,6 +23,7 @@ import pytest
 from adapters import (CANWIRE_USB, Rig, batch, can_info, counter, details, exists,
                       fixture_quiet_kernel,  # pylint: disable=unused-import
                       ip, lines_up, node, run, state, tx_packets, up)
+from busclient import Client
 from canbits import ERROR, FD, Frame
 from conftest import (PATIENCE_S, RECEIVE_BUFFER_BYTES, ROOT, SO_RCVBUFFORCE, listeners,
                       wait_until)
@@ -34,6 +35,7 @@ pytestmark = pytest.mark.usefixtures("quiet_kernel")
 ACCEPTED = 21  # on a bus that sends nothing: ten requests, txqueuelen 10, and one on the way
 RAW_ERR_FILTER, LOSTARB = 2, 0x2
 SO_TIMESTAMPING = 37
+PLACES = 63  # for clients of a port
 RAW_HARDWARE, RX_HARDWARE = 1 << 6, 1 << 2
 
 
@@ -715,6 +717,25 @@ def test_a_second_canwire_usb_is_told_of_the_first(pair, ends):
         assert second.wait(PATIENCE_S) == 0
     assert text().count("has a controller already") == 2
     exchange(ends)
+
+
+def test_a_full_port_is_told():
+    """Clients without orders have all places. When one goes, the adapter is plugged in."""
+    rig = Rig([node("engine", "own0"), f"defaults: {{ clients: {PLACES} }}"])
+    try:
+        rig.wait_for("own0")
+        rig.adapters.terminate()
+        assert rig.adapters.wait(PATIENCE_S) == 0
+        clients = [Client(rig.folder / "engine.usb", "x") for _ in range(PLACES)]
+        rig.start_adapters()
+        wait_until(lambda: "as many programs as it takes (clients: max)" in rig.log(), "the reason")
+        wait_until(lambda: not exists("own0"), "the end of the interface")
+        assert "has a controller already" not in rig.log()
+        clients.pop().close()
+        rig.wait_for("own0")
+        wait_until(lambda: rig.node("engine")["clients"][-1]["name"] == "own0", "the controller")
+    finally:
+        rig.close()
 
 
 def test_what_is_missing_is_said():

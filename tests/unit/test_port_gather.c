@@ -19,7 +19,7 @@
 
 #define MANY 100u
 
-/* ---- The kernel, which may take less ---------------------------------------------------------- */
+/* ---- The kernel, which may take less --------------------------------------------------------- */
 
 static unsigned calls; /* of sendmmsg() */
 static unsigned most;  /* messages that it takes in one call, 0: all */

@@ -288,6 +288,35 @@ static void old_rules_end_when_taken_over(void **state)
     rig_free(r);
 }
 
+/* Its receivers get it when the transmitter has left it behind the CRC: a controller of the new kind
+ * cannot send it. They get the time of that frame, which has no place in the queue any more. */
+static void a_frame_that_its_new_controller_does_not_know_has_its_time(void **state)
+{
+    (void)state;
+    static const uint8_t same[] = {0, 1};
+    const cw_frame frame = rig_frame(0x123, CW_FRAME_EXTENDED, 0);
+    const unsigned bits = cw_frame_wire_bits(&frame);
+    size_t received = 0;
+    for (unsigned left = 0; left < bits; left++) {
+        rig *old = rig_new(2);
+        rig_start(old);
+        rig_send(old, 1, &frame, 100 * BIT);
+        rig_run_bits(old, 100 + left);
+        rig *r = rig_new(2);
+        r->nodes[1].protocol = CW_PROTOCOL_2_0A;
+        rig_start(r);
+        assert_int_equal(cw_bus_take_over(r->bus, old->bus, same), CW_OK);
+        rig_run_bits(r, 300);
+        const size_t count = rig_count(r, CW_EVENT_RX, 0);
+        received += count;
+        if (count > 0)
+            assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->handed_in, 100 * BIT);
+        rig_free(old);
+        rig_free(r);
+    }
+    assert_in_range(received, 5, 12); /* from the CRC delimiter on */
+}
+
 /* Two nodes cannot both go on as one: its frames would be there twice. */
 static void a_node_is_taken_over_once(void **state)
 {
@@ -320,6 +349,7 @@ int main(void)
         cmocka_unit_test(a_wrong_crc_is_taken_over),
         cmocka_unit_test(the_sender_of_a_held_frame_is_renumbered),
         cmocka_unit_test(old_rules_end_when_taken_over),
+        cmocka_unit_test(a_frame_that_its_new_controller_does_not_know_has_its_time),
         cmocka_unit_test(a_node_is_taken_over_once),
     };
     return cmocka_run_group_tests_name("takeover", tests, NULL, NULL);

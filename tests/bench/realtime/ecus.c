@@ -2,9 +2,10 @@
  *
  * ecus.c - the ECUs of all buses, in one thread.
  *
- * To keep a bus at 100 % load an ECU has WINDOW frames under way. It sends another one when one of
- * its frames reaches the ECU of the next node. Frames are numbered; every ECU checks the order of
- * the frames of each other one.
+ * To keep a bus at 100 % load, ECUs have WINDOW frames under way each. A frame that reaches the ECU
+ * of the next node makes that one send another. So none goes on for ever with its low identifiers
+ * while others wait; all frames may be in one queue then. Frames are numbered; every ECU checks the
+ * order of the frames of each other one.
  *
  * One thread for all must cost less than the buses. So it reads and sends many frames in one call,
  * and sleeps between its rounds.
@@ -19,7 +20,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#define WINDOW (RT_QUEUE - 2) /* frames of an ECU under way */
+#define WINDOW (RT_QUEUE / RT_NODES - 1) /* frames of an ECU at the start */
 #define BATCH 64u
 #define ROUND_NS 500000 /* the ECUs look at their sockets in rounds, as many programs would */
 #define LAST_NS (30 * RT_NS_PER_S) /* for the last frames to come; they take some milliseconds */
@@ -71,7 +72,7 @@ static void send_owed(rt_ecu *e)
     }
 }
 
-static void take_frame(crowd *c, rt_ecu *e, const struct can_frame *f)
+static void take_frame(const crowd *c, rt_ecu *e, const struct can_frame *f)
 {
     uint32_t number;
     unsigned sender = f->can_id % RT_NODES;
@@ -82,7 +83,7 @@ static void take_frame(crowd *c, rt_ecu *e, const struct can_frame *f)
     e->wrong += number != e->expected[sender];
     e->expected[sender] = number + 1;
     if (c->answer && (sender + 1) % RT_NODES == e->node)
-        c->ecus[e->bus * RT_NODES + sender].owed++;
+        e->owed++;
 }
 
 static void read_ecu(crowd *c, rt_ecu *e, bool numbered)
@@ -132,7 +133,7 @@ static void sleep_until_round(void)
 {
     const int64_t ns = (rt_now_ns() / ROUND_NS + 1) * ROUND_NS;
     const struct timespec at = {.tv_sec = ns / RT_NS_PER_S, .tv_nsec = ns % RT_NS_PER_S};
-    (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL);
+    (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL); /* no polling: a load */
 }
 
 static void run_until(crowd *c, int64_t end_ns, bool numbered)

@@ -239,8 +239,8 @@ static double least_load(const rt_result *results, unsigned buses)
     return least;
 }
 
-/* Returns the processors that all buses take at full load: the CPU time for the time in which frames
- * were on a bus. It does not depend on what else the machine does, as the load does. */
+/* Returns the processors that all buses take at full load: the CPU time for the time in which
+ * frames were on a bus. It does not depend on what else the machine does, as the load does. */
 static double processors_at_full_load(const rt_result *results, unsigned buses)
 {
     double cpu_ns = 0, busy_ns = 0;
@@ -268,7 +268,7 @@ static void print_buses(const rt_result *results, unsigned buses, bool one, bool
     print_lateness("lateness", &l, "}");
 }
 
-/* one: they are a rig in one process. Returns false when frames are lost, or counts do not agree. */
+/* one: they are a rig in one process. Returns false when frames are lost, or counts differ. */
 static bool measure_buses(const plan *p, unsigned buses, bool one)
 {
     rt_result *results = rt_share_results(buses);

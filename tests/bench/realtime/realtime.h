@@ -14,7 +14,7 @@
 #define RT_BUSES_MAX 16u
 #define RT_PATH_MAX 64
 #define RT_NODES 4u       /* of a bus */
-#define RT_QUEUE 64u      /* of a node: its ECU may be late by that */
+#define RT_QUEUE 128u     /* of a node */
 #define RT_BITRATE 1000000u
 #define RT_SAMPLES_MAX 400000u
 #define RT_ENGINE_CPU 0   /* the buses' processor; the ECUs are on the others */
