@@ -28,6 +28,7 @@ static const schema_key campaign_keys[] = {
     {.name = "limit", .read = read_limit},
     {.name = "ecu", .read = campaign_read_ecus},
     {.name = "network", .read = campaign_read_network},
+    {.name = "virtual", .read = campaign_read_virtual},
     {.name = "sample", .read = read_sample},
     {.name = "vary", .read = campaign_read_factors, .required = true},
     {.name = NULL},

@@ -273,3 +273,20 @@ void campaign_read_network(schema *self, const schema_key *key, yaml_node_t *val
     if (schema_choose(self, &chosen, key, value, words))
         o->campaign.ecus.host_network = chosen;
 }
+
+unsigned ecus_virtual(const ecu_plan *plan)
+{
+    unsigned count = 0;
+    for (size_t i = 0; i < plan->count && plan->virtual_time; i++)
+        count += !plan->list[i].direct;
+    return count;
+}
+
+void campaign_read_virtual(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    campaign_owner *o = object;
+    ecu_plan *plan = &o->campaign.ecus;
+    if (schema_choose_bool(self, &plan->virtual_time, key, value) && plan->virtual_time &&
+        ecus_virtual(plan) == 0)
+        schema_complain(self, value, "%s: no program in 'ecu' runs under canwire run", key->name);
+}

@@ -42,10 +42,15 @@ typedef struct ecu_plan {
     size_t count; /* 0: the campaign has no programs */
     ecu list[ECUS_MAX];
     bool host_network; /* no network of their own */
+    bool virtual_time; /* the bus and the programs have it */
 } ecu_plan;
 
-/* Read the keys `ecu` and `network` of a campaign. */
+/* Read the keys `ecu`, `network` and `virtual` of a campaign. */
 schema_reader campaign_read_ecus;    /* object: a campaign_owner */
 schema_reader campaign_read_network; /* object: a campaign_owner */
+schema_reader campaign_read_virtual; /* object: a campaign_owner; behind `ecu` */
+
+/* Returns the number of programs that have virtual time. */
+unsigned ecus_virtual(const ecu_plan *plan);
 
 #endif

@@ -32,6 +32,11 @@
 
 const int ecu_bench_signals[4] = {SIGCHLD, SIGTERM, SIGINT, SIGHUP};
 
+static bool is_virtual(const ecu_bench *b)
+{
+    return b->task->campaign->ecus.virtual_time;
+}
+
 int64_t ecu_bench_now(void)
 {
     return wall_ns() / NS_PER_MS;
@@ -40,9 +45,9 @@ int64_t ecu_bench_now(void)
 void ecu_bench_conclude(ecu_bench *b, ecu_verdict verdict, const char *format, ...)
 {
     va_list args;
-    if (b->over)
+    if (b->over || (verdict == ECU_CRASHED && b->result->verdict == ECU_CRASHED))
         return;
-    b->over = true;
+    b->over = verdict != ECU_CRASHED || !is_virtual(b);
     b->result->verdict = verdict;
     va_start(args, format);
     (void)vsnprintf(b->result->why, sizeof b->result->why, format, args);
@@ -84,7 +89,7 @@ static void set_ready(ecu_bench *b, size_t i, uint64_t ready_ns)
         return;
     end->ready = true;
     end->ready_ns = ready_ns;
-    if (ready_ns == ECU_NO_TIME)
+    if (ready_ns == ECU_NO_TIME && !is_virtual(b))
         (void)ask_status(b);
 }
 
@@ -127,7 +132,9 @@ static void take_status(ecu_bench *b, const json_t *reply)
     const json_t *bus = json_object_get(json_object_get(reply, "status"), "bus");
     b->time_ns = (uint64_t)json_integer_value(json_object_get(bus, "time_ns"));
     b->told = json_integer_value(json_object_get(reply, "id")) == (json_int_t)b->asked;
-    for (size_t i = 0; i < count_of(b); i++) {
+    b->rests = json_is_true(json_object_get(
+        json_object_get(json_object_get(reply, "status"), "virtual"), "rests"));
+    for (size_t i = 0; i < count_of(b) && !is_virtual(b); i++) {
         ecu_end *end = &b->result->ends[i];
         if (end->ready && end->ready_ns == ECU_NO_TIME)
             end->ready_ns = b->time_ns;
@@ -293,7 +300,7 @@ size_t ecu_bench_unready(const ecu_bench *b)
 {
     size_t first = ECUS_MAX;
     for (size_t i = 0; i < count_of(b); i++)
-        if (!b->result->ends[i].ready &&
+        if (!b->result->ends[i].ready && !b->result->ends[i].ended &&
             (first == ECUS_MAX || ecu_bench_ready_limit(b, i) < ecu_bench_ready_limit(b, first)))
             first = i;
     return first;

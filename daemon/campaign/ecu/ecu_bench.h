@@ -39,6 +39,7 @@ typedef struct ecu_bench {
     unsigned asked;   /* the number of the last question for its status */
     bool told;        /* it has answered it */
     uint64_t time_ns;
+    bool rests;       /* virtual time goes no further */
     ecu_program programs[ECUS_MAX];
 } ecu_bench;
 
@@ -55,8 +56,9 @@ bool ecu_bench_start_programs(ecu_bench *b);
 /* Waits for something to happen, up to a moment, and takes it. */
 void ecu_bench_step(ecu_bench *b, int64_t until_ms);
 
-/* Returns false when the run is over: a program has crashed, canwired has ended, or it took too
- * long. */
+/* Returns false when the run is over: canwired has ended, it took too long, or a program has
+ * crashed. In virtual time a run goes on after a crash: its end would be another moment each
+ * time. */
 bool ecu_bench_goes_on(ecu_bench *b);
 
 /* Asks for bus time. Returns false when the run is over before the answer comes. */

@@ -80,6 +80,8 @@ static void add_run(words *w, const ecu_task *task, const ecu *e)
 {
     add(w, task->tool);
     add(w, "run");
+    if (task->campaign->ecus.virtual_time)
+        add(w, "--virtual");
     add(w, "--bus");
     add(w, task->changes.control);
     add(w, "--as");

@@ -17,7 +17,7 @@
 
 #define MODE 0777           /* of folders, less the umask */
 #define FILE_MODE 0666      /* of files, in the same way */
-#define TEMPORARY_MAX 60u   /* bytes of $TMPDIR that leave room for names of sockets */
+#define TEMPORARY_MAX 40u   /* bytes of $TMPDIR that leave room for names of sockets */
 #define OPEN_MAX_FOLDERS 16 /* at a time, while one is removed */
 
 static bool fail(char why[ECU_WHY_MAX], const char *path)

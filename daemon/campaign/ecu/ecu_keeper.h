@@ -26,7 +26,7 @@ typedef struct ecu_task {
     uint64_t row;
     uint64_t seed;
     uint64_t until_ns;    /* bus time from the moment that all are ready; ECU_NO_TIME: until all
-                             programs have ended */
+                             programs have ended. In virtual time it is from 0 on */
     bool own_network;
 } ecu_task;
 

@@ -89,7 +89,9 @@ static bool look_for(ecu_output *o, const char *bytes, size_t count, const char 
             memmove(o->line, o->line + ECU_LINE_MAX / 2, ECU_LINE_MAX / 2);
             o->used = ECU_LINE_MAX / 2;
         }
-        o->line[o->used++] = bytes[i] == '\0' ? ' ' : bytes[i];
+        o->line[o->used++] = bytes[i];
+        if (bytes[i] == '\0')
+            o->line[o->used - 1] = ' ';
         o->line[o->used] = '\0';
         if (bytes[i] != '\n')
             continue;

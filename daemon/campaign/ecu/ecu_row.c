@@ -202,7 +202,8 @@ static bool run(one *o, uint64_t seed)
                            .row = o->number, .seed = seed, .until_ns = o->until_ns,
                            .own_network = e->own_network,
                            .changes = {.plan = &e->campaign->ecus, .sockets = o->folder.sockets,
-                                       .control = o->control, .directory = e->directory}};
+                                       .control = o->control, .directory = e->directory,
+                                       .until_ns = o->until_ns}};
     const char *wrong = ecu_text_change(&e->text, &task.changes, &o->memory);
     if (wrong)
         return break_off(o, wrong);

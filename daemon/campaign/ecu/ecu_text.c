@@ -9,6 +9,7 @@
 #include "base/yamlfile.h"
 #include "campaign/splice.h"
 
+#include <inttypes.h>
 #include <string.h>
 
 #define FILES_MAX 1024u /* files that a scenario names */
@@ -50,7 +51,7 @@ static const char *load(change *c)
     return wrong;
 }
 
-/* Replaces what is at the place by the value. */
+/* Replaces what is at the place by a value in JSON. */
 static void apply(rowtext *text, const splice_place *place, const char *value)
 {
     rowtext changed = {.no_memory = false};
@@ -58,7 +59,7 @@ static void apply(rowtext *text, const splice_place *place, const char *value)
     const size_t size = buffer_length(&text->bytes);
     const bool good = buffer_append(&changed.bytes, all, place->begin);
     rowtext_put(&changed, place->before);
-    rowtext_quoted(&changed, value);
+    rowtext_put(&changed, value);
     rowtext_put(&changed, place->after);
     if (!good || !buffer_append(&changed.bytes, all + place->end, size - place->end))
         changed.no_memory = true;
@@ -66,8 +67,8 @@ static void apply(rowtext *text, const splice_place *place, const char *value)
     *text = changed;
 }
 
-/* Sets the value at a path to a text. */
-static const char *set(change *c, const char *path, const char *value)
+/* Sets the value at a path to one in JSON. */
+static const char *set_json(change *c, const char *path, const char *value)
 {
     const char *rule;
     splice_place place;
@@ -82,6 +83,36 @@ static const char *set(change *c, const char *path, const char *value)
         apply(c->text, &place, value);
     yaml_document_delete(&c->document);
     return wrong && path ? arena_print(c->memory, "%s: %s", path, wrong) : wrong;
+}
+
+/* Sets the value at a path to a text. */
+static const char *set(change *c, const char *path, const char *text)
+{
+    rowtext quoted = {.no_memory = !text};
+    rowtext_quoted(&quoted, text ? text : "");
+    const char *value = quoted.no_memory ? NULL
+                                         : arena_print(c->memory, "%.*s",
+                                                       (int)buffer_length(&quoted.bytes),
+                                                       buffer_first(&quoted.bytes));
+    rowtext_free(&quoted);
+    return set_json(c, path, value);
+}
+
+/* ---- Time ------------------------------------------------------------------------------------ */
+
+/* Lets the programs move time, which begins when all are there. */
+static const char *set_time(change *c)
+{
+    const unsigned programs = ecus_virtual(c->wanted->plan);
+    const uint64_t until_ns = c->wanted->until_ns;
+    const char *wrong = set(c, "pacing", "virtual");
+    if (wrong)
+        return wrong;
+    return set_json(c, "virtual",
+                    until_ns == UINT64_MAX
+                        ? arena_print(c->memory, "{\"programs\": %u}", programs)
+                        : arena_print(c->memory, "{\"programs\": %u, \"until\": \"%" PRIu64
+                                      "ns\"}", programs, until_ns));
 }
 
 /* ---- Ports ----------------------------------------------------------------------------------- */
@@ -204,6 +235,8 @@ const char *ecu_text_change(rowtext *text, const ecu_changes *changes, arena *me
         wrong = set_port(&c, i);
     if (!wrong)
         wrong = set(&c, "control", changes->control);
+    if (!wrong && changes->plan->virtual_time)
+        wrong = set_time(&c);
     for (unsigned i = 0; i < FILES_MAX && !done && !wrong; i++)
         wrong = set_next_file(&c, &done);
     return wrong;

@@ -14,6 +14,7 @@ typedef struct ecu_changes {
     const char *sockets;   /* the folder of all sockets */
     const char *control;   /* path of the control socket */
     const char *directory; /* absolute, of relative paths in the scenario */
+    uint64_t until_ns;     /* virtual time goes no further; UINT64_MAX: it has no end */
 } ecu_changes;
 
 #define ECU_SOCKET_MAX 108 /* bytes of a path of a socket with its final 0 */
