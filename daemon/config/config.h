@@ -223,6 +223,7 @@ typedef enum cfg_pacing {
 /* The virtual time of a bus. */
 typedef struct cfg_virtual {
     uint8_t programs; /* that must have joined before time begins; default 1 */
+    uint64_t until;   /* tick at which it stands still for good; 0: none */
     char *socket;     /* at which they join; set when `pacing` is virtual */
     cfg_place place;
 } cfg_virtual;

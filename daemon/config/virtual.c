@@ -19,6 +19,7 @@ static const schema_key virtual_keys[] = {
      .read = schema_read_uint,
      .offset = offsetof(cfg, virtual_time.programs),
      .arg = &programs_range},
+    {.name = "until", .read = cfg_read_ticks_min, .offset = offsetof(cfg, virtual_time.until)},
     {.name = "socket", .read = read_socket},
     {.name = NULL},
 };

@@ -131,10 +131,23 @@ static uint64_t next_stop(const engine *e, uint64_t wake_tick)
     return wake_tick < stop ? wake_tick : stop;
 }
 
+/* Returns the bus time at which time stands still, TIMING_NEVER: it does not. */
+static int64_t limit_of(const engine *e)
+{
+    const uint64_t until = e->config->virtual_time.until;
+    return until > 0 ? ns_at(e, until) : TIMING_NEVER;
+}
+
 /* Lets the bus go on to the next stop. Returns false when it rests. */
 static bool go_on(engine *e)
 {
-    const int64_t until_ns = turns_next_ns(e->virtual_time->turns);
+    const struct engine_virtual *v = e->virtual_time;
+    const int64_t limit_ns = limit_of(e);
+    int64_t until_ns = turns_next_ns(v->turns);
+    if (v->now_ns >= limit_ns)
+        return false;
+    if (until_ns > limit_ns && v->begun && v->turns->count > 0)
+        until_ns = limit_ns;
     const uint64_t wake_tick = tick_at(e, until_ns);
     const uint64_t stop = next_stop(e, wake_tick);
     if (stop == CW_NEVER)

@@ -178,6 +178,54 @@ def test_files_of_the_scenario_are_found(make, write):
     assert row["outcome"] == "passed" and row["ecus"]["engine"]["ready"] > 3
 
 
+# ---- virtual time --------------------------------------------------------------------------------
+
+VIRTUAL = "virtual: on\nuntil: 100s\n"
+SENDER = "{ node: engine, run: \"cangen engine -g 100 -I 123 -L 2 -D i\", ready: { frame: \"123\" } }"
+
+
+def test_in_virtual_time_rows_are_the_same_byte_for_byte(make):
+    crash = "{ node: dash, name: bad, run: \"candump -n 7 dash; kill -SEGV $$\" }"
+    file = make(SENDER, "{ node: dash, run: \"candump -t z dash\" }", crash, more=VIRTUAL,
+                vary=DATA.replace("VALUES", "100#00, 100#DEAD, 100#BEEF"),
+                bus=BUS.replace("every: 10ms", "every: 1s, offset: 1s"))
+    texts, logs = [], []
+    for jobs in "1", "2":
+        canwire("campaign", "run", file.name, "--out", f"rows{jobs}", "--work", "work", "--keep",
+                "--jobs", jobs, status=3, cwd=file.parent)
+        texts.append((file.parent / f"rows{jobs}").read_text())
+        logs.append([log_of(file, row, "dash") for row in rows_of(texts[-1])])
+    assert texts[0] == texts[1] and logs[0] == logs[1]
+    for row in rows_of(texts[0]):
+        assert (row["outcome"], row["why"], row["t"]) == ("crashed", "bad: signal SEGV", 100)
+        assert row["frames"] == 1000 + 99 or row["frames"] == 1000 + 100
+        ends = {name: one["end"] for name, one in row["ecus"].items()}
+        assert ends == {"engine": "running", "dash": "running", "bad": "signal SEGV"}
+        assert row["ecus"]["engine"]["ready"] < 0.1 and row["ecus"]["dash"]["ready"] is None
+
+
+def test_virtual_time_goes_on_to_the_end_of_the_row_when_nothing_happens(make):
+    file = make("{ node: dash, run: \"candump dash\" }", more="virtual: on\nuntil: 1h\n",
+                bus=BUS.replace("every: 10ms", "count: 1, offset: 5s"))
+    row, = campaign(file)
+    assert row["outcome"] == "passed" and row["t"] == 3600 and row["frames"] == 1
+
+
+def test_in_virtual_time_a_row_may_end_with_its_programs(make):
+    file = make("{ node: engine, run: \"cangen engine -g 1000 -n 20 -I 321\" }",
+                more="virtual: on\n", bus=BUS.replace("every: 10ms", "every: 1s"))
+    rows = [campaign(file)[0] for _ in range(2)]
+    assert rows[0] == rows[1] and rows[0]["ecus"]["engine"]["end"] == "exit 0"
+    assert rows[0]["nodes"]["engine"]["tx_frames"] == 20 and 19 <= rows[0]["t"] < 22
+
+
+def test_a_program_that_holds_virtual_time_is_a_time_out(make):
+    file = make("{ node: engine, run: \"cansend engine 123#; while :; do :; done\" }",
+                "{ node: dash, run: \"candump dash\" }", more="virtual: on\nuntil: 1h\nlimit: 1s\n")
+    row, = campaign(file, status=3)
+    assert row["outcome"] == "time-out" and row["t"] < 3600
+
+
 # ---- ends ----------------------------------------------------------------------------------------
 
 def test_a_crash_is_a_row_with_all_keys_up_to_there(make):
@@ -383,6 +431,14 @@ def test_bad_programs_are_refused(write, ecu, message):
     write(BUS)
     file = write(f"scenario: bus.yaml\nuntil: 1s\necu:\n  - {ecu}\nvary:\n{ONE}", "campaign.yaml")
     assert message in canwire("campaign", "plan", file, status=1).stderr
+
+
+def test_virtual_time_without_programs_is_refused(write):
+    write(BUS)
+    file = write("scenario: bus.yaml\nuntil: 1s\necu: { node: engine, run: x, preload: off }\n"
+                 f"virtual: on\nvary:\n{ONE}", "campaign.yaml")
+    message = canwire("campaign", "plan", file, status=1).stderr
+    assert "4:10: virtual: no program in 'ecu' runs under canwire run" in message
 
 
 def test_two_programs_of_the_same_name_are_refused(write):

@@ -129,11 +129,14 @@ static void take_frame(ecu_bench *b, const json_t *event)
 
 static void take_status(ecu_bench *b, const json_t *reply)
 {
-    const json_t *bus = json_object_get(json_object_get(reply, "status"), "bus");
-    b->time_ns = (uint64_t)json_integer_value(json_object_get(bus, "time_ns"));
+    const json_t *status = json_object_get(reply, "status");
+    const json_t *bus = json_object_get(status, "bus");
+    const json_t *programs = json_object_get(status, "virtual");
+    const json_t *now = programs ? json_object_get(programs, "now_ns")
+                                 : json_object_get(bus, "time_ns");
+    b->time_ns = (uint64_t)json_integer_value(now);
     b->told = json_integer_value(json_object_get(reply, "id")) == (json_int_t)b->asked;
-    b->rests = json_is_true(json_object_get(
-        json_object_get(json_object_get(reply, "status"), "virtual"), "rests"));
+    b->rests = json_is_true(json_object_get(programs, "rests"));
     for (size_t i = 0; i < count_of(b) && !is_virtual(b); i++) {
         ecu_end *end = &b->result->ends[i];
         if (end->ready && end->ready_ns == ECU_NO_TIME)
