@@ -384,7 +384,7 @@ def test_each_row_has_a_network_of_its_own(make):
 
 def test_the_environment_of_a_program(make, tmp_path):
     show = "pwd; env | grep -E '^(CANWIRE_|SPEED|NOTIFY)' | sort; " \
-        f"{CANWIRE} inject $CANWIRE_BUS '{{ name: mine, when: {{ manual: yes }}, do: {{ flip: sof }} }}'; "
+        f"env -u LD_PRELOAD {CANWIRE} inject $CANWIRE_BUS '{{ name: mine, when: {{ manual: yes }}, do: {{ flip: sof }} }}'; "
     file = make(f"{{ node: engine, name: first, run: \"{show}\", env: {{ SPEED: 5 }} }}",
                 "{ node: engine, name: second, run: \"pwd; test -S $CANWIRE_PORT\", cwd: sub, "
                 "preload: off }", more="")
