@@ -13,11 +13,14 @@
 #include "engine/programs.h"
 
 #include <errno.h>
+#include <ev.h>
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define ROUNDS_MAX 100u /* of reading at one moment; an inbox may be full */
+#define LOOK_S 1.0     /* of the machine, between two looks at who holds time ... */
+#define HELD_LOOKS 5u  /* ... and the looks before that is told */
 #define DRAIN_NS INT64_C(1000000000) /* for what is left when the last program has gone */
 
 struct engine_virtual {
@@ -28,6 +31,10 @@ struct engine_virtual {
     bool begun;        /* enough programs have been there */
     bool unread;       /* somebody may have sent something since the ports were read */
     bool more;         /* the time of the last wake-up was too short */
+    uint64_t given;    /* turns */
+    ev_timer look;     /* see on_look() */
+    uint64_t seen;     /* turns at its last look that was not like the one before ... */
+    unsigned same;     /* ... and the looks since then */
 };
 
 clock_pair engine_now(const engine *e)
@@ -196,6 +203,7 @@ static bool give_turn(engine *e)
     const unsigned place = v->begun ? turns_begin(v->turns, v->now_ns) : TURNS_NONE;
     if (place == TURNS_NONE)
         return false;
+    v->given++;
     programs_tell_now(v->programs, place, v->now_ns, engine_now(e).realtime_ns);
     return true;
 }
@@ -251,6 +259,41 @@ static void on_port(struct ev_loop *loop, ev_io *io, int events)
         e->wake(e);
 }
 
+/* ---- Who holds time -------------------------------------------------------------------------- */
+
+static const turn *find_holder(const turns *t)
+{
+    for (unsigned i = 0; i < TURNS_MAX; i++)
+        if (t->all[i].state == TURN_RUNS || t->all[i].state == TURN_ENDS)
+            return &t->all[i];
+    return NULL;
+}
+
+static void tell_why(const engine *e)
+{
+    const struct engine_virtual *v = e->virtual_time;
+    const turn *holder = find_holder(v->turns);
+    if (holder)
+        log_info("virtual time holds for %u s: process %d computes, or waits for something else: "
+                 "%s", HELD_LOOKS, holder->pid, holder->program);
+    else if (!engine_is_held(e) && !v->more && v->turns->count > 0)
+        log_info("virtual time rests: all %u programs wait, and the bus has nothing to do",
+                 v->turns->count);
+}
+
+/* Tells, once, when time has stood still for some seconds of the machine. */
+static void on_look(struct ev_loop *loop, ev_timer *timer, int events)
+{
+    engine *e = timer->data;
+    struct engine_virtual *v = e->virtual_time;
+    (void)loop;
+    (void)events;
+    v->same = v->begun && v->given == v->seen ? v->same + 1 : 0;
+    v->seen = v->given;
+    if (v->same == HELD_LOOKS)
+        tell_why(e);
+}
+
 /* ---- Begin and end --------------------------------------------------------------------------- */
 
 bool engine_open_virtual(engine *e)
@@ -275,13 +318,18 @@ bool engine_open_virtual(engine *e)
 
 void engine_begin_virtual(engine *e)
 {
-    programs_begin(e->virtual_time->programs);
+    struct engine_virtual *v = e->virtual_time;
+    programs_begin(v->programs);
+    ev_timer_init(&v->look, on_look, LOOK_S, LOOK_S);
+    v->look.data = e;
+    ev_timer_start(e->loop, &v->look);
 }
 
 void engine_close_virtual(engine *e)
 {
     if (!e->virtual_time)
         return;
+    ev_timer_stop(e->loop, &e->virtual_time->look);
     programs_close(e->virtual_time->programs);
     free(e->virtual_time);
     e->virtual_time = NULL;

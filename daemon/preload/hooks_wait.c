@@ -161,13 +161,17 @@ HOOK int select(int count, fd_set *restrict in, fd_set *restrict out, fd_set *re
 
 /* ---- epoll ----------------------------------------------------------------------------------- */
 
-/* Waits for a set. Its descriptors that others than the bus make ready end no wait. */
+/* Waits for a set. It is readable itself when a descriptor in it is ready, which ends the wait, too:
+ * with a message of the bus the turn begins anyway. */
 static int wait_for_set(int set, struct epoll_event *events, int max, const struct timespec *span,
                         const sigset_t *mask)
 {
     const int64_t until_ns = waiting_until(span);
+    struct pollfd whole = {.fd = set, .events = POLLIN};
     const vtime_wait wait = {.until_ns = until_ns,
                              .wants = TIMING_MESSAGES | TIMING_ROOM,
+                             .fds = &whole,
+                             .count = 1,
                              .mask = mask};
     for (;;) {
         pump_step();

@@ -40,9 +40,10 @@ class Virtual:
 
     def begin(self, node, *program, **more):
         words = [CANWIRE, "run", "--virtual", "--bus", "./slow.sock", "--as", node, "--", *program]
-        more = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **more}
+        more = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE,
+                "stderr": subprocess.PIPE, **more}
         self.started.append(subprocess.Popen(list(map(str, words)), cwd=self.folder, text=True,
-                                             stdin=subprocess.DEVNULL, **more))
+                                             **more))
         return self.started[-1]
 
     @staticmethod
@@ -260,6 +261,39 @@ def test_a_program_that_is_killed_holds_nobody(bus, waits):
     assert b.status()["virtual"]["now_ns"] < 10**7 and idle.poll() is None
     busy.kill()
     b.end(idle)
+
+
+def test_the_log_tells_who_holds_time(bus):
+    b = bus()
+    busy = b.begin("engine", sys.executable, "-c", "while True: pass")
+    wait_until(lambda: "virtual time holds for 5 s: process " in b.log.read_text(), "the message")
+    assert b.log.read_text().rstrip().endswith("while True: pass")
+    assert "holds for" in canwire("status", "./slow.sock", cwd=b.folder).stdout
+    busy.kill()
+
+
+def test_other_descriptors_end_a_wait(bus):
+    """asyncio waits with epoll for a pipe, and select for its end; frames do not disturb."""
+    code = """import asyncio, os, select, sys
+async def main():
+    reader = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+    await asyncio.sleep(3)
+    print(await reader.readline(), flush=True)
+    await asyncio.sleep(3600)
+asyncio.run(main())
+print(select.select([0], [], [])[0])"""
+    b = bus()
+    program = b.begin("engine", sys.executable, "-c", code, stdin=subprocess.PIPE)
+    wait_until(lambda: b.status()["virtual"]["now_ns"] >= 3 * 10**9, "three seconds")
+    assert b.status()["virtual"]["rests"]
+    program.stdin.write("hello\n")
+    program.stdin.flush()
+    assert program.stdout.readline() == "b'hello\\n'\n"
+    program.stdin.close()
+    assert program.stdout.read() == "[0]\n" and program.wait(TIMEOUT_S) == 0
+    assert 3603 * 10**9 < b.status()["virtual"]["now_ns"] < 3604 * 10**9
 
 
 def test_time_begins_when_all_programs_are_there(bus):
