@@ -346,6 +346,30 @@ def test_wrong_configurations(tmp_path, text, message):
     assert message in canwire("check", "bus.yaml", status=1, cwd=tmp_path).stderr
 
 
+def test_a_reload_keeps_the_kind_of_time(bus):
+    b = bus()
+    file = b.folder / "bus.yaml"
+    text = file.read_text()
+    file.write_text(text.replace("pacing: virtual\nvirtual: { programs: 1 }", "pacing: tick"))
+    assert "pacing: virtual cannot change while the bus runs" in \
+        canwire("reload", "./slow.sock", status=1, cwd=b.folder).stderr
+    file.write_text(text.replace("idle", "other"))
+    canwire("reload", "./slow.sock", cwd=b.folder)
+    b.run("other", "true", status=1)
+    b.run("engine", "sh", "-c", "cansend engine 123#; sleep 1")
+    assert [n["name"] for n in b.status()["nodes"]] == ["engine", "dash", "other"]
+    assert b.status()["bus"]["frames"] == 1
+
+
+def test_no_bus_of_a_rig_has_virtual_time(tmp_path):
+    (tmp_path / "bus.yaml").write_text(
+        "bus: { name: r, bitrate: 500000 }\npacing: virtual\nvirtual: { socket: s }\n"
+        "nodes: [{ name: a }]\n")
+    (tmp_path / "rig.yaml").write_text("buses: [ bus.yaml ]\n")
+    assert "rig.yaml:1:10: buses: 'bus.yaml' has 'pacing: virtual', which a bus of a rig cannot " \
+        "have" in canwire("check", "rig.yaml", status=1, cwd=tmp_path).stderr
+
+
 def test_sim_runs_such_a_file_as_any_other(tmp_path):
     (tmp_path / "bus.yaml").write_text(
         "bus: { name: r, bitrate: 500000 }\npacing: virtual\nvirtual: { socket: s }\n"
