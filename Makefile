@@ -93,7 +93,7 @@ PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
 .PHONY: all dev dev-run picture calls soak mutant mutant-run mutant-short-cuts \
-  mutant-short-cuts-run test \
+  mutant-short-cuts-run mutant-campaign mutant-campaign-run test \
   test-unit demo bench check cover man install uninstall deb wheel clean help build \
   fuzz fuzz-run fuzz-merge fuzz-merge-run world world-night world-proof test-newer-kernel
 .DELETE_ON_ERROR:
@@ -271,6 +271,7 @@ fuzz_seeds = tests/fuzz/corpus/$(1:fuzz_%=%) $(FUZZ_SEEDS_$(1))
 # Limits of an input in bytes; without one the longest initial input decides. The initial inputs of
 # fuzz_config include other files, whose length would make it slow.
 FUZZ_BYTES_fuzz_bus := 1000
+FUZZ_BYTES_fuzz_campaign := 4000
 FUZZ_BYTES_fuzz_clients := 2000
 FUZZ_BYTES_fuzz_config := 8000
 FUZZ_BYTES_fuzz_control := 4000
@@ -304,6 +305,13 @@ MUTANT_TESTS := $(addprefix $(BUILD)/,test_mac test_bus test_contest test_host \
 mutant: $(MUTANT_TESTS)
 mutant-run:
 	@for test in $(MUTANT_TESTS); do $$test || exit 1; done
+
+# ... and for changed rows of campaigns (scripts/mutate --campaign).
+MUTANT_CAMPAIGN := $(addprefix $(BUILD)/,test_number_text test_pairwise test_pool test_rule_slot \
+  test_sample test_splice test_variant replay_fuzz_campaign)
+mutant-campaign: $(MUTANT_CAMPAIGN)
+mutant-campaign-run:
+	@for test in $(MUTANT_CAMPAIGN); do $$test tests/fuzz/corpus/campaign || exit 1; done
 
 # In the same way for changed fast paths (scripts/mutate --short-cuts).
 mutant-short-cuts: $(DIFFERENTIAL) $(BUILD)/test_clocks $(BUILD)/test_timed_frames

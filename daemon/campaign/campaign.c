@@ -109,18 +109,15 @@ static bool check_scenario(campaign_owner *o, schema *self)
 {
     const campaign *c = &o->campaign;
     const cfg_file file = {.name = c->scenario_name, .text = c->text, .size = c->size};
-    if (rig_is_rig_text(&file)) {
-        rig *loaded = rig_load_text(&file, o->errors);
-        for (size_t i = 0; loaded && i < loaded->bus_count; i++)
-            ends_note(o, self, loaded->buses[i], false);
-        rig_free(loaded);
-        return loaded;
-    }
-    o->config = cfg_load_text(&file, o->errors);
+    rig *several;
+    const bool good = rig_load_either(&several, &o->config, &file, o->errors);
+    for (size_t i = 0; several && i < several->bus_count; i++)
+        ends_note(o, self, several->buses[i], false);
     if (o->config)
         ends_note(o, self, o->config, true);
     o->campaign.scenario_seed = o->config ? o->config->seed : 0;
-    return o->config;
+    rig_free(several);
+    return good;
 }
 
 static void read_scenario(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -60,6 +60,8 @@ static char *messages_of_row(const campaign *c)
     rowtext text = {.no_memory = false};
     char *found = NULL;
     size_t size = 0;
+    rig *several;
+    cfg *alone;
     FILE *out = open_memstream(&found, &size);
     if (!out)
         return NULL;
@@ -67,10 +69,9 @@ static char *messages_of_row(const campaign *c)
     variant_text(&text, c, choices);
     const cfg_file file = {.name = c->scenario_name, .text = buffer_first(&text.bytes),
                            .size = buffer_length(&text.bytes)};
-    if (rig_is_rig_text(&file))
-        rig_free(rig_load_text(&file, out));
-    else
-        cfg_free(cfg_load_text(&file, out));
+    (void)rig_load_either(&several, &alone, &file, out);
+    rig_free(several);
+    cfg_free(alone);
     rowtext_free(&text);
     (void)fclose(out);
     return found;

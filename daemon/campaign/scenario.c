@@ -52,24 +52,15 @@ static bool open_buses(scenario *s, FILE *messages)
     return good;
 }
 
-static bool load(scenario *s, const cfg_file *file, FILE *messages)
-{
-    const bool is_rig = file->text ? rig_is_rig_text(file) : rig_is_rig(file->name);
-    if (is_rig)
-        s->rig = file->text ? rig_load_text(file, messages) : rig_load(file->name, messages);
-    else
-        s->alone = file->text ? cfg_load_text(file, messages) : cfg_load(file->name, messages);
-    return s->rig || s->alone;
-}
-
 scenario *scenario_open(const cfg_file *file, FILE *messages)
 {
     FILE *nowhere = messages ? NULL : fopen("/dev/null", "re");
     scenario *s = calloc(1, sizeof *s);
     if (s)
         s->until = CW_NEVER;
-    const bool good = s && (messages || nowhere) &&
-                      load(s, file, messages ? messages : nowhere) && open_buses(s, messages);
+    FILE *errors = messages ? messages : nowhere;
+    const bool good = s && errors && rig_load_either(&s->rig, &s->alone, file, errors) &&
+                      open_buses(s, messages);
     if (nowhere)
         (void)fclose(nowhere);
     if (good)

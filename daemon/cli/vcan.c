@@ -402,9 +402,9 @@ static bool up(links *l, const char *owner, const cfg *const *buses, size_t coun
 
 static bool up_file(links *l, const char *owner, const char *file)
 {
-    bool is_rig = rig_is_rig(file);
-    rig *several = is_rig ? rig_load(file, stderr) : NULL;
-    cfg *one = is_rig ? NULL : cfg_load(file, stderr);
+    rig *several;
+    cfg *one;
+    (void)rig_load_either(&several, &one, &(cfg_file){.name = file}, stderr);
     bool good = several
                     ? up(l, owner, (const cfg *const *)several->buses, several->bus_count)
                     : one && up(l, owner, (const cfg *const *)&one, 1);

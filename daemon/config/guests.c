@@ -71,8 +71,9 @@ void cfg_add_guest(schema *self, const schema_key *keys)
 void cfg_copy_guests(schema *self)
 {
     cfg *config = cfg_of(self);
+    if (config->node_count == 0)
+        return; /* after errors */
     const cfg_node *first = &config->nodes[config->node_count - 1];
-
     for (unsigned i = 2; i <= config->guest_count && config->node_count < CW_NODES_MAX; i++) {
         cfg_node *node = &config->nodes[config->node_count];
         *node = *first;

@@ -428,7 +428,13 @@ bool rig_is_rig(const char *file)
     return is_rig(&(cfg_file){.name = file});
 }
 
-bool rig_is_rig_text(const cfg_file *file)
+bool rig_load_either(rig **several, cfg **alone, const cfg_file *file, FILE *errors)
 {
-    return is_rig(file);
+    *several = NULL;
+    *alone = NULL;
+    if (is_rig(file))
+        *several = file->text ? rig_load_text(file, errors) : rig_load(file->name, errors);
+    else
+        *alone = file->text ? cfg_load_text(file, errors) : cfg_load(file->name, errors);
+    return *several || *alone;
 }

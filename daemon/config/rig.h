@@ -62,15 +62,16 @@ typedef struct rig {
  * Writes no messages. */
 bool rig_is_rig(const char *file);
 
-/* Does the same for a text. */
-bool rig_is_rig_text(const cfg_file *file);
-
 /* Reads a rig and the configurations of its buses. Returns NULL after writing one line per error to
  * `errors`. Warnings of the buses are in their configurations. */
 rig *rig_load(const char *file, FILE *errors);
 
 /* Does the same with a text; paths in it are relative to the directory of its name. */
 rig *rig_load_text(const cfg_file *file, FILE *errors);
+
+/* Reads a file, or a text with the name of one, which is a rig or the configuration of one bus: the
+ * caller gets one of both, to be freed. Returns false after errors. */
+bool rig_load_either(rig **several, cfg **alone, const cfg_file *file, FILE *errors);
 
 /* Returns true when the file still has the text of a rig. Otherwise it writes a line to
  * `errors`. */

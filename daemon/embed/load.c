@@ -110,22 +110,11 @@ static bool open_all(canwire_sim *sim, cfg *alone, FILE *out)
     return good;
 }
 
-static cfg *load_alone(const cfg_file *file, FILE *out)
-{
-    return file->text ? cfg_load_text(file, out) : cfg_load(file->name, out);
-}
-
-static rig *load_rig(const cfg_file *file, FILE *out)
-{
-    return file->text ? rig_load_text(file, out) : rig_load(file->name, out);
-}
-
 static canwire_sim *load(const cfg_file *file, FILE *out)
 {
-    const bool several = file->text ? rig_is_rig_text(file) : rig_is_rig(file->name);
-    rig *buses = several ? load_rig(file, out) : NULL;
-    cfg *alone = several ? NULL : load_alone(file, out);
-    if (!buses && !alone)
+    rig *buses;
+    cfg *alone;
+    if (!rig_load_either(&buses, &alone, file, out))
         return NULL;
     canwire_sim *sim = calloc(1, sizeof *sim);
     if (sim) {

@@ -107,14 +107,13 @@ static int read_options(settings *out, int argc, char **argv)
 /* Takes the nodes of a file. Returns false after writing the reasons; nothing has changed then. */
 static bool read_file(adapters *a, const char *file)
 {
-    const bool is_rig = rig_is_rig(file);
-    rig *several = is_rig ? rig_load(file, stderr) : NULL;
-    cfg *one = is_rig ? NULL : cfg_load(file, stderr);
+    rig *several;
+    cfg *one;
+    const bool good = rig_load_either(&several, &one, &(cfg_file){.name = file}, stderr);
     if (several)
         adapters_set(a, (const cfg *const *)several->buses, several->bus_count);
     else if (one)
         adapters_set(a, (const cfg *const *)&one, 1);
-    const bool good = several || one;
     rig_free(several);
     cfg_free(one);
     return good;
