@@ -45,7 +45,7 @@ static const char *put(char out[TEXT_BYTES], const char *text, const char *path,
 {
     static char wrong[256];
     paper p;
-    splice s = {.before = NULL};
+    splice_place s = {.before = NULL};
     const char *rule;
     open_paper(&p, text);
     const char *problem = splice_find(&s, &p.text, path, &rule);
@@ -147,7 +147,7 @@ static void lines_of_other_systems_stay(void **state)
 static void find_text(char out[TEXT_BYTES], const char *text, const char *path)
 {
     paper p;
-    splice s = {.begin = 0};
+    splice_place s = {.begin = 0};
     const char *rule;
     out[0] = '\0';
     open_paper(&p, text);
@@ -229,7 +229,7 @@ static void the_rule_of_a_value_is_known(void **state)
     (void)state;
     for (size_t i = 0; i < COUNT(paths); i++) {
         paper p;
-        splice s;
+        splice_place s;
         const char *rule;
         open_paper(&p, text);
         assert_null(splice_find(&s, &p.text, paths[i], &rule));
@@ -245,8 +245,8 @@ static void assert_rules(const char *text, const char *expected)
 {
     char found[TEXT_BYTES];
     paper p;
-    splice a;
-    splice b;
+    splice_place a;
+    splice_place b;
     open_paper(&p, text);
     assert_null(splice_find_rules(&a, &p.text, true, false));
     assert_null(splice_find_rules(&b, &p.text, false, true));
