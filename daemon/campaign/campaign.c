@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static schema_reader read_scenario, read_until, read_limit, read_sample;
+static schema_reader read_scenario, read_until, read_limit, read_sample, read_detected, read_ftti;
 
 static const schema_range seed_range = {0, UINT64_MAX, sizeof(uint64_t)};
 static const schema_range count_range = {1, UINT64_C(1) << 48, sizeof(uint64_t)};
@@ -30,6 +30,8 @@ static const schema_key campaign_keys[] = {
     {.name = "network", .read = campaign_read_network},
     {.name = "virtual", .read = campaign_read_virtual},
     {.name = "sample", .read = read_sample},
+    {.name = "detected", .read = read_detected},
+    {.name = "ftti", .read = read_ftti},
     {.name = "vary", .read = campaign_read_factors, .required = true},
     {.name = NULL},
 };
@@ -186,6 +188,47 @@ static void read_sample(schema *self, const schema_key *key, yaml_node_t *value,
     if (random == (schema_find(self, value, "low-discrepancy") != NULL))
         schema_complain(self, value, "sample: expected full, pairwise, { random: N } or "
                         "{ low-discrepancy: N }");
+}
+
+/* ---- Detection ------------------------------------------------------------------------------- */
+
+static bool has_expectation(const cfg *config, const char *name)
+{
+    for (size_t i = 0; i < config->expect_count; i++)
+        if (config->expects[i].name && strcmp(config->expects[i].name, name) == 0)
+            return true;
+    return false;
+}
+
+/* Reads names of expectations. Those of a rig are in the files of its buses. */
+static void read_detected(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    campaign_owner *o = object;
+    campaign *c = &o->campaign;
+    const size_t count = schema_count_one(self, key, value, 1, CAMPAIGN_DETECTED_MAX);
+    c->detected = schema_alloc(self, count, sizeof *c->detected);
+    for (size_t i = 0; i < count && c->detected; i++) {
+        yaml_node_t *item = schema_item(self, value, i);
+        const char *name = schema_text(self, key, item, "the name of an expectation");
+        if (name && o->config && !has_expectation(o->config, name))
+            schema_complain(self, item, "%s: the scenario has no expectation with the name '%s'",
+                            key->name, name);
+        else if (name)
+            c->detected[c->detected_count++] = schema_copy(self, name);
+    }
+}
+
+static void read_ftti(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    campaign_owner *o = object;
+    cfg_time time = {.ns = 0};
+    const char *text = schema_text(self, key, value, "a time such as 50ms");
+    if (!text)
+        return;
+    schema_problem(self, key, value, text_parse_time(&time, text));
+    if (time.bits > 0 || time.ns == 0)
+        schema_expected(self, key, value, "a time such as 50ms, in units of seconds");
+    o->campaign.ftti_ns = time.ns;
 }
 
 /* ---- The file -------------------------------------------------------------------------------- */

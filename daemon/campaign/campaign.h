@@ -14,6 +14,7 @@
 #define CAMPAIGN_VALUES_MAX 1000000u /* in a list */
 #define CAMPAIGN_ROWS_MAX (UINT64_C(1) << 62)
 #define CAMPAIGN_LIMIT_MS 60000
+#define CAMPAIGN_DETECTED_MAX 256u
 
 typedef enum factor_kind {
     FACTOR_LIST = 0, /* texts */
@@ -58,6 +59,9 @@ typedef struct campaign {
     uint64_t scenario_seed; /* in its file; 0 for a rig, whose buses have their own */
     int64_t limit_ms; /* of real time for one scenario */
     ecu_plan ecus;
+    const char **detected; /* expectations that tell of a detection, see config/report.md */
+    size_t detected_count;
+    uint64_t ftti_ns; /* the limit of detection latencies; 0: none */
     campaign_sample sample;
     uint64_t sample_count;
     size_t factor_count;

@@ -4,6 +4,7 @@
  */
 #include "campaign/sample.h"
 
+#include "campaign/normal.h"
 #include "campaign/pairwise.h"
 
 #include <math.h>
@@ -126,22 +127,6 @@ void sample_choose(choice out[CAMPAIGN_FACTORS_MAX], const campaign *c, uint64_t
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */
-
-/* Returns the quantile of the standard normal distribution, by bisection of erfc(): its result is
- * rounded to a step far above the error. */
-static double normal_quantile(double probability)
-{
-    double low = -9;
-    double high = 9;
-    for (unsigned i = 0; i < 60; i++) {
-        const double middle = (low + high) / 2;
-        if (erfc(-middle / M_SQRT2) / 2 < probability)
-            low = middle;
-        else
-            high = middle;
-    }
-    return (low + high) / 2;
-}
 
 /* Rounds to whole steps. */
 static int64_t round_to(double value, int64_t step)

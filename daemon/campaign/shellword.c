@@ -30,3 +30,23 @@ void shellword_begin(rowtext *line, const char *command, const char *file)
     rowtext_put(line, " ");
     shellword_put(line, file);
 }
+
+bool shellword_take(rowtext *word, const char **line)
+{
+    const char *at = *line + strspn(*line, " ");
+    bool quoted = false;
+    rowtext_clear(word);
+    if (*at == '\0')
+        return false;
+    for (; *at && (quoted || *at != ' '); at++) {
+        if (*at == '\'') {
+            quoted = !quoted;
+            continue;
+        }
+        at += !quoted && *at == '\\' && at[1];
+        (void)buffer_append(&word->bytes, at, 1);
+    }
+    (void)buffer_append(&word->bytes, "", 1);
+    *line = at;
+    return !quoted;
+}

@@ -13,4 +13,8 @@ void shellword_begin(rowtext *line, const char *command, const char *file);
 /* Appends a word, in quotes where it needs them. */
 void shellword_put(rowtext *line, const char *word);
 
+/* Takes the next word off a command line that these functions have written. Returns false at its
+ * end, and for another line. */
+bool shellword_take(rowtext *word, const char **line);
+
 #endif

@@ -53,7 +53,13 @@ static void put_rules(rowtext *out, const char *rules, const char *between)
 
 void variant_text(rowtext *out, const campaign *c, const choice *choices)
 {
-    uint64_t done = 0;
+    variant_text_without(out, c, choices, 0);
+}
+
+void variant_text_without(rowtext *out, const campaign *c, const choice *choices,
+                          uint64_t without)
+{
+    uint64_t done = without;
     size_t at = 0;
     for (size_t i; (i = variant_next_edit(c, done)) != SIZE_MAX; done |= UINT64_C(1) << i) {
         const factor *f = &c->factors[i];

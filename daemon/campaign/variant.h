@@ -11,6 +11,10 @@
  * it. */
 void variant_text(rowtext *out, const campaign *c, const choice *choices);
 
+/* Writes it with the scenario's own values for a set of factors. */
+void variant_text_without(rowtext *out, const campaign *c, const choice *choices,
+                          uint64_t without);
+
 /* Reads the seed of the choices. Returns false when the seed does not vary. */
 bool variant_seed(uint64_t *seed, const campaign *c, const choice *choices);
 

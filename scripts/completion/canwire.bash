@@ -57,8 +57,9 @@ _canwire_options() {
         echo --bitrate --clock --tq --sample-point --delay --length --tx-delay --rx-delay --sjw \
             --controller --kernel --dbitrate --dsample-point --json --help
         ;;
-    sim) "$tool" sim --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help ;;
-    campaign) echo --out --resume --shard --jobs --only --reload --work --keep --help ;;
+    sim | campaign)
+        "$tool" "$1" --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help
+        ;;
     analyse) echo --simulate --error-every --error-rate --json --help ;;
     status | faults) echo --json --help ;;
     watch) echo --json --text --help ;;
@@ -99,7 +100,8 @@ _canwire_place() {
         --format | --size | --files | --with | --until | --simulate | --error-every | \
             --error-rate | --until-event | --seed | --seeds | --jobs | --from | --to | --events | \
             --log | --pcapng | --stats | --vcd | --svg | --junit | --journal | --config | --pid | \
-            --bus | --as | --interface | --interval | --out | --shard | --only | --work) continue ;;
+            --bus | --as | --interface | --interval | --out | --shard | --only | --work | \
+            --campaign | --ftti | --confidence) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue
         [[ -z $bus ]] && bus=$word
@@ -110,11 +112,11 @@ _canwire_place() {
 # Completes argument $place of subcommand $1.
 _canwire_argument() {
     case $1:$place in
-    analyse:0 | check:0 | sim:0 | timing:0 | inject:1 | record:1 | vcan:1 | campaign:1)
+    analyse:0 | check:0 | sim:0 | timing:0 | inject:1 | record:1 | vcan:1 | campaign:[1-9]*)
         _canwire_files
         ;;
     vcan:0) _canwire_words "up down" ;;
-    campaign:0) _canwire_words "plan run show files" ;;
+    campaign:0) _canwire_words "plan run show files report" ;;
     status:0 | watch:0 | top:* | record:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | \
         set:0 | reload:0)
         _canwire_bus

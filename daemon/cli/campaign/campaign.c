@@ -24,7 +24,7 @@ static const char help[] =
     "Runs a scenario with many values of what varies, as FILE says (canwire-campaign(7)). `plan`\n"
     "tells how many rows that makes, how long they will take, and the first ones. `run` writes a\n"
     "row of JSON for each. `show` prints the scenario of a row, `files` the paths of all files that\n"
-    "are read.\n"
+    "are read. `report` says what the rows show.\n"
     "\n"
     "  --out F      write the rows into F, which appears when all are there; until then they are\n"
     "               in F.part. By default they go to standard output\n"
@@ -37,10 +37,12 @@ static const char help[] =
     "  --work DIR   the folder for the files of programs (`ecu` in FILE), a folder for each row; by\n"
     "               default F.d, or FILE.d\n"
     "  --keep       keep those of rows that have passed, too\n"
-    "  --reload     load the whole scenario for each row: slower, the same results\n"
+    "  --reload     load the whole scenario for each row: slower, the same results\n";
+
+static const char exit_status[] =
     "\n"
-    "Exit status: 0, 1 a value or a file is bad, or a row is no scenario, 2 wrong usage, 3 a row\n"
-    "has not passed.\n";
+    "Exit status: 0, 1 a value or a file is bad, or a row is no scenario, 2 wrong usage, 3 (run) a\n"
+    "row has not passed.\n";
 
 typedef struct options {
     campaign_run_options run;
@@ -53,6 +55,7 @@ enum { SEEN_RUN = 1u, SEEN_JOBS = 2u };
 static int refuse(void)
 {
     fputs(usage, stderr);
+    fputs(campaign_report_usage, stderr);
     return CLI_USAGE;
 }
 
@@ -114,7 +117,10 @@ static int parse_options(options *o, int argc, char **argv)
     while ((c = getopt_long(argc, argv, "h", known, NULL)) != -1) {
         if (c == 'h') {
             fputs(usage, stdout);
+            fputs(campaign_report_usage, stdout);
             fputs(help, stdout);
+            fputs(campaign_report_help, stdout);
+            fputs(exit_status, stdout);
             return CLI_OK;
         }
         if (c == '?')
@@ -162,6 +168,8 @@ static int run_part(options *o, const char *name, const char *file, const char *
 int cli_campaign(int argc, char **argv)
 {
     options o = {.run.shard = {.k = 1, .n = 1}};
+    if (argc > 1 && strcmp(argv[1], "report") == 0)
+        return campaign_report(argc - 1, argv + 1);
     const int status = parse_options(&o, argc, argv);
     if (status >= 0)
         return status;

@@ -25,4 +25,11 @@ int campaign_plan(const campaign *c, unsigned jobs);
 int campaign_show(const campaign *c, uint64_t number);
 int campaign_files(const campaign *c);
 
+/* Has a command line of its own; argv[0] is `report`. */
+int campaign_report(int argc, char **argv);
+
+/* Parts of --help. */
+extern const char campaign_report_usage[];
+extern const char campaign_report_help[];
+
 #endif

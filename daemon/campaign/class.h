@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * class.h - the class of a row: what a scenario has shown, for the statistics of a campaign.
+ *
+ * config/report.md defines the classes for users.
+ */
+#ifndef CANWIRE_CAMPAIGN_CLASS_H
+#define CANWIRE_CAMPAIGN_CLASS_H
+
+#include "campaign/outcome.h"
+
+/* The first ones make up the rates; the last three are counted beside them. */
+typedef enum row_class {
+    CLASS_NO_EFFECT = 0,
+    CLASS_CORRECTED,  /* errors, and all is well in the end */
+    CLASS_DEGRADED,   /* passed, with a loss or a node that was not error-active */
+    CLASS_DETECTED,   /* failed, and seen */
+    CLASS_UNDETECTED, /* failed, and not seen */
+    CLASS_TIMEOUT,
+    CLASS_CRASHED,
+    CLASS_INVALID,
+    CLASS_BROKEN,
+    CLASS_COUNT
+} row_class;
+
+#define CLASS_RATED CLASS_CRASHED /* the number of classes in the rates */
+
+/* All that decides about the class. */
+typedef struct class_facts {
+    outcome outcome;
+    bool failed;     /* an expectation that is no sign of detection is not met */
+    bool announced;  /* one that is such a sign is met */
+    bool error;      /* a node has detected an error ... */
+    bool error_after_hit; /* ... at or after the first hit of a fault rule */
+    bool hit;        /* a fault rule has acted */
+    bool lost;       /* a frame was dropped, or accepted with content that nobody sent */
+    bool weakened;   /* a node was error-passive or bus-off, or is not error-active in the end */
+} class_facts;
+
+row_class class_of(const class_facts *f);
+
+/* Returns the name for people, and in JSON. */
+const char *class_name(row_class c);
+
+#endif

@@ -1,0 +1,120 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * candidates.c - rows that stand for all rows of a class: one for each kind of failure.
+ */
+#include "campaign/report/candidates.h"
+
+#include "campaign/report/memory.h"
+#include "campaign/rowtext.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static const char *text_of(const json_t *object, const char *key)
+{
+    const char *text = json_string_value(json_object_get(object, key));
+    return text ? text : "";
+}
+
+/* Writes the kind of a row. */
+static void write_kind(rowtext *kind, const report_row *row, const row_signs *signs)
+{
+    static const char *const keys[] = {"type", "field", "role", "node"};
+    for (size_t i = 0; i < json_array_size(row->failed); i++) {
+        if (row_signs_has(signs, report_row_failed(row, i)))
+            continue;
+        rowtext_put(kind, report_row_failed(row, i));
+        rowtext_put(kind, "\n");
+    }
+    for (size_t i = 0; i < sizeof keys / sizeof keys[0] && row->first_error; i++) {
+        rowtext_put(kind, text_of(row->first_error, keys[i]));
+        rowtext_put(kind, "\n");
+    }
+    (void)buffer_append(&kind->bytes, "", 1);
+}
+
+static const char *first_failed(const report_row *row, const row_signs *signs)
+{
+    for (size_t i = 0; i < json_array_size(row->failed); i++)
+        if (!row_signs_has(signs, report_row_failed(row, i)))
+            return report_row_failed(row, i);
+    return NULL;
+}
+
+static uint64_t name_of(const report_row *row)
+{
+    return row->has_number ? row->number : row->seed;
+}
+
+/* Returns true when a row comes before a candidate. */
+static bool is_before(const report_row *row, const candidate *c)
+{
+    return row->end_ns != c->end_ns ? row->end_ns < c->end_ns : name_of(row) < c->number;
+}
+
+static void forget(candidate *c)
+{
+    free(c->kind);
+    free(c->expectation);
+    free(c->repeat);
+}
+
+static void take_out(candidates *c, size_t at)
+{
+    forget(&c->list[at]);
+    memmove(c->list + at, c->list + at + 1, (c->count - at - 1) * sizeof *c->list);
+    c->count--;
+}
+
+static void put_in(candidates *c, const candidate *added, const report_row *row)
+{
+    size_t at = c->count;
+    while (at > 0 && is_before(row, &c->list[at - 1]))
+        at--;
+    memmove(c->list + at + 1, c->list + at, (c->count - at) * sizeof *c->list);
+    c->list[at] = *added;
+    c->count++;
+}
+
+/* Makes room for a row of a kind. Returns false when others stand for the class. */
+static bool make_room(candidates *c, const report_row *row, const char *kind)
+{
+    for (size_t i = 0; i < c->count; i++) {
+        if (strcmp(c->list[i].kind, kind) != 0)
+            continue;
+        if (!is_before(row, &c->list[i]))
+            return false;
+        take_out(c, i);
+        return true;
+    }
+    if (c->count < CANDIDATES_MAX)
+        return true;
+    if (!is_before(row, &c->list[c->count - 1]))
+        return false;
+    take_out(c, c->count - 1);
+    return true;
+}
+
+void candidates_add(candidates *c, const report_row *row, const row_signs *signs)
+{
+    rowtext kind = {.no_memory = false};
+    write_kind(&kind, row, signs);
+    if (make_room(c, row, buffer_first(&kind.bytes))) {
+        const char *failed = first_failed(row, signs);
+        const candidate added = {.kind = memory_text(buffer_first(&kind.bytes)),
+                                 .expectation = failed ? memory_text(failed) : NULL,
+                                 .repeat = memory_text(row->repeat),
+                                 .number = name_of(row),
+                                 .seed = row->seed,
+                                 .end_ns = row->end_ns};
+        put_in(c, &added, row);
+    }
+    rowtext_free(&kind);
+}
+
+void candidates_free(candidates *c)
+{
+    for (size_t i = 0; i < c->count; i++)
+        forget(&c->list[i]);
+    c->count = 0;
+}

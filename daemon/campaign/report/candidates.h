@@ -1,0 +1,35 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * candidates.h - rows that stand for all rows of a class: one for each kind of failure.
+ *
+ * A kind is what has failed, and how the first error was seen. The row that ends first stands for
+ * its kind, of equal ones that with the lowest number. So the order of the rows does not matter.
+ */
+#ifndef CANWIRE_CAMPAIGN_REPORT_CANDIDATES_H
+#define CANWIRE_CAMPAIGN_REPORT_CANDIDATES_H
+
+#include "campaign/report/row.h"
+
+#define CANDIDATES_MAX 48u /* of a class */
+
+typedef struct candidate {
+    char *kind;
+    char *expectation; /* the first that has failed; NULL: none has */
+    char *repeat;
+    uint64_t number; /* of the row, or its seed without a campaign */
+    uint64_t seed;
+    uint64_t end_ns;
+} candidate;
+
+/* In the order of their ends and numbers. All zeros is empty. */
+typedef struct candidates {
+    candidate list[CANDIDATES_MAX];
+    size_t count;
+} candidates;
+
+/* Takes a row. */
+void candidates_add(candidates *c, const report_row *row, const row_signs *signs);
+
+void candidates_free(candidates *c);
+
+#endif

@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * memory.c - memory of a report. Half a report would be wrong, so a lack of it ends the program.
+ */
+#include "campaign/report/memory.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define ROOM_FIRST 16u
+
+_Noreturn static void give_up(void)
+{
+    fputs("canwire campaign: out of memory\n", stderr);
+    exit(EXIT_FAILURE);
+}
+
+void *memory_list(void *list, size_t count, size_t item_bytes)
+{
+    void *memory = reallocarray(list, count > 0 ? count : 1, item_bytes);
+    if (!memory)
+        give_up();
+    return memory;
+}
+
+void *memory_grow(void *list, size_t *room, size_t count, size_t item_bytes)
+{
+    if (count < *room)
+        return list;
+    *room = *room > 0 ? 2 * *room : ROOM_FIRST;
+    return memory_list(list, *room, item_bytes);
+}
+
+char *memory_text(const char *text)
+{
+    char *copy = strdup(text);
+    if (!copy)
+        give_up();
+    return copy;
+}
+
+char *memory_print(const char *format, ...)
+{
+    va_list args;
+    char *text = NULL;
+    va_start(args, format);
+    const int length = vasprintf(&text, format, args);
+    va_end(args);
+    if (length < 0)
+        give_up();
+    return text;
+}

@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * memory.h - memory of a report. Half a report would be wrong, so a lack of it ends the program.
+ */
+#ifndef CANWIRE_CAMPAIGN_REPORT_MEMORY_H
+#define CANWIRE_CAMPAIGN_REPORT_MEMORY_H
+
+#include <stddef.h>
+
+/* Makes room for `count` items in a list, or in a new one (NULL). Returns it; the caller frees it.
+ * New items are not set. */
+void *memory_list(void *list, size_t count, size_t item_bytes);
+
+/* Doubles the room of a list when `count` items fill it. */
+void *memory_grow(void *list, size_t *room, size_t count, size_t item_bytes);
+
+/* Returns a copy of a text, to be freed. */
+char *memory_text(const char *text);
+
+/* Returns a formatted text, to be freed. */
+char *memory_print(const char *format, ...) __attribute__((format(printf, 1, 2)));
+
+#endif

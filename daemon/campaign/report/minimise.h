@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * minimise.h - makes a scenario shorter as long as it does the same (delta debugging).
+ *
+ * A shorter scenario has the same class, and the same expectation fails. Without its fault rules
+ * that expectation is met, if this was so in the beginning: what fails then is due to the faults.
+ */
+#ifndef CANWIRE_CAMPAIGN_REPORT_MINIMISE_H
+#define CANWIRE_CAMPAIGN_REPORT_MINIMISE_H
+
+#include "campaign/report/row.h"
+#include "campaign/sample.h"
+
+/* A scenario that is to become shorter. */
+typedef struct minimise_task {
+    const campaign *campaign; /* NULL: the text is a scenario */
+    choice choices[CAMPAIGN_FACTORS_MAX]; /* of the row */
+    const char *name;         /* of the scenario's file */
+    const char *text;         /* without a campaign */
+    bool has_until;
+    cfg_time until;
+    bool has_seed;
+    uint64_t seed;
+    uint64_t end_ns;          /* bus time at the end of the row */
+    row_class class;
+    const char *expectation;  /* NULL: none has failed */
+    const row_signs *signs;
+    int64_t limit_ms;         /* of real time for a run */
+    int64_t deadline_ns;      /* of wall_ns(): it is then as short as it has become */
+} minimise_task;
+
+typedef struct minimised {
+    char *text; /* of the scenario; NULL: it does not do the same again */
+    size_t rules;
+    size_t traffic;
+    bool has_until;
+    uint64_t until_ns;
+    bool has_seed;
+    bool whole; /* the deadline has not come before the end */
+} minimised;
+
+/* Makes it short. The caller frees the text. */
+minimised minimise(const minimise_task *task);
+
+#endif

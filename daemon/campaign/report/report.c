@@ -1,0 +1,196 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * report.c - what the rows of a campaign show together.
+ */
+#include "campaign/report/report.h"
+
+#include "campaign/report/memory.h"
+#include "campaign/report/valuetext.h"
+#include "campaign/sample.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- The begin ------------------------------------------------------------------------------- */
+
+/* Returns the number of different values that a factor may have, or 0. */
+static uint64_t possible_values(const factor *f)
+{
+    if (f->kind == FACTOR_NORMAL)
+        return 0;
+    if (f->kind != FACTOR_UNIFORM)
+        return f->count;
+    return (uint64_t)((f->to.mantissa - f->from.mantissa) / f->step.mantissa) + 1;
+}
+
+/* Adds the values that a campaign lists, so that values without a row are known. */
+static void add_values(dimension *d, const factor *f)
+{
+    rowtext text = {.no_memory = false};
+    d->possible = possible_values(f);
+    if ((f->kind != FACTOR_LIST && f->kind != FACTOR_RANGE) || f->count > DIMENSION_VALUES_MAX)
+        return;
+    for (uint64_t i = 0; i < f->count; i++) {
+        rowtext_clear(&text);
+        sample_value(&text, f, &(choice){.index = i});
+        json_t *value = json_loadb(buffer_first(&text.bytes), buffer_length(&text.bytes),
+                                   JSON_DECODE_ANY, NULL);
+        (void)dimension_find(d, value_text(&text, value));
+        json_decref(value);
+    }
+    d->possible = d->count; /* a list may have a value twice */
+    rowtext_free(&text);
+}
+
+static void add_group(report *r, const char *name, const char *part)
+{
+    if (r->group_count < REPORT_GROUPS_MAX)
+        r->groups[r->group_count++] =
+            (dimension){.name = memory_print("%s.%s", name, part)};
+}
+
+static void begin_factor(report *r, const report_row *first, const char *name)
+{
+    r->factors[r->factor_count++].name = memory_text(name);
+    if (!value_is_space(json_object_get(first->factors, name)))
+        return;
+    add_group(r, name, "frame");
+    add_group(r, name, "field");
+}
+
+/* The factors have the order of the campaign, or that of the first row. */
+static void begin_factors(report *r, const report_row *first)
+{
+    const char *name;
+    json_t *value;
+    const campaign *c = r->campaign;
+    for (size_t i = 0; c && i < c->factor_count; i++) {
+        begin_factor(r, first, c->factors[i].name);
+        add_values(&r->factors[i], &c->factors[i]);
+    }
+    json_object_foreach((json_t *)first->factors, name, value) {
+        if (!c && r->factor_count < CAMPAIGN_FACTORS_MAX)
+            begin_factor(r, first, name);
+    }
+}
+
+void report_begin(report *r, const report_row *first, const campaign *c)
+{
+    r->campaign = c;
+    r->expectations.name = memory_text("expectation");
+    r->errors.name = memory_text("first error");
+    if (first->factors)
+        begin_factors(r, first);
+    pairs_begin(&r->pairs, r->factor_count);
+}
+
+/* ---- Rows ------------------------------------------------------------------------------------ */
+
+static void count(dimension *d, const char *text, row_class class)
+{
+    dimension_count(d, dimension_find(d, text), class);
+}
+
+static void add_factors(report *r, const report_row *row)
+{
+    uint32_t numbers[CAMPAIGN_FACTORS_MAX] = {0};
+    rowtext text = {.no_memory = false};
+    size_t group = 0;
+    for (size_t i = 0; i < r->factor_count; i++) {
+        dimension *d = &r->factors[i];
+        const json_t *value = json_object_get(row->factors, d->name);
+        numbers[i] = dimension_find(d, value_text(&text, value));
+        dimension_count(d, numbers[i], row->class);
+        if (!value_is_space(value) || group + 2 > r->group_count)
+            continue;
+        count(&r->groups[group++], value_frame(value), row->class);
+        count(&r->groups[group++], value_field(&text, value), row->class);
+    }
+    rowtext_free(&text);
+    pairs_add(&r->pairs, numbers);
+}
+
+static void add_expectations(report *r, const report_row *row)
+{
+    for (size_t i = 0; i < json_array_size(row->failed); i++)
+        if (!row_signs_has(&r->signs, report_row_failed(row, i)))
+            count(&r->expectations, report_row_failed(row, i), row->class);
+}
+
+static void add_error(report *r, const report_row *row)
+{
+    const json_t *e = row->first_error;
+    char *text = memory_print("%s at %s (%s)", json_string_value(json_object_get(e, "type")),
+                              json_string_value(json_object_get(e, "field")),
+                              json_string_value(json_object_get(e, "role")));
+    count(&r->errors, text, row->class);
+    free(text);
+}
+
+static void add_latency(report *r, const report_row *row)
+{
+    const bool within = r->latency.has_limit && row->latency_ns <= r->latency.limit_ns;
+    latency_add(&r->latency, row->latency_ns);
+    r->failed_within += within && row->facts.failed;
+}
+
+static bool has_candidates(row_class class)
+{
+    return class >= CLASS_DEGRADED && class <= CLASS_CRASHED;
+}
+
+void report_add(report *r, const report_row *row)
+{
+    r->rows++;
+    r->classes.of[row->class]++;
+    if (row->factors)
+        add_factors(r, row);
+    add_expectations(r, row);
+    if (row->first_error)
+        add_error(r, row);
+    if (row->has_latency)
+        add_latency(r, row);
+    if (has_candidates(row->class))
+        candidates_add(&r->candidates[row->class], row, &r->signs);
+}
+
+/* ---- What is missing ------------------------------------------------------------------------- */
+
+uint64_t report_possible(const report *r)
+{
+    return r->campaign ? r->campaign->rows : 0;
+}
+
+bool report_missing(const report *r, span *out)
+{
+    const spans *n = &r->numbers;
+    const uint64_t end = report_possible(r);
+    if (n->count == 0)
+        return false;
+    if (r->source.is_campaign && n->list[0].first > 0) {
+        *out = (span){.first = 0, .last = n->list[0].first - 1};
+        return true;
+    }
+    if (n->count > 1) {
+        *out = (span){.first = n->list[0].last + 1, .last = n->list[1].first - 1};
+        return true;
+    }
+    *out = (span){.first = n->list[0].last + 1, .last = end - 1};
+    return end > 0 && out->first < end;
+}
+
+void report_free(report *r)
+{
+    for (size_t i = 0; i < r->factor_count; i++)
+        dimension_free(&r->factors[i]);
+    for (size_t i = 0; i < r->group_count; i++)
+        dimension_free(&r->groups[i]);
+    for (unsigned i = 0; i < CLASS_COUNT; i++)
+        candidates_free(&r->candidates[i]);
+    dimension_free(&r->expectations);
+    dimension_free(&r->errors);
+    pairs_free(&r->pairs);
+    spans_free(&r->numbers);
+    row_source_free(&r->source);
+}

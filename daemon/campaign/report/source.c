@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * source.c - where rows come from: the command that repeats one.
+ */
+#include "campaign/report/source.h"
+
+#include "campaign/report/memory.h"
+#include "campaign/shellword.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* Returns the next word; "" at the end. */
+static const char *next(rowtext *word, const char **line)
+{
+    return shellword_take(word, line) ? buffer_first(&word->bytes) : "";
+}
+
+static void read_options(row_source *out, rowtext *word, const char *line)
+{
+    for (const char *text = next(word, &line); *text; text = next(word, &line)) {
+        if (strcmp(text, "--until") != 0)
+            continue;
+        free(out->until);
+        out->until = memory_text(next(word, &line));
+    }
+}
+
+bool row_source_read(row_source *out, const report_row *row)
+{
+    const char *line = row->repeat;
+    rowtext word = {.no_memory = false};
+    *out = (row_source){.file = NULL};
+    bool good = strcmp(next(&word, &line), "canwire") == 0;
+    out->is_campaign = good && strcmp(next(&word, &line), "campaign") == 0;
+    if (out->is_campaign)
+        good = strcmp(next(&word, &line), "run") == 0;
+    else
+        good = good && strcmp(buffer_first(&word.bytes), "sim") == 0;
+    const char *file = good ? next(&word, &line) : "";
+    good = *file != '\0' && out->is_campaign == row->has_number;
+    if (good) {
+        out->file = memory_text(file);
+        read_options(out, &word, line);
+    }
+    rowtext_free(&word);
+    return good;
+}
+
+static bool is_same(const char *a, const char *b)
+{
+    return a && b ? strcmp(a, b) == 0 : a == b;
+}
+
+bool row_source_equals(const row_source *a, const row_source *b)
+{
+    return a->is_campaign == b->is_campaign && is_same(a->file, b->file) &&
+           is_same(a->until, b->until);
+}
+
+void row_source_free(row_source *s)
+{
+    free(s->file);
+    free(s->until);
+    *s = (row_source){.file = NULL};
+}

@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * trial.c - runs a scenario once, in a process of its own: one that crashes or hangs ends alone.
+ */
+#include "campaign/report/trial.h"
+
+#include "campaign/pool.h"
+#include "campaign/tally.h"
+
+#include <string.h>
+
+typedef struct trying {
+    const trial *trial;
+    const char *expectation;
+    const row_signs *signs;
+    row_class class;
+    bool failed;
+} trying;
+
+static void begin_row(rowtext *row)
+{
+    rowtext_put(row, "{");
+    rowtext_number(row, "seed", 0);
+}
+
+static void end_row(rowtext *row)
+{
+    rowtext_string(row, "repeat", "");
+    rowtext_put(row, "}\n");
+}
+
+static scenario *open_scenario(const trial *t)
+{
+    const cfg_file file = {.name = t->name, .text = t->text, .size = strlen(t->text)};
+    scenario *s = scenario_open(&file, NULL);
+    const bool good = s && (!t->has_until || !scenario_set_until(s, t->until)) &&
+                      scenario_ends(s, "", NULL);
+    if (good)
+        return s;
+    scenario_close(s);
+    return NULL;
+}
+
+static unsigned char make(void *user, uint64_t number, rowtext *row)
+{
+    const trying *y = user;
+    scenario *s = open_scenario(y->trial);
+    (void)number;
+    begin_row(row);
+    if (!s)
+        outcome_write_none(row, OUTCOME_INVALID, "");
+    else if (scenario_run(s, y->trial->has_seed ? &y->trial->seed : NULL))
+        (void)outcome_write(row, s);
+    else
+        (void)outcome_write_broken(row, s);
+    scenario_close(s);
+    end_row(row);
+    return 0;
+}
+
+static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, rowtext *row)
+{
+    (void)user;
+    (void)number;
+    begin_row(row);
+    (void)tally_lost(row, loss);
+    end_row(row);
+    return 0;
+}
+
+static bool take(void *user, unsigned char code, const char *line, size_t length)
+{
+    trying *y = user;
+    report_row row;
+    (void)code;
+    if (report_row_read(&row, line, length, y->signs))
+        return true;
+    y->class = row.class;
+    for (size_t i = 0; i < json_array_size(row.failed) && y->expectation; i++)
+        y->failed = y->failed || strcmp(report_row_failed(&row, i), y->expectation) == 0;
+    report_row_free(&row);
+    return true;
+}
+
+row_class trial_run(const trial *t, const char *expectation, const row_signs *signs, bool *failed)
+{
+    static const pool_calls calls = {.make = make, .lose = lose, .take = take};
+    trying y = {.trial = t, .expectation = expectation, .signs = signs, .class = CLASS_BROKEN};
+    const pool_work work = {.calls = &calls, .user = &y, .count = 1, .jobs = 1,
+                            .limit_ms = t->limit_ms};
+    (void)pool_run(&work);
+    *failed = y.failed;
+    return y.class;
+}

@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * trial.h - runs a scenario once, in a process of its own: one that crashes or hangs ends alone.
+ */
+#ifndef CANWIRE_CAMPAIGN_REPORT_TRIAL_H
+#define CANWIRE_CAMPAIGN_REPORT_TRIAL_H
+
+#include "campaign/report/row.h"
+
+typedef struct trial {
+    const char *name; /* of the file that the text stands for */
+    const char *text;
+    bool has_until;
+    cfg_time until;
+    bool has_seed;    /* else that of the text */
+    uint64_t seed;
+    int64_t limit_ms; /* of real time */
+} trial;
+
+/* Runs it. Returns its class; *failed tells whether the expectation, if any, is not met. */
+row_class trial_run(const trial *t, const char *expectation, const row_signs *signs, bool *failed);
+
+#endif

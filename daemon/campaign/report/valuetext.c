@@ -1,0 +1,92 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * valuetext.c - the value of a factor as people read it.
+ */
+#include "campaign/report/valuetext.h"
+
+#include "base/jsonput.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static const char *end_text(rowtext *out)
+{
+    if (!buffer_append(&out->bytes, "", 1) || out->no_memory)
+        json_no_memory();
+    return buffer_first(&out->bytes);
+}
+
+static const char *string_of(const json_t *object, const char *key)
+{
+    const char *text = json_string_value(json_object_get(object, key));
+    return text ? text : "";
+}
+
+/* Returns place i of a fault, or NULL. */
+static const char *place_of(const json_t *value, size_t i)
+{
+    const json_t *places = json_object_get(value, "places");
+    if (places)
+        return json_string_value(json_array_get(places, i));
+    return i == 0 ? json_string_value(json_object_get(value, "place")) : NULL;
+}
+
+bool value_is_space(const json_t *value)
+{
+    return json_is_string(json_object_get(value, "frame")) && place_of(value, 0);
+}
+
+const char *value_frame(const json_t *value)
+{
+    return string_of(value, "frame");
+}
+
+/* Writes a place, or its field: "crc[3] stuff" is in the field "crc stuff". */
+static void put_place(rowtext *out, const char *place, bool field)
+{
+    const size_t length = strcspn(place, "[");
+    const char *behind = strchr(place, ' ');
+    if (!field) {
+        rowtext_put(out, place);
+        return;
+    }
+    for (size_t i = 0; i < length; i++)
+        rowtext_put(out, (const char[]){place[i], '\0'});
+    if (behind && place[length] == '[')
+        rowtext_put(out, behind);
+}
+
+static void put_places(rowtext *out, const json_t *value, bool field)
+{
+    const char *place;
+    for (size_t i = 0; (place = place_of(value, i)) != NULL; i++) {
+        rowtext_put(out, i > 0 ? " + " : "");
+        put_place(out, place, field);
+    }
+}
+
+const char *value_field(rowtext *out, const json_t *value)
+{
+    rowtext_clear(out);
+    put_places(out, value, true);
+    return end_text(out);
+}
+
+const char *value_text(rowtext *out, const json_t *value)
+{
+    rowtext_clear(out);
+    if (json_is_string(value)) {
+        rowtext_put(out, json_string_value(value));
+        return end_text(out);
+    }
+    if (value_is_space(value)) {
+        rowtext_put(out, value_frame(value));
+        rowtext_put(out, " ");
+        put_places(out, value, false);
+        return end_text(out);
+    }
+    char *text = json_dumps(value, JSON_COMPACT | JSON_ENCODE_ANY);
+    rowtext_put(out, text ? text : "null");
+    free(text);
+    return end_text(out);
+}

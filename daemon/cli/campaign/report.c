@@ -1,0 +1,271 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * report.c - `canwire campaign report`: what the rows of a campaign show together.
+ */
+#include "cli/campaign/parts.h"
+
+#include "base/plain.h"
+#include "campaign/report/intake.h"
+#include "campaign/report/memory.h"
+#include "cli/campaign/report_view.h"
+#include "cli/campaign/rowfile.h"
+#include "cli/cli.h"
+
+#include <errno.h>
+#include <getopt.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#define CONFIDENCE 0.95
+#define MINIMISE_NS UINT64_C(60000000000)
+#define MINIMISE_NS_MAX UINT64_C(86400000000000)
+#define FOLDER_MODE 0777 /* less the umask */
+
+const char campaign_report_usage[] =
+    "       canwire campaign report F... [--campaign FILE] [--partial] [--ftti TIME]\n"
+    "       [--confidence P] [--json F] [--html F] [--junit F] [--scenarios DIR]\n"
+    "       [--minimise TIME]\n";
+
+const char campaign_report_help[] =
+    "\n"
+    "`report` reads rows of `canwire campaign run` or `canwire sim --seeds`: classes with\n"
+    "confidence intervals, coverage, and detection latency. Several files are parts of one\n"
+    "campaign. \"-\" is standard input.\n"
+    "\n"
+    "  --campaign FILE  the campaign of the rows; by default the one that they name\n"
+    "  --partial        some rows may be missing; the report says so\n"
+    "  --ftti TIME      the limit of detection latencies, such as 50ms; by default `ftti` of the\n"
+    "                   campaign\n"
+    "  --confidence P   of the intervals, such as 99%; default 95%\n"
+    "  --json F         write the report as JSON, too; \"-\": to standard output, in place of the\n"
+    "                   text\n"
+    "  --html F         write it as a page with plots, in the same way\n"
+    "  --junit F        write it as JUnit XML, with a case for each class and each value\n"
+    "  --scenarios DIR  make the shortest scenarios of each class of failures, and write them\n"
+    "                   into this folder, and into the other outputs\n"
+    "  --minimise TIME  spend so much real time on them, at most; default 60s\n";
+
+typedef struct options {
+    const char *campaign;
+    const char *json;
+    const char *html;
+    const char *junit;
+    const char *scenarios; /* a folder; NULL: none are made */
+    uint64_t minimise_ns;
+    bool partial;
+    uint64_t ftti_ns; /* 0: that of the campaign */
+    double confidence;
+} options;
+
+static void print_usage(FILE *out)
+{
+    fprintf(out, "usage: %s", campaign_report_usage + strlen("       "));
+}
+
+static bool complain(const char *option, const char *text, const char *expected)
+{
+    plain_print(stderr, "canwire campaign: %s %s: expected %s\n", option, text, expected);
+    return false;
+}
+
+/* ---- Options --------------------------------------------------------------------------------- */
+
+static bool take_ftti(options *o, const char *text)
+{
+    cfg_time time = {.ns = 0};
+    if (text_parse_time(&time, text) || time.bits > 0 || time.ns == 0)
+        return complain("--ftti", text, "a time such as 50ms, in units of seconds");
+    o->ftti_ns = time.ns;
+    return true;
+}
+
+static bool take_confidence(options *o, const char *text)
+{
+    char *end = NULL;
+    const double percent = strtod(text, &end);
+    if (end == text || strcmp(end, "%") != 0 || !(percent >= 50 && percent <= 99.9999))
+        return complain("--confidence", text, "50% to 99.9999%");
+    o->confidence = percent / 100;
+    return true;
+}
+
+static bool take_minimise(options *o, const char *text)
+{
+    cfg_time time = {.ns = 0};
+    if (text_parse_time(&time, text) || time.bits > 0 || time.ns > MINIMISE_NS_MAX)
+        return complain("--minimise", text, "a time such as 60s, up to 24h");
+    o->minimise_ns = time.ns;
+    return true;
+}
+
+/* Returns false after a message about a bad value. */
+static bool take_option(options *o, int option)
+{
+    switch (option) {
+    case 'c':
+        o->campaign = optarg;
+        return true;
+    case 'p':
+        o->partial = true;
+        return true;
+    case 'J':
+        o->json = optarg;
+        return true;
+    case 'H':
+        o->html = optarg;
+        return true;
+    case 'U':
+        o->junit = optarg;
+        return true;
+    case 's':
+        o->scenarios = optarg;
+        return true;
+    case 'm':
+        return take_minimise(o, optarg);
+    case 'l':
+        return take_ftti(o, optarg);
+    default:
+        return take_confidence(o, optarg);
+    }
+}
+
+/* Returns -1 to go on, else the exit status. */
+static int parse_options(options *o, int argc, char **argv)
+{
+    static const struct option known[] = {
+        {"campaign", required_argument, NULL, 'c'},   {"partial", no_argument, NULL, 'p'},
+        {"ftti", required_argument, NULL, 'l'},       {"json", required_argument, NULL, 'J'},
+        {"confidence", required_argument, NULL, 'C'}, {"help", no_argument, NULL, 'h'},
+        {"html", required_argument, NULL, 'H'},       {"junit", required_argument, NULL, 'U'},
+        {"scenarios", required_argument, NULL, 's'},  {"minimise", required_argument, NULL, 'm'},
+        {NULL, 0, NULL, 0},
+    };
+    int c;
+    while ((c = getopt_long(argc, argv, "h", known, NULL)) != -1) {
+        if (c == 'h') {
+            print_usage(stdout);
+            fputs(campaign_report_help, stdout);
+            return CLI_OK;
+        }
+        if (c == '?') {
+            print_usage(stderr);
+            return CLI_USAGE;
+        }
+        if (!take_option(o, c))
+            return CLI_BAD_INPUT;
+    }
+    if (optind < argc)
+        return -1;
+    print_usage(stderr);
+    return CLI_USAGE;
+}
+
+/* ---- Outputs --------------------------------------------------------------------------------- */
+
+static bool is_stdout(const char *name)
+{
+    return name && strcmp(name, "-") == 0;
+}
+
+typedef void report_writer(FILE *out, const report_view *v);
+
+/* Writes a form of the report into a file, which is there as a whole or not at all. */
+static bool write_file(const char *name, report_writer *write, const report_view *v)
+{
+    rowfile file;
+    if (!name)
+        return true;
+    const bool good = rowfile_open(&file, is_stdout(name) ? NULL : name, false, NULL, NULL);
+    if (good)
+        write(file.stream, v);
+    return rowfile_close(&file, good) && good;
+}
+
+/* Writes a scenario into a file of the folder. */
+static bool write_scenario(const report_view *v, size_t i, const char *folder)
+{
+    rowfile file;
+    char *name = report_scenario_name(v->shortest, i);
+    char *path = memory_print("%s/%s", folder, name);
+    char *text = report_scenario_text(v->report, v->shortest, i);
+    const bool good = rowfile_open(&file, path, false, NULL, NULL);
+    if (good)
+        fputs(text, file.stream);
+    const bool closed = rowfile_close(&file, good);
+    free(name);
+    free(path);
+    free(text);
+    return closed && good;
+}
+
+static bool write_scenarios(const report_view *v, const char *folder)
+{
+    bool good = true;
+    for (size_t i = 0; v->shortest && i < v->shortest->count && good; i++)
+        good = write_scenario(v, i, folder);
+    return good;
+}
+
+static bool flush_output(void)
+{
+    if (fflush(stdout) == 0 && !ferror(stdout))
+        return true;
+    plain_print(stderr, "canwire campaign: standard output: %s\n", strerror(errno));
+    return false;
+}
+
+static bool write_all(const report_view *v, const options *o)
+{
+    if (!is_stdout(o->json) && !is_stdout(o->html) && !is_stdout(o->junit))
+        campaign_report_text(stdout, v);
+    return write_file(o->json, campaign_report_json, v) &&
+           write_file(o->html, campaign_report_html, v) &&
+           write_file(o->junit, campaign_report_junit, v) && write_scenarios(v, o->scenarios) &&
+           flush_output();
+}
+
+/* ---- The report ------------------------------------------------------------------------------ */
+
+/* Reads all files. */
+static bool read_files(intake *in, char **files, int count)
+{
+    bool good = true;
+    for (int i = 0; i < count && good; i++)
+        good = intake_read(in, files[i]);
+    return good && intake_end(in);
+}
+
+/* Makes the folder of scenarios, unless it is there. */
+static bool make_folder(const options *o)
+{
+    if (!o->scenarios || mkdir(o->scenarios, FOLDER_MODE) == 0 || errno == EEXIST)
+        return true;
+    plain_print(stderr, "canwire campaign: %s: %s\n", o->scenarios, strerror(errno));
+    return false;
+}
+
+static bool write_report(const intake *in, const options *o)
+{
+    shortest found = {.count = 0};
+    const report_view view = {.report = &in->report, .confidence = o->confidence,
+                              .shortest = o->scenarios ? &found : NULL};
+    if (o->scenarios)
+        shortest_find(&found, &in->report, (int64_t)o->minimise_ns);
+    const bool good = write_all(&view, o);
+    shortest_free(&found);
+    return good;
+}
+
+int campaign_report(int argc, char **argv)
+{
+    options o = {.confidence = CONFIDENCE, .minimise_ns = MINIMISE_NS};
+    const int status = parse_options(&o, argc, argv);
+    if (status >= 0)
+        return status;
+    intake in = {.campaign_file = o.campaign, .partial = o.partial, .ftti_ns = o.ftti_ns};
+    const bool good = make_folder(&o) && read_files(&in, argv + optind, argc - optind) &&
+                      write_report(&in, &o);
+    intake_free(&in);
+    return good ? CLI_OK : CLI_BAD_INPUT;
+}

@@ -1,0 +1,231 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * report_html.c - a report as a page of HTML that needs no other file and no script.
+ */
+#include "cli/campaign/report_view.h"
+
+#include "base/decimal.h"
+#include "base/xmltext.h"
+#include "cli/campaign/report_plot.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+
+#define VALUES_SHOWN 500u
+
+static const char style[] =
+    "<style>\n"
+    "body { font: 15px/1.5 system-ui, sans-serif; max-width: 70em; margin: 2em auto;"
+    " padding: 0 1em; color: #222; }\n"
+    "table { border-collapse: collapse; margin: 1em 0; }\n"
+    "th, td { padding: .2em .8em; text-align: right; border-bottom: 1px solid #ddd;"
+    " font-variant-numeric: tabular-nums; }\n"
+    "th:first-child, td:first-child { text-align: left; }\n"
+    "pre { background: #f5f5f5; padding: .8em; overflow-x: auto; }\n"
+    "svg text { font: 12px system-ui, sans-serif; }\n"
+    "</style>\n";
+
+static void write_cell(FILE *out, const char *text)
+{
+    fputs("<td>", out);
+    xml_text(out, text);
+    fputs("</td>", out);
+}
+
+static void write_share(FILE *out, share s)
+{
+    char text[REPORT_PERCENT_BYTES];
+    report_print_share(text, s);
+    write_cell(out, text);
+}
+
+/* ---- Classes --------------------------------------------------------------------------------- */
+
+static void write_head(FILE *out, const report_view *v)
+{
+    const report *r = v->report;
+    char *missing = report_missing_text(r);
+    fputs("<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>", out);
+    xml_text(out, r->source.file);
+    fprintf(out, "</title>\n%s</head>\n<body>\n<h1>", style);
+    xml_text(out, r->source.file);
+    fprintf(out, "</h1>\n<p>%" PRIu64 " %s, %zu factor%s.", r->rows,
+            r->source.is_campaign ? "rows" : "seeds", r->factor_count,
+            r->factor_count == 1 ? "" : "s");
+    if (missing) {
+        fputs(" <strong>", out);
+        xml_text(out, missing);
+        fputs("</strong>", out);
+    }
+    fputs("</p>\n", out);
+    free(missing);
+    for (size_t i = 0; report_remarks[i]; i++)
+        fprintf(out, "<p>%s</p>\n", report_remarks[i]);
+}
+
+static void write_classes(FILE *out, const report_view *v)
+{
+    const class_counts *c = &v->report->classes;
+    fprintf(out, "<h2>Classes</h2>\n<table>\n<tr><th>class</th><th>rows</th>"
+            "<th>share (interval of %g %%)</th></tr>\n", 100 * v->confidence);
+    for (unsigned i = 0; i < CLASS_RATED; i++) {
+        fprintf(out, "<tr><td>%s</td><td>%" PRIu64 "</td>", class_name((row_class)i), c->of[i]);
+        write_share(out, report_class_share(v, c, (row_class)i));
+        fputs("</tr>\n", out);
+    }
+    for (unsigned i = CLASS_RATED; i < CLASS_COUNT; i++)
+        fprintf(out, "<tr><td>%s</td><td>%" PRIu64 "</td><td>without a rate</td></tr>\n",
+                class_name((row_class)i), c->of[i]);
+    fputs("</table>\n", out);
+    plot_shares(out, v);
+    fprintf(out, "<p>Of %" PRIu64 " that failed, %" PRIu64 " were detected.</p>\n",
+            class_counts_failed(c), c->of[CLASS_DETECTED]);
+}
+
+/* ---- Latency --------------------------------------------------------------------------------- */
+
+static void write_ms(FILE *out, const char *name, uint64_t ns)
+{
+    fprintf(out, "<tr><td>%s</td><td>%s ms</td></tr>\n", name, decimal(ns, 6).text);
+}
+
+static void write_latency(FILE *out, const report_view *v)
+{
+    const latency *l = &v->report->latency;
+    fprintf(out, "<h2>Detection latency</h2>\n<p>From the first hit of a fault to the first error:"
+            " %" PRIu64 " rows.</p>\n", l->rows);
+    if (l->rows == 0)
+        return;
+    fputs("<table>\n", out);
+    write_ms(out, "minimum", l->min_ns);
+    write_ms(out, "median", latency_percentile(l, 500));
+    write_ms(out, "95 %", latency_percentile(l, 950));
+    write_ms(out, "99 %", latency_percentile(l, 990));
+    write_ms(out, "maximum", l->max_ns);
+    if (l->has_limit) {
+        fprintf(out, "<tr><td>within %s ms</td>", decimal(l->limit_ns, 6).text);
+        write_share(out, share_of(l->within, l->rows, v->confidence));
+        fputs("</tr>\n<tr><td>of those that failed</td>", out);
+        write_share(out, share_of(v->report->failed_within,
+                                  class_counts_failed(&v->report->classes), v->confidence));
+        fputs("</tr>\n", out);
+    }
+    fputs("</table>\n", out);
+    plot_latency(out, l);
+}
+
+/* ---- Tables ---------------------------------------------------------------------------------- */
+
+static void write_counts(FILE *out, const report_view *v, const char *name, const class_counts *c)
+{
+    fputs("<tr>", out);
+    write_cell(out, name);
+    fprintf(out, "<td>%" PRIu64 "</td>", class_counts_all(c));
+    for (unsigned i = 0; i < CLASS_RATED; i++)
+        fprintf(out, "<td>%" PRIu64 "</td>", c->of[i]);
+    write_share(out, share_of(class_counts_failed(c), class_counts_rated(c), v->confidence));
+    fputs("</tr>\n", out);
+}
+
+static void write_table(FILE *out, const report_view *v, const dimension *d, const uint32_t *list,
+                        size_t count)
+{
+    fputs("<table>\n<tr><th>value</th><th>rows</th>", out);
+    for (unsigned i = 0; i < CLASS_RATED; i++)
+        fprintf(out, "<th>%s</th>", class_name((row_class)i));
+    fputs("<th>failed</th></tr>\n", out);
+    for (size_t i = 0; i < count && i < VALUES_SHOWN; i++)
+        write_counts(out, v, d->values[list[i]].text, &d->values[list[i]].rows);
+    if (class_counts_all(&d->other) > 0)
+        write_counts(out, v, "all further values", &d->other);
+    fputs("</table>\n", out);
+    if (count > VALUES_SHOWN)
+        fprintf(out, "<p>and %zu further values</p>\n", count - VALUES_SHOWN);
+}
+
+static void write_dimension(FILE *out, const report_view *v, const dimension *d)
+{
+    size_t count = 0;
+    uint32_t *list = report_worst_values(&count, d);
+    fputs("<h2>", out);
+    xml_text(out, d->name);
+    fputs("</h2>\n", out);
+    plot_values(out, d, list, count);
+    fputs("<details><summary>as a table</summary>\n", out);
+    write_table(out, v, d, list, count);
+    fputs("</details>\n", out);
+    free(list);
+}
+
+/* ---- Coverage -------------------------------------------------------------------------------- */
+
+static void write_of(FILE *out, const char *name, uint64_t seen, uint64_t possible, bool over)
+{
+    fputs("<tr>", out);
+    write_cell(out, name);
+    fprintf(out, "<td>%s%" PRIu64 "</td><td>", over ? "more than " : "", seen);
+    if (possible > 0)
+        fprintf(out, "%" PRIu64, possible);
+    fputs("</td></tr>\n", out);
+}
+
+static void write_coverage(FILE *out, const report *r)
+{
+    fputs("<h2>Coverage</h2>\n<table>\n<tr><th>factor, or two of them</th><th>values that rows "
+          "have</th><th>possible</th></tr>\n", out);
+    for (size_t i = 0; i < r->factor_count; i++)
+        write_of(out, r->factors[i].name, dimension_seen(&r->factors[i]), r->factors[i].possible,
+                 class_counts_all(&r->factors[i].other) > 0);
+    for (size_t i = 0; i < r->factor_count; i++) {
+        for (size_t k = i + 1; k < r->factor_count; k++) {
+            const pair_cover *c = pairs_of(&r->pairs, i, k);
+            char *name = report_pair_name(r, i, k);
+            write_of(out, name, c->met, report_pairs_possible(r, i, k), c->over);
+            free(name);
+        }
+    }
+    fputs("</table>\n", out);
+}
+
+/* ---- Scenarios ------------------------------------------------------------------------------- */
+
+static void write_scenarios(FILE *out, const report_view *v)
+{
+    const shortest *s = v->shortest;
+    fputs("<h2>The shortest scenarios</h2>\n", out);
+    if (s->why) {
+        fputs("<p>", out);
+        xml_text(out, s->why);
+        fputs("</p>\n", out);
+    }
+    for (size_t i = 0; i < s->count; i++) {
+        char *text = report_scenario_text(v->report, s, i);
+        fputs("<pre>", out);
+        xml_text(out, text);
+        fputs("</pre>\n", out);
+        free(text);
+    }
+    if (s->count == 0 && !s->why)
+        fputs("<p>There are none.</p>\n", out);
+}
+
+void campaign_report_html(FILE *out, const report_view *v)
+{
+    const report *r = v->report;
+    write_head(out, v);
+    write_classes(out, v);
+    write_latency(out, v);
+    if (v->shortest)
+        write_scenarios(out, v);
+    if (r->expectations.count > 0)
+        write_dimension(out, v, &r->expectations);
+    if (r->errors.count > 0)
+        write_dimension(out, v, &r->errors);
+    for (size_t i = 0; i < r->group_count; i++)
+        write_dimension(out, v, &r->groups[i]);
+    for (size_t i = 0; i < r->factor_count; i++)
+        write_dimension(out, v, &r->factors[i]);
+    if (r->factor_count > 0)
+        write_coverage(out, r);
+    fputs("</body>\n</html>\n", out);
+}

@@ -1,0 +1,233 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * report_text.c - a report as text for people.
+ */
+#include "cli/campaign/report_view.h"
+
+#include "base/decimal.h"
+#include "base/plain.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+
+#define VALUES_SHOWN 10u
+#define PAIRS_SHOWN 20u
+#define SHORT_NAME 28
+
+static const char *const short_names[CLASS_RATED] = {
+    [CLASS_NO_EFFECT] = "none", [CLASS_CORRECTED] = "corrected", [CLASS_DEGRADED] = "degraded",
+    [CLASS_DETECTED] = "detected", [CLASS_UNDETECTED] = "undetected", [CLASS_TIMEOUT] = "time-out",
+};
+
+/* ---- Classes --------------------------------------------------------------------------------- */
+
+static void write_head(FILE *out, const report_view *v)
+{
+    const report *r = v->report;
+    char *missing = report_missing_text(r);
+    plain_print(out, "%s: %" PRIu64 " %s, %zu factor%s\n", r->source.file, r->rows,
+                r->source.is_campaign ? "rows" : "seeds", r->factor_count,
+                r->factor_count == 1 ? "" : "s");
+    if (missing)
+        plain_print(out, "%s\n", missing);
+    free(missing);
+}
+
+static void write_classes(FILE *out, const report_view *v)
+{
+    const class_counts *c = &v->report->classes;
+    fprintf(out, "\n%-32s %10s  share (interval of %g %%)\n", "class", "rows",
+            100 * v->confidence);
+    for (unsigned i = 0; i < CLASS_RATED; i++) {
+        char text[REPORT_PERCENT_BYTES];
+        report_print_share(text, report_class_share(v, c, (row_class)i));
+        fprintf(out, "%-32s %10" PRIu64 "  %s\n", class_name((row_class)i), c->of[i], text);
+    }
+    if (class_counts_all(c) == class_counts_rated(c))
+        return;
+    fputs("without a rate:", out);
+    for (unsigned i = CLASS_RATED; i < CLASS_COUNT; i++)
+        fprintf(out, " %s %" PRIu64 "%s", class_name((row_class)i), c->of[i],
+                i + 1 < CLASS_COUNT ? "," : "\n");
+}
+
+static void write_failed(FILE *out, const report_view *v)
+{
+    const class_counts *c = &v->report->classes;
+    const uint64_t failed = class_counts_failed(c);
+    char text[REPORT_PERCENT_BYTES];
+    if (failed == 0)
+        return;
+    report_print_share(text, share_of(c->of[CLASS_DETECTED], failed, v->confidence));
+    fprintf(out, "\nof %" PRIu64 " that failed, %" PRIu64 " were detected: %s\n", failed,
+            c->of[CLASS_DETECTED], text);
+}
+
+/* ---- Latency --------------------------------------------------------------------------------- */
+
+static void write_ms(FILE *out, const char *name, uint64_t ns)
+{
+    fprintf(out, " %s %s ms", name, decimal(ns, 6).text);
+}
+
+static void write_limit(FILE *out, const report_view *v)
+{
+    const report *r = v->report;
+    const latency *l = &r->latency;
+    const uint64_t failed = class_counts_failed(&r->classes);
+    char text[REPORT_PERCENT_BYTES];
+    report_print_share(text, share_of(l->within, l->rows, v->confidence));
+    fprintf(out, "  within the limit of %s ms: %" PRIu64 ", %s\n", decimal(l->limit_ns, 6).text,
+            l->within, text);
+    if (failed == 0)
+        return;
+    report_print_share(text, share_of(r->failed_within, failed, v->confidence));
+    fprintf(out, "  of %" PRIu64 " that failed, an error within the limit: %" PRIu64 ", %s\n",
+            failed, r->failed_within, text);
+}
+
+static void write_latency(FILE *out, const report_view *v)
+{
+    const latency *l = &v->report->latency;
+    fprintf(out, "\nfrom the first hit of a fault to the first error: %" PRIu64 " rows", l->rows);
+    if (l->rows > 0) {
+        fputs(";", out);
+        write_ms(out, "min", l->min_ns);
+        write_ms(out, "median", latency_percentile(l, 500));
+        write_ms(out, "p95", latency_percentile(l, 950));
+        write_ms(out, "p99", latency_percentile(l, 990));
+        write_ms(out, "max", l->max_ns);
+    }
+    fputc('\n', out);
+    if (l->has_limit)
+        write_limit(out, v);
+}
+
+/* ---- Tables ---------------------------------------------------------------------------------- */
+
+static void write_counts_head(FILE *out, const char *name)
+{
+    plain_print(out, "\n%-*s %9s", SHORT_NAME, name, "rows");
+    for (unsigned i = 0; i < CLASS_RATED; i++)
+        fprintf(out, " %10s", short_names[i]);
+    fputs("  failed\n", out);
+}
+
+static void write_counts(FILE *out, const report_view *v, const char *name, const class_counts *c)
+{
+    char text[REPORT_PERCENT_BYTES];
+    report_print_share(text, share_of(class_counts_failed(c), class_counts_rated(c),
+                                      v->confidence));
+    plain_print(out, "%-*s %9" PRIu64, SHORT_NAME, name, class_counts_all(c));
+    for (unsigned i = 0; i < CLASS_RATED; i++)
+        fprintf(out, " %10" PRIu64, c->of[i]);
+    fprintf(out, "  %s\n", text);
+}
+
+/* Writes the values of a factor, the worst ones first. */
+static void write_dimension(FILE *out, const report_view *v, const dimension *d)
+{
+    size_t count = 0;
+    uint32_t *list = report_worst_values(&count, d);
+    write_counts_head(out, d->name);
+    for (size_t i = 0; i < count && i < VALUES_SHOWN; i++)
+        write_counts(out, v, d->values[list[i]].text, &d->values[list[i]].rows);
+    if (class_counts_all(&d->other) > 0)
+        write_counts(out, v, "all further values", &d->other);
+    if (count > VALUES_SHOWN)
+        fprintf(out, "and %zu further values\n", count - VALUES_SHOWN);
+    free(list);
+}
+
+/* ---- Coverage -------------------------------------------------------------------------------- */
+
+static void write_of(FILE *out, uint64_t seen, uint64_t possible, bool over)
+{
+    fprintf(out, "%s%" PRIu64, over ? "more than " : "", seen);
+    if (possible > 0)
+        fprintf(out, " of %" PRIu64, possible);
+}
+
+static void write_pairs(FILE *out, const report *r)
+{
+    unsigned shown = 0;
+    for (size_t i = 0; i < r->factor_count; i++) {
+        for (size_t k = i + 1; k < r->factor_count; k++) {
+            const pair_cover *c = pairs_of(&r->pairs, i, k);
+            if (shown++ >= PAIRS_SHOWN)
+                continue;
+            char *name = report_pair_name(r, i, k);
+            plain_print(out, "  %s: ", name);
+            free(name);
+            write_of(out, c->met, report_pairs_possible(r, i, k), c->over);
+            fputs(" pairs of values\n", out);
+        }
+    }
+    if (shown > PAIRS_SHOWN)
+        fprintf(out, "  and %u further pairs of factors\n", shown - PAIRS_SHOWN);
+}
+
+static void write_coverage(FILE *out, const report *r)
+{
+    fputs("\nvalues that rows have\n", out);
+    for (size_t i = 0; i < r->factor_count; i++) {
+        const dimension *d = &r->factors[i];
+        plain_print(out, "  %s: ", d->name);
+        write_of(out, dimension_seen(d), d->possible, class_counts_all(&d->other) > 0);
+        fputc('\n', out);
+    }
+    write_pairs(out, r);
+}
+
+/* ---- Scenarios ------------------------------------------------------------------------------- */
+
+static void write_scenario(FILE *out, const shortest *s, size_t i)
+{
+    const shortest_scenario *one = &s->list[i];
+    char *name = report_scenario_name(s, i);
+    plain_print(out, "  %s: %zu rule%s, %zu entr%s of traffic", name, one->found.rules,
+                one->found.rules == 1 ? "" : "s", one->found.traffic,
+                one->found.traffic == 1 ? "y" : "ies");
+    if (one->found.has_until)
+        fprintf(out, ", %s ms", decimal(one->found.until_ns, 6).text);
+    fprintf(out, "; number %" PRIu64, one->number);
+    if (one->expectation)
+        plain_print(out, "; %s", one->expectation);
+    fprintf(out, "%s\n", one->found.whole ? "" : " (not as short as possible)");
+    free(name);
+}
+
+static void write_scenarios(FILE *out, const shortest *s)
+{
+    fputs("\nthe shortest scenarios\n", out);
+    for (size_t i = 0; i < s->count; i++)
+        write_scenario(out, s, i);
+    if (s->others > 0)
+        fprintf(out, "  %u more were run again, and did not do the same or are rigs\n", s->others);
+    if (s->why)
+        plain_print(out, "  %s\n", s->why);
+    else if (s->count == 0)
+        fputs("  none\n", out);
+}
+
+void campaign_report_text(FILE *out, const report_view *v)
+{
+    const report *r = v->report;
+    write_head(out, v);
+    write_classes(out, v);
+    write_failed(out, v);
+    write_latency(out, v);
+    if (r->expectations.count > 0)
+        write_dimension(out, v, &r->expectations);
+    for (size_t i = 0; i < r->group_count; i++)
+        write_dimension(out, v, &r->groups[i]);
+    for (size_t i = 0; i < r->factor_count; i++)
+        write_dimension(out, v, &r->factors[i]);
+    if (r->factor_count > 0)
+        write_coverage(out, r);
+    if (v->shortest)
+        write_scenarios(out, v->shortest);
+    fputc('\n', out);
+    for (size_t i = 0; report_remarks[i]; i++)
+        fprintf(out, "%s\n", report_remarks[i]);
+}

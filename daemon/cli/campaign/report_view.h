@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * report_view.h - a report in the forms in which `canwire campaign report` writes it.
+ */
+#ifndef CANWIRE_CLI_CAMPAIGN_REPORT_VIEW_H
+#define CANWIRE_CLI_CAMPAIGN_REPORT_VIEW_H
+
+#include "campaign/normal.h"
+#include "campaign/report/shortest.h"
+
+#include <stdio.h>
+
+#define REPORT_PERCENT_BYTES 48
+
+typedef struct report_view {
+    const report *report;
+    const shortest *shortest; /* NULL: they were not asked for */
+    double confidence; /* of the intervals, above 0 and below 1 */
+} report_view;
+
+/* Write the report to a stream, which keeps the error of a failed write. */
+void campaign_report_text(FILE *out, const report_view *v);
+void campaign_report_json(FILE *out, const report_view *v);
+void campaign_report_html(FILE *out, const report_view *v);
+void campaign_report_junit(FILE *out, const report_view *v);
+
+/* Sentences about the meaning of the numbers, NULL at the end. */
+extern const char *const report_remarks[];
+
+/* Returns a sentence about missing rows, or about the campaign's file, to be freed; NULL: there is
+ * nothing to say. */
+char *report_missing_text(const report *r);
+
+/* Prints "12.50 % (11.20 to 13.94 %)". */
+void report_print_share(char out[REPORT_PERCENT_BYTES], share s);
+
+/* Returns the share of the rows of a class in the rates. */
+share report_class_share(const report_view *v, const class_counts *c, row_class class);
+
+/* Returns the values of a dimension as numbers, most failures first, to be freed; *count of them.
+ * Values without a row are left out. */
+uint32_t *report_worst_values(size_t *count, const dimension *d);
+
+/* Returns "FACTOR with FACTOR", to be freed. */
+char *report_pair_name(const report *r, size_t i, size_t k);
+
+/* Returns the name of a file for scenario i: its class and its number there, to be freed. */
+char *report_scenario_name(const shortest *s, size_t i);
+
+/* Returns its YAML with the command that runs it, as a comment before it, to be freed. */
+char *report_scenario_text(const report *r, const shortest *s, size_t i);
+
+/* Returns that command for a file, to be freed. */
+char *report_scenario_command(const shortest *s, size_t i, const char *file);
+
+/* Returns the number of pairs of values that are possible, or 0 when it is not known. */
+uint64_t report_pairs_possible(const report *r, size_t i, size_t k);
+
+#endif
