@@ -9,6 +9,7 @@ import ctypes
 import fcntl
 import multiprocessing
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -91,6 +92,16 @@ def test_rows_that_make_no_scenario_are_rows(place):
     with futures.ThreadPoolExecutor(2) as executor:
         result = canwire.campaign("campaign.yaml", executor, shards=3)
     assert result.counts["invalid"] == len(result) / 2 and "could not be run:" in result.message
+
+
+def test_the_example_of_the_page(place, wanted):
+    text = (ROOT / "config/campaign.md").read_text(encoding="utf-8")
+    example, = re.findall(r"```python\n(.*?)```", text, re.S)
+    (place / "example.py").write_text(example)
+    done = subprocess.run([sys.executable, "example.py"], check=True, capture_output=True, text=True,
+                          env={**os.environ, "PYTHONPATH": f"{ROOT}/lib/python/src"})
+    assert (place / "rows.ndjson").read_bytes() == wanted
+    assert done.stdout.startswith("{'passed': 30, 'failed': 750} ['canwire campaign run campaign")
 
 
 # ---- what is killed ------------------------------------------------------------------------------

@@ -190,8 +190,10 @@ def _run_shard(task: _Task) -> _Answer:
     tool, host = find_tool(), socket.gethostname()
     if tool is None:
         return _Answer(REFUSED, f"{host}: there is no tool canwire in PATH")
-    if _version(tool) != task.version:
-        return _Answer(REFUSED, f"{host}: {tool} is {_version(tool)}, not {task.version}")
+    version = _version(tool)
+    if version != task.version:
+        return _Answer(REFUSED if version else LOST,
+                       f"{host}: {tool} is {version or 'killed'}, not {task.version}")
     if task.texts is None:
         return _run_in(tool, task, pathlib.Path(task.folder), MISSING)
     with tempfile.TemporaryDirectory(prefix="canwire-shard-") as top:
