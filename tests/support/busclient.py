@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A client of a port, by the protocol of config/ports.md; written from that page alone."""
 
+import contextlib
 import socket
 import struct
 from typing import NamedTuple
@@ -56,9 +57,10 @@ class Client:
         self.socket.bind("")  # the address that makes it a client
         self.socket.connect(str(path))
         if hello:
-            self.write(HELLO, HELLO_BODY.pack(b"canwire", version, options, error_mask, 0,
-                                              name.encode()))
-            self.welcome = self.receive()
+            with contextlib.suppress(BrokenPipeError):  # turned away by now; the answer waits
+                self.write(HELLO, HELLO_BODY.pack(b"canwire", version, options, error_mask, 0,
+                                                  name.encode()))
+            self.welcome = self.receive_answer()
 
     def write(self, kind, body=b"", number=0, flags=0):
         self.socket.send(HEAD.pack(kind, flags, HEAD.size + len(body), number, 0, 0, 0, 0) + body)
@@ -74,6 +76,12 @@ class Client:
 
     def set_filters(self, *filters):
         self.write(FILTERS, b"".join(struct.pack("=II", *f) for f in filters))
+
+    def receive_answer(self):
+        """The kernel may report first that nobody has read the hello."""
+        with contextlib.suppress(ConnectionResetError):
+            return self.receive()
+        return self.receive()
 
     def receive(self):
         packed = self.socket.recv(8192)  # whole: a message

@@ -288,7 +288,7 @@ static void old_rules_end_when_taken_over(void **state)
     rig_free(r);
 }
 
-/* Its receivers get it when the transmitter has left it behind the CRC: a controller of the new kind
+/* Receivers get it when its transmitter has left it behind the CRC: a controller of the new kind
  * cannot send it. They get the time of that frame, which has no place in the queue any more. */
 static void a_frame_that_its_new_controller_does_not_know_has_its_time(void **state)
 {
