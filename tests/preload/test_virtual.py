@@ -308,6 +308,16 @@ def test_time_begins_when_all_programs_are_there(bus):
     b.end(first)
 
 
+def test_time_stands_still_at_its_end(bus):
+    made = bus(programs="1, until: 10s")
+    out = made.folder / "out"
+    with out.open("w") as file:
+        made.begin("engine", "sh", "-c", "while sleep 0.4; do echo on; done", stdout=file)
+        wait_until(lambda: made.status()["virtual"]["now_ns"] == 10 * 10**9, "the end of time")
+        wait_until(lambda: made.status()["virtual"]["rests"], "the last turn")
+    assert made.started[-1].poll() is None and out.read_text() == "on\n" * 25
+
+
 def test_programs_go_on_when_the_bus_goes(bus):
     """Their clock then is that of the machine."""
     b = bus(programs=1)
