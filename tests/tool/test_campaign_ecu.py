@@ -95,11 +95,11 @@ def test_a_row_has_the_keys_of_any_row_and_those_of_its_programs(make):
     assert row["outcome"] == "passed" and row["expectations"] == {"met": 1, "failed": []}
     assert row["seed"] == 7 and row["faults"] == 1 and row["error_frames"] == 1
     assert row["first_error"]["type"] == "crc" and row["first_error"]["node"] == "dash"
-    assert list(row)[-2:] == ["ecus", "repeat"]
+    assert list(row)[-3:] == ["ecus", "replay", "repeat"]
     plain = file.parent / "plain.yaml"
     plain.write_text("scenario: bus.yaml\nuntil: 1s\nvary:\n" + ONE)
     other, = rows_of(canwire("campaign", "run", plain, status=3).stdout)
-    assert list(other) == [key for key in row if key != "ecus"]
+    assert list(other) == [key for key in row if key not in ("ecus", "replay")]
     # 200 ms after both were ready, with some 20 frames and their answers
     ready = max(one["ready"] for one in row["ecus"].values())
     assert 0.2 <= row["t"] - ready < 0.2 + 60
@@ -111,7 +111,7 @@ def test_a_row_has_the_keys_of_any_row_and_those_of_its_programs(make):
 def test_the_journal_repeats_a_row(make):
     file = make(ECU)
     row, = campaign(file, "--keep")
-    words = shlex.split(row["repeat"])
+    words = shlex.split(row["replay"])
     assert words[:3] == ["canwire", "sim", "--journal"]
     stats = json.loads(run(CANWIRE, *words[1:], "--stats", "-", cwd=file.parent).stdout)
     assert stats["bus"]["frames"] == row["frames"] > 0
@@ -126,6 +126,7 @@ def test_folders_of_rows_that_have_passed_go(make):
         rows_of((file.parent / "rows.ndjson").read_text())
     assert [row["outcome"] for row in rows] == ["passed", "crashed", "passed"]
     assert rows[0]["repeat"] == "canwire campaign run campaign.yaml --only 0"
+    assert "replay" not in rows[0] and "replay" in rows[1]
     work = file.parent / "rows.ndjson.d"
     assert [path.name for path in work.iterdir()] == ["row-1"]
     assert {path.name for path in (work / "row-1").iterdir()} == {

@@ -292,22 +292,27 @@ static void write_ecus(const one *o, rowtext *row, bool kept)
 }
 
 /* The journal repeats a row exactly, as long as it is there. */
-static void write_repeat(const one *o, rowtext *row, bool kept)
+static void write_replay_command(const one *o, rowtext *row)
 {
     char text[PATH_MAX + 64];
+    rowtext *command = &o->rows->repeat;
+    (void)snprintf(text, sizeof text, "%s/row-%" PRIu64 "/" ECU_JOURNAL, o->rows->shown,
+                   o->number);
+    shellword_begin(command, "canwire sim --journal", text);
+    (void)snprintf(text, sizeof text, " --until %" PRIu64 "ns", o->result.end_ns);
+    if (o->result.end_ns != ECU_NO_TIME)
+        rowtext_put(command, text);
+    (void)buffer_append(&command->bytes, "", 1);
+    rowtext_string(row, "replay", command->no_memory ? "" : buffer_first(&command->bytes));
+}
+
+static void write_repeat(const one *o, rowtext *row)
+{
+    char text[64];
     rowtext *repeat = &o->rows->repeat;
-    if (kept) {
-        (void)snprintf(text, sizeof text, "%s/row-%" PRIu64 "/" ECU_JOURNAL, o->rows->shown,
-                       o->number);
-        shellword_begin(repeat, "canwire sim --journal", text);
-        (void)snprintf(text, sizeof text, " --until %" PRIu64 "ns", o->result.end_ns);
-        if (o->result.end_ns != ECU_NO_TIME)
-            rowtext_put(repeat, text);
-    } else {
-        shellword_begin(repeat, "canwire campaign run", o->rows->campaign->file);
-        (void)snprintf(text, sizeof text, " --only %" PRIu64, o->number);
-        rowtext_put(repeat, text);
-    }
+    shellword_begin(repeat, "canwire campaign run", o->rows->campaign->file);
+    (void)snprintf(text, sizeof text, " --only %" PRIu64, o->number);
+    rowtext_put(repeat, text);
     rowtext_end(row, repeat);
 }
 
@@ -321,7 +326,9 @@ static outcome write_row(one *o, rowtext *row, bool has_journal)
     const bool made = o->folder.fd >= 0;
     const bool kept = made && (o->rows->keep || result != OUTCOME_PASSED);
     write_ecus(o, row, kept);
-    write_repeat(o, row, kept && has_journal);
+    if (kept && has_journal)
+        write_replay_command(o, row);
+    write_repeat(o, row);
     ecu_folder_close(&o->folder);
     if (made && !kept)
         ecu_folder_remove(o->folder.files);
@@ -340,7 +347,7 @@ outcome ecu_row(ecu_rows *e, uint64_t number, rowtext *row)
     variant_text(&e->text, e->campaign, choices);
     if (!check_scenario(&o)) {
         outcome_write_none(row, OUTCOME_INVALID, "");
-        write_repeat(&o, row, false);
+        write_repeat(&o, row);
         return OUTCOME_INVALID;
     }
     const bool has_journal = run(&o, seed);
