@@ -2,7 +2,7 @@
  *
  * pool.h - makes numbered lines in several processes, and hands them on in the order of numbers.
  *
- * The processes are forks of this one. Where the system allows fewer of them, these do the work. A
+ * The processes are forks of this one. If the system allows fewer of them, these do the work. A
  * line whose process ends, or makes none in time, is made once more alone, and twice more when the
  * process was killed. If that fails, too, the caller says what the line is.
  */

@@ -38,7 +38,7 @@ FACTORS = {
 SAMPLES = ["full", "pairwise", "{ random: 5 }", "{ low-discrepancy: 5 }"]
 FILE = "scenario: bus.yaml\nvary: [ "
 
-# What the reader finds and the schema cannot: what depends on the scenario, and on other keys.
+# Errors that the reader finds and the schema cannot, about the scenario and about other keys.
 SEMANTIC = [
     "has no '", "expected a key, or the name", "expected '.', '['", "expected the number of an",
     "the numbers have different units", "'step' is more than 0", "'to' is below 'from'",

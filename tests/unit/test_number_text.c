@@ -77,7 +77,7 @@ static void numbers_are_printed_as_json(void **state)
     assert_printed("-999999.999999999", "-999999.999999999");
 }
 
-/* What is printed is read as the same number. */
+/* A printed number is read as the same one. */
 static void printing_keeps_each_number(void **state)
 {
     static const char *const units[] = {"", "us", "%", "ns/m"};

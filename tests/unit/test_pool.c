@@ -35,7 +35,7 @@ typedef struct lines {
     uint64_t taken;
     uint64_t stop_at; /* 0: never */
     unsigned few;     /* processes that there could be */
-    unsigned told;    /* how often that was said */
+    unsigned told;    /* times that it was said */
     unsigned codes[256];
 } lines;
 

@@ -25,7 +25,7 @@ static unsigned renames; /* of the part, before a lock is taken */
 static unsigned locks;
 static bool busy; /* another program keeps the lock */
 
-/* What another program does between the opening and the lock stands in for the kernel's call. */
+/* Stands in for the kernel: another program acts between the opening and the lock. */
 int flock(int fd, int operation)
 {
     (void)fd;
