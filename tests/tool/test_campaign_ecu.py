@@ -179,6 +179,16 @@ def test_files_of_the_scenario_are_found(make, write):
     assert row["outcome"] == "passed" and row["ecus"]["engine"]["ready"] > 3
 
 
+def test_the_report_of_rows_of_programs(make):
+    file = make(ECU, vary=DATA.replace("VALUES", "100#00, 100#DEAD"))
+    campaign(file, "--out", "rows", status=3)
+    report = json.loads(canwire("campaign", "report", "rows", "--json", "-", cwd=file.parent).stdout)
+    assert report["rows"]["read"] == 2
+    message = canwire("campaign", "report", "rows", "--scenarios", "x", status=1,
+                      cwd=file.parent).stderr
+    assert "--scenarios: the rows of campaign.yaml are those of programs" in message
+
+
 # ---- virtual time --------------------------------------------------------------------------------
 
 VIRTUAL = "virtual: on\nuntil: 100s\n"

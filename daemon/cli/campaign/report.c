@@ -245,6 +245,16 @@ static bool make_folder(const options *o)
     return false;
 }
 
+/* Without its programs a scenario does something else. */
+static bool can_have_scenarios(const intake *in, const options *o)
+{
+    if (!o->scenarios || !in->campaign || in->campaign->ecus.count == 0)
+        return true;
+    plain_print(stderr, "canwire campaign: --scenarios: the rows of %s are those of programs, which "
+                "no scenario alone repeats; the command in 'replay' does\n", in->campaign->file);
+    return false;
+}
+
 static bool write_report(const intake *in, const options *o)
 {
     shortest found = {.count = 0};
@@ -265,7 +275,7 @@ int campaign_report(int argc, char **argv)
         return status;
     intake in = {.campaign_file = o.campaign, .partial = o.partial, .ftti_ns = o.ftti_ns};
     const bool good = make_folder(&o) && read_files(&in, argv + optind, argc - optind) &&
-                      write_report(&in, &o);
+                      can_have_scenarios(&in, &o) && write_report(&in, &o);
     intake_free(&in);
     return good ? CLI_OK : CLI_BAD_INPUT;
 }
