@@ -24,6 +24,10 @@ void observe_event(observation *seen, const cw_event *event)
         seen->has_fault = true;
         seen->fault_tick = event->tick;
     }
+    if (event->kind == CW_EVENT_ERROR && seen->has_fault && !seen->has_later) {
+        seen->has_later = true;
+        seen->later_tick = event->tick;
+    }
     if (event->kind == CW_EVENT_ERROR && !seen->has_error) {
         seen->has_error = true;
         seen->error_tick = event->tick;

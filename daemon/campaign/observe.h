@@ -18,6 +18,8 @@ typedef struct observation {
     uint64_t error_nodes;
     cw_error error;
     uint64_t fault_tick;           /* of the first hit of a rule */
+    bool has_later;
+    uint64_t later_tick;           /* of the first error at or after this hit */
     uint16_t tec_max[CW_NODES_MAX]; /* of events; see observe_end() */
     uint16_t rec_max[CW_NODES_MAX];
 } observation;

@@ -112,18 +112,34 @@ static void write_error(rowtext *row, const scenario_bus *b)
     rowtext_put(row, "}");
 }
 
+/* Returns the tick of the first error at or after a hit of a rule, or CW_NEVER. Of a bus without
+ * hits only the first error is known. */
+static uint64_t find_later_error(const scenario *s, uint64_t fault)
+{
+    uint64_t first = CW_NEVER;
+    for (size_t i = 0; i < s->count; i++) {
+        const observation *seen = &s->buses[i].seen;
+        if (seen->has_error && seen->error_tick >= fault && seen->error_tick < first)
+            first = seen->error_tick;
+        if (seen->has_later && seen->later_tick < first)
+            first = seen->later_tick;
+    }
+    return first;
+}
+
 /* The latency is the time from the first hit of a rule to the first error after it. */
 static void write_first_error(rowtext *row, const scenario *s)
 {
     const scenario_bus *b = find_first_error(s);
     const uint64_t fault = find_first_fault(s);
+    const uint64_t error = fault == CW_NEVER ? CW_NEVER : find_later_error(s, fault);
     rowtext_key(row, "first_error");
     if (b)
         write_error(row, b);
     else
         rowtext_put(row, "null");
-    if (b && fault <= b->seen.error_tick) {
-        rowtext_seconds(row, "latency", b->seen.error_tick - fault);
+    if (error != CW_NEVER) {
+        rowtext_seconds(row, "latency", error - fault);
         return;
     }
     rowtext_key(row, "latency");

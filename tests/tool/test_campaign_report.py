@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """canwire campaign report: what the rows of a campaign show together."""
 
+import ast
 import collections
 import html.parser
 import json
@@ -9,6 +10,7 @@ import os
 import re
 import shlex
 import statistics
+import sys
 import xml.etree.ElementTree
 
 import pytest
@@ -536,3 +538,36 @@ def test_outputs_are_whole_or_not_there(rows, tmp_path):
     assert json.loads(out.read_text()) == in_json(file)
     assert not list(tmp_path.glob("*.part"))
     assert "No such file" in report(file, "--html", tmp_path / "none/x", status=1).stderr
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="DuckDB has no wheel for this Python")
+def test_the_page_makes_parquet_of_rows(rows, tmp_path):
+    file, every = rows()
+    page = (ROOT / "config/report.md").read_text()
+    code, = re.findall(r"```python\n(import duckdb.*?)```", page, re.DOTALL)
+    run(sys.executable, "-c", code, cwd=tmp_path)
+    ask = "import duckdb\nprint(duckdb.sql(\"SELECT count(*), sum(nodes.engine.tec_max), " \
+        "max(latency), count(DISTINCT factors.position) FROM 'rows.parquet'\").fetchall()[0])"
+    found = ast.literal_eval(run(sys.executable, "-c", ask, cwd=tmp_path).stdout)
+    assert file.name == "rows.ndjson" and found == (
+        66, sum(row["nodes"]["engine"]["tec_max"] for row in every),
+        max(row["latency"] for row in every if row["latency"] is not None), 11)
+
+
+# ---- latencies -----------------------------------------------------------------------------------
+
+def test_an_error_before_the_first_hit_hides_no_later_one(rows):
+    # nobody acknowledges the frames, and the rule acts on the second one alone
+    bus = """bus: { name: b, bitrate: 500000 }
+nodes:
+  - { name: engine, one-shot: on, traffic: [ { send: 123#11 }, { send: 124#11, offset: 9ms } ] }
+  - { name: dash, listen-only: on }
+faults: [ { name: hit, when: { frame: "124" }, do: { flip: "data[0.0]", at: [engine] } } ]
+expect: [ { name: calm, errors: 0 } ]
+"""
+    file, every = rows("scenario: bus.yaml\nvary: [ { name: bit, set: faults.hit.do.flip, "
+                       'positions: "data[0..0].*" } ]\n', bus)
+    for row in every:
+        assert row["first_error"]["type"] == "ack" and row["first_error"]["t"] < 0.001
+        assert row["latency"] == 0  # the engine sees its own bit
+    assert in_json(file)["classes"]["expectation failed but detected"]["rows"] == 8

@@ -210,7 +210,7 @@ static minimised result_of(const work *w)
     return result;
 }
 
-/* What does not depend on faults must not become shorter by a lack of traffic or of time. */
+/* A failure that does not depend on faults must not come from a lack of traffic or of time. */
 static void make_short(work *w)
 {
     const bool free_to = w->guarded || w->task->class >= CLASS_TIMEOUT;

@@ -2,7 +2,7 @@
  *
  * report_junit.c - a report as JUnit XML: a suite for each class of rows or factor.
  *
- * A case fails when a row failed undetected, took too long, or has crashed; it is an error when a
+ * A case fails when a row failed undetected, took too long, or has crashed. It is an error when a
  * row has no result for another reason.
  */
 #include "cli/campaign/report_view.h"
