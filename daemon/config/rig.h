@@ -69,8 +69,8 @@ rig *rig_load(const char *file, FILE *errors);
 /* Does the same with a text; paths in it are relative to the directory of its name. */
 rig *rig_load_text(const cfg_file *file, FILE *errors);
 
-/* Reads a file, or a text with the name of one, which is a rig or the configuration of one bus: the
- * caller gets one of both, to be freed. Returns false after errors. */
+/* Reads a rig, or the configuration of one bus, out of a file or of a text. The caller gets one of
+ * both, to be freed. Returns false after errors. */
 bool rig_load_either(rig **several, cfg **alone, const cfg_file *file, FILE *errors);
 
 /* Returns true when the file still has the text of a rig. Otherwise it writes a line to
