@@ -197,10 +197,20 @@ static uint64_t next_of_queues(const cw_bus *bus, cw_frame_test *test, const voi
     return (next > begun_now) == bus_comes_to_rest(bus) ? next : begun_now;
 }
 
+/* Returns the same for any frame. An error on the wire may make room for a shorter one. */
+static uint64_t next_of_any(const cw_bus *bus)
+{
+    const uint64_t next = cw_bus_next(bus);
+    if (bus->pending || bus->frame_step.active || bus_comes_to_rest(bus))
+        return next;
+    const uint64_t bits = cw_to_reception(bus, CW_FRAME_BITS_MIN);
+    return cw_least(next, tick_after(bus, cw_is_off_grid(bus) ? bits * 3 / 4 : bits));
+}
+
 uint64_t cw_bus_next_rx(const cw_bus *bus, cw_frame_test *test, const void *user)
 {
     if (bus->pending || may_surprise(bus))
-        return cw_bus_next(bus);
+        return next_of_any(bus);
     return cw_least(next_of_queues(bus, test, user), next_of_inbox(bus, test, user));
 }
 
