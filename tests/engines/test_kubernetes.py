@@ -23,7 +23,8 @@ SCHEMA = json.loads((ROOT / "tests/engines/kubernetes-job.schema.json").read_tex
 
 
 def errors(manifest):
-    return [error.message for error in jsonschema.Draft202012Validator(SCHEMA).iter_errors(manifest)]
+    validator = jsonschema.Draft202012Validator(SCHEMA)
+    return [error.message for error in validator.iter_errors(manifest)]
 
 
 def test_the_manifest_is_valid_for_the_api():

@@ -98,8 +98,8 @@ def test_the_example_of_the_page(place, wanted):
     text = (ROOT / "config/campaign.md").read_text(encoding="utf-8")
     example, = re.findall(r"```python\n(.*?)```", text, re.S)
     (place / "example.py").write_text(example)
-    done = subprocess.run([sys.executable, "example.py"], check=True, capture_output=True, text=True,
-                          env={**os.environ, "PYTHONPATH": f"{ROOT}/lib/python/src"})
+    done = subprocess.run([sys.executable, "example.py"], check=True, capture_output=True,
+                          text=True, env={**os.environ, "PYTHONPATH": f"{ROOT}/lib/python/src"})
     assert (place / "rows.ndjson").read_bytes() == wanted
     assert done.stdout.startswith("{'passed': 30, 'failed': 750} ['canwire campaign run campaign")
 
@@ -229,7 +229,8 @@ def test_a_worker_with_another_version_is_refused(place, tmp_path, monkeypatch):
     """The tool has a newer version from the second question on."""
     tool = place / "canwire"
     tool.write_text(f'#!/bin/bash\n[ "$1" = --version ] || exec {CANWIRE} "$@"\n'
-                    f'[ -e {tmp_path}/asked ] || {{ touch {tmp_path}/asked; exec {CANWIRE} "$@"; }}\n'
+                    f'[ -e {tmp_path}/asked ] || {{ touch {tmp_path}/asked; '
+                    f'exec {CANWIRE} "$@"; }}\n'
                     'echo canwire 99.0.0\n')
     tool.chmod(0o755)
     monkeypatch.setenv("CANWIRE", str(tool))

@@ -390,7 +390,8 @@ def test_files_are_those_that_another_machine_needs(make, write, tmp_path):
     assert inside == [str(tmp_path / name) for name in wanted]
     assert "usage:" in campaign("files", "campaign.yaml", "--reload", status=2, cwd=tmp_path).stderr
     write("buses: [ bus.yaml, other.yaml ]\ngateways:\n  - name: g\n    between: "
-          "[ \"powertrain:dash\", \"other:dash\" ]\n    rules: [ { filter: \"123\" } ]\n", "rig.yaml")
+          "[ \"powertrain:dash\", \"other:dash\" ]\n    rules: [ { filter: \"123\" } ]\n",
+          "rig.yaml")
     write(BUS.replace("powertrain", "other"), "other.yaml")
     write("scenario: rig.yaml\nvary: [ { set: seed, values: [ 1 ] } ]\n", "of-rig.yaml")
     assert campaign("files", "of-rig.yaml", cwd=tmp_path).stdout.split() == [
