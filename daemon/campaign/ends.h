@@ -11,8 +11,8 @@
  * in the text of the scenario, and not in another file. */
 void ends_note(campaign_owner *o, schema *self, const cfg *config, bool inside);
 
-/* Complains at the key `scenario` about what never ends, if there is no `until`, no program that ends,
- * and no factor can change that. The factors have been read. */
+/* Complains at the key `scenario` about what never ends, if there is no `until`, no program that
+ * ends, and no factor can change that. The factors have been read. */
 void ends_check(schema *self, const yaml_node_t *root, campaign_owner *o);
 
 #endif

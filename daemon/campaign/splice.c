@@ -56,7 +56,8 @@ static const char *replace(splice_place *out, const splice_text *t, const yaml_n
 }
 
 /* Inserts a key in front of the others of a map. */
-static const char *insert(splice_place *out, const splice_text *t, yaml_node_t *map, const char *key)
+static const char *insert(splice_place *out, const splice_text *t, yaml_node_t *map,
+                          const char *key)
 {
     yaml_node_t *value;
     const yaml_node_t *first = NULL;
@@ -134,7 +135,8 @@ static yaml_node_t *step_down(schema *self, yaml_node_t *node, const valuepath_p
     return p->number ? find_numbered(self, node, p->text) : find_named(self, node, p->text);
 }
 
-static const char *walk(splice_place *out, const splice_text *t, const char *rest, const char **rule)
+static const char *walk(splice_place *out, const splice_text *t, const char *rest,
+                        const char **rule)
 {
     schema self = {.document = t->document};
     yaml_node_t *node = yaml_document_get_root_node(t->document);
@@ -159,7 +161,8 @@ static const char *walk(splice_place *out, const splice_text *t, const char *res
     return replace(out, t, node);
 }
 
-const char *splice_find(splice_place *out, const splice_text *t, const char *path, const char **rule)
+const char *splice_find(splice_place *out, const splice_text *t, const char *path,
+                        const char **rule)
 {
     *rule = NULL;
     const char *wrong = valuepath_check(t->memory, path);

@@ -29,7 +29,8 @@ typedef struct splice_text {
 /* Finds the place of a value by its path, which is keys with points between. An item of a list is
  * its number in brackets, or the name that it has. The last key need not be there. Returns NULL, or
  * what is wrong. *rule becomes the name of the rule in `faults` that the value is in, or NULL. */
-const char *splice_find(splice_place *out, const splice_text *t, const char *path, const char **rule);
+const char *splice_find(splice_place *out, const splice_text *t, const char *path,
+                        const char **rule);
 
 /* Finds the place for rules in front of all others; `last` says that no other rules come there.
  * Returns NULL, or what is wrong. */

@@ -27,8 +27,8 @@
 #define NOT_FOUND 127
 #define NOT_RUNNABLE 126
 
-static const char usage[] = "canwire run --bus BUS --as NODE [--interface NAME]... [--virtual] [--] "
-                            "PROGRAM [ARGUMENT...]";
+static const char usage[] = "canwire run --bus BUS --as NODE [--interface NAME]... [--virtual] "
+                            "[--] PROGRAM [ARGUMENT...]";
 
 static const char help[] =
     "Runs a SocketCAN program where the kernel has no CAN. It sees the node as a CAN interface of\n"

@@ -2,9 +2,9 @@
  *
  * programs.c - the connections of programs that have joined virtual time.
  *
- * A connection ends with its program, or when that becomes another program (exec). Which of the two
- * it is the end of the process tells; until then, or until the process has connected again, its
- * place is kept and time holds.
+ * A connection ends with its program, or when that becomes another program (exec). The end of the
+ * process tells one from the other. Until then, or until the process has connected again, its place
+ * is kept and time holds.
  */
 #include "engine/programs.h"
 

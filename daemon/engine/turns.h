@@ -2,10 +2,10 @@
  *
  * turns.h - the order in which programs run in virtual time: one at a time, until it waits.
  *
- * At each moment the programs that have waited for it have a turn, in the order of their nodes,
- * then of their words, then of their coming. One that is ready again at the same moment has its
- * next turn when all have had theirs. Time goes on when nobody is ready, and holds while somebody
- * runs. All times are bus time in ns. No system calls are made here.
+ * At each moment the programs that have waited for it have a turn. They have it in the order of
+ * their nodes, then of their words, then of their coming. One that is ready again at the same
+ * moment has its next turn when all have had theirs. Time goes on when nobody is ready, and holds
+ * while somebody runs. All times are bus time in ns. No system calls are made here.
  */
 #ifndef CANWIRE_ENGINE_TURNS_H
 #define CANWIRE_ENGINE_TURNS_H

@@ -134,7 +134,7 @@ static uint64_t next_stop(const engine *e, uint64_t wake_tick)
     if (e->next && e->next->deadline < stop)
         stop = e->next->deadline;
     if (stop <= now)
-        stop = now + 1; /* what is due happens on the way */
+        stop = now + 1; /* all that is due happens on the way */
     return wake_tick < stop ? wake_tick : stop;
 }
 

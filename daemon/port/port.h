@@ -48,7 +48,7 @@ typedef struct port_command {
     char settings[MESSAGE_SETTINGS_BYTES]; /* "": none */
 } port_command;
 
-/* What a process may have waited for. */
+/* The reasons for which a process may have waited. */
 #define PORT_TOLD_MESSAGE 0x01u /* a message for it, or its end */
 #define PORT_TOLD_ROOM 0x02u    /* a message of it was read */
 

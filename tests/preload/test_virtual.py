@@ -85,7 +85,7 @@ def waits(tmp_path_factory):
     return made
 
 
-# ---- Waiting --------------------------------------------------------------------------------------
+# ---- Waiting -------------------------------------------------------------------------------------
 
 EXPECTED = {
     "sleeps": """5.000 nanosleep 0
@@ -118,8 +118,8 @@ def test_each_wait_ends_at_its_time(bus, waits, way):
 
 
 def test_frames_wake_those_who_wait_for_them(bus, waits):
-    """A frame of no data and identifier 0 lasts 56 bits with its stuff bits and acknowledgement,
-    and is there at the end of the last but one bit of EOF."""
+    """A frame of no data and identifier 0 lasts 56 bits with its stuff bits and acknowledgement.
+    It is there at the end of the last but one bit of EOF."""
     b = bus(programs=2)
     reader = b.begin("dash", waits, "receives", "dash")
     b.run("engine", "cangen", "engine", "-g", "10", "-n", "3", "-I", "123", "-L", "0")
@@ -143,7 +143,7 @@ def test_a_program_of_an_hour_takes_no_time(bus):
                                      "rests": True}
 
 
-# ---- Runs are the same ----------------------------------------------------------------------------
+# ---- Runs are the same ---------------------------------------------------------------------------
 
 SCRIPT = ("cansequence engine --loop=100; sleep 3; cansend engine 111#22; sleep 0.01; "
           "cangen engine -g 5 -n 50; cangen engine -g 0 -p 1 -n 200")
@@ -193,7 +193,7 @@ def test_the_journal_repeats_the_run(bus):
             e["node"] == "dash"] == seen and len(seen) == 40
 
 
-# ---- Programs -------------------------------------------------------------------------------------
+# ---- Programs ------------------------------------------------------------------------------------
 
 PYTHON_CAN = """
 import can, time
@@ -328,7 +328,7 @@ def test_programs_go_on_when_the_bus_goes(bus):
     assert float(program.stdout.readline()) >= 1000
 
 
-# ---- What is refused ------------------------------------------------------------------------------
+# ---- What is refused -----------------------------------------------------------------------------
 
 def test_virtual_needs_virtual_time(bus, tmp_path):
     b = bus()

@@ -182,8 +182,8 @@ def test_files_of_the_scenario_are_found(make, write):
 def test_the_report_of_rows_of_programs(make):
     file = make(ECU, vary=DATA.replace("VALUES", "100#00, 100#DEAD"))
     campaign(file, "--out", "rows", status=3)
-    report = json.loads(canwire("campaign", "report", "rows", "--json", "-", cwd=file.parent).stdout)
-    assert report["rows"]["read"] == 2
+    done = canwire("campaign", "report", "rows", "--json", "-", cwd=file.parent)
+    assert json.loads(done.stdout)["rows"]["read"] == 2
     message = canwire("campaign", "report", "rows", "--scenarios", "x", status=1,
                       cwd=file.parent).stderr
     assert "--scenarios: the rows of campaign.yaml are those of programs" in message
@@ -192,7 +192,8 @@ def test_the_report_of_rows_of_programs(make):
 # ---- virtual time --------------------------------------------------------------------------------
 
 VIRTUAL = "virtual: on\nuntil: 100s\n"
-SENDER = "{ node: engine, run: \"cangen engine -g 100 -I 123 -L 2 -D i\", ready: { frame: \"123\" } }"
+SENDER = ("{ node: engine, run: \"cangen engine -g 100 -I 123 -L 2 -D i\", "
+          "ready: { frame: \"123\" } }")
 
 
 def test_in_virtual_time_rows_are_the_same_byte_for_byte(make):
@@ -261,8 +262,8 @@ def test_a_program_that_fails(make, command, why, end, output):
 
 
 def test_a_fault_at_the_end_is_a_crash(make):
-    file = make("{ node: engine, run: \"trap 'kill -SEGV $$' TERM; echo on; while :; do sleep 0.01; "
-                "done\", ready: \"on\" }")
+    file = make("{ node: engine, run: \"trap 'kill -SEGV $$' TERM; echo on; "
+                "while :; do sleep 0.01; done\", ready: \"on\" }")
     row, = campaign(file, status=3)
     assert row["outcome"] == "crashed" and row["why"] == "engine: signal SEGV"
 
@@ -378,9 +379,11 @@ def test_a_process_that_is_killed_costs_no_row(make):
 def test_each_row_has_a_network_of_its_own(make):
     if os.geteuid() != 0:
         pytest.skip("user namespaces may be forbidden")
-    server = f"{sys.executable} -c 'import socket, time; s = socket.create_server((\\\"127.0.0.1\\\"," \
-        " 5555)); print(\\\"open\\\"); time.sleep(1000)'"
-    show = "readlink /proc/self/ns/net; cut -d: -f1 /proc/net/dev | tail -n +3; echo end; sleep 1000"
+    server = f"{sys.executable} -c 'import socket, time; " \
+        "s = socket.create_server((\\\"127.0.0.1\\\", 5555)); " \
+        "print(\\\"open\\\"); time.sleep(1000)'"
+    show = "readlink /proc/self/ns/net; cut -d: -f1 /proc/net/dev | tail -n +3; echo end; " \
+        "sleep 1000"
     programs = [f"{{ node: engine, run: \"{server}\", ready: {{ line: open, within: 60s }} }}",
                 f"{{ node: dash, run: \"{show}\", ready: end }}"]
     rows = campaign(make(*programs, more="until: 500ms\n",
@@ -395,7 +398,8 @@ def test_each_row_has_a_network_of_its_own(make):
 
 def test_the_environment_of_a_program(make, tmp_path):
     show = "pwd; env | grep -E '^(CANWIRE_|SPEED|NOTIFY)' | sort; " \
-        f"env -u LD_PRELOAD {CANWIRE} inject $CANWIRE_BUS '{{ name: mine, when: {{ manual: yes }}, do: {{ flip: sof }} }}'; "
+        f"env -u LD_PRELOAD {CANWIRE} inject $CANWIRE_BUS " \
+        "'{ name: mine, when: { manual: yes }, do: { flip: sof } }'; "
     file = make(f"{{ node: engine, name: first, run: \"{show}\", env: {{ SPEED: 5 }} }}",
                 "{ node: engine, name: second, run: \"pwd; test -S $CANWIRE_PORT\", cwd: sub, "
                 "preload: off }", more="")

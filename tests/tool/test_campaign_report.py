@@ -219,7 +219,8 @@ def test_signs_tell_of_a_detection(rows):
 def test_the_rows_of_seeds_have_a_report_too(write, tmp_path):
     text = BUS.replace("count: 1 }", "probability: 0.3 }")
     write(text)
-    done = run("sh", "-c", f"cd '{tmp_path}' && '{CANWIRE}' sim bus.yaml --seeds 5..54 || test $? = 3")
+    done = run("sh", "-c", f"cd '{tmp_path}' && "
+               f"'{CANWIRE}' sim bus.yaml --seeds 5..54 || test $? = 3")
     out = tmp_path / "seeds.ndjson"
     out.write_text(done.stdout)
     wanted = collections.Counter(class_of(json.loads(line)) for line in done.stdout.splitlines())

@@ -8,6 +8,7 @@
 #include "campaign/report/memory.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdlib.h>
@@ -43,6 +44,15 @@ static bool load_campaign(intake *in, const char *file)
     return in->runner;
 }
 
+static bool can_be_read(const char *file)
+{
+    const int fd = open(file, O_RDONLY | O_CLOEXEC);
+    if (fd < 0)
+        return false;
+    (void)close(fd);
+    return true;
+}
+
 /* Finds the campaign of the rows. Without its file the report says what it lacks. */
 static bool find_campaign(intake *in)
 {
@@ -51,7 +61,7 @@ static bool find_campaign(intake *in)
         return in->report.source.is_campaign
                    ? load_campaign(in, in->campaign_file)
                    : complain(in, "it is a row of canwire sim, which has no --campaign");
-    if (!in->report.source.is_campaign || access(file, R_OK) != 0)
+    if (!in->report.source.is_campaign || !can_be_read(file))
         return true;
     return load_campaign(in, file);
 }

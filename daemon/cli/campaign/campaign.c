@@ -23,8 +23,8 @@ static const char help[] =
     "\n"
     "Runs a scenario with many values of what varies, as FILE says (canwire-campaign(7)). `plan`\n"
     "tells how many rows that makes, how long they will take, and the first ones. `run` writes a\n"
-    "row of JSON for each. `show` prints the scenario of a row, `files` the paths of all files that\n"
-    "are read. `report` says what the rows show.\n"
+    "row of JSON for each. `show` prints the scenario of a row, `files` the paths of all files\n"
+    "that are read. `report` says what the rows show.\n"
     "\n"
     "  --out F      write the rows into F, which appears when all are there; until then they are\n"
     "               in F.part. By default they go to standard output\n"
@@ -34,15 +34,15 @@ static const char help[] =
     "               JOB_COMPLETIONS, or CI_NODE_INDEX and CI_NODE_TOTAL\n"
     "  --jobs J     so many processes, by default one a processor; the rows are the same\n"
     "  --only N     only this row\n"
-    "  --work DIR   the folder for the files of programs (`ecu` in FILE), a folder for each row; by\n"
-    "               default F.d, or FILE.d\n"
+    "  --work DIR   the folder for the files of programs (`ecu` in FILE), a folder for each row;\n"
+    "               by default F.d, or FILE.d\n"
     "  --keep       keep those of rows that have passed, too\n"
     "  --reload     load the whole scenario for each row: slower, the same results\n";
 
 static const char exit_status[] =
     "\n"
-    "Exit status: 0, 1 a value or a file is bad, or a row is no scenario, 2 wrong usage, 3 (run) a\n"
-    "row has not passed.\n";
+    "Exit status: 0, 1 a value or a file is bad, or a row is no scenario, 2 wrong usage, 3 (run)\n"
+    "a row has not passed.\n";
 
 typedef struct options {
     campaign_run_options run;

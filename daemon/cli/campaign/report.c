@@ -250,8 +250,10 @@ static bool can_have_scenarios(const intake *in, const options *o)
 {
     if (!o->scenarios || !in->campaign || in->campaign->ecus.count == 0)
         return true;
-    plain_print(stderr, "canwire campaign: --scenarios: the rows of %s are those of programs, which "
-                "no scenario alone repeats; the command in 'replay' does\n", in->campaign->file);
+    plain_print(stderr,
+                "canwire campaign: --scenarios: the rows of %s are those of programs, which no "
+                "scenario alone repeats; the command in 'replay' does\n",
+                in->campaign->file);
     return false;
 }
 

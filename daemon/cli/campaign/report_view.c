@@ -36,7 +36,8 @@ char *report_missing_text(const report *r)
         return memory_print("Rows are missing, the first ones are %" PRIu64 " to %" PRIu64 ".",
                             gap.first, gap.last);
     return memory_print("%" PRIu64 " of %" PRIu64 " rows are there. The first ones that are "
-                        "missing are %" PRIu64 " to %" PRIu64 ".", r->rows, possible, gap.first, gap.last);
+                        "missing are %" PRIu64 " to %" PRIu64 ".",
+                        r->rows, possible, gap.first, gap.last);
 }
 
 void report_print_share(char out[REPORT_PERCENT_BYTES], share s)
