@@ -161,8 +161,8 @@ HOOK int select(int count, fd_set *restrict in, fd_set *restrict out, fd_set *re
 
 /* ---- epoll ----------------------------------------------------------------------------------- */
 
-/* Waits for a set. It is readable itself when a descriptor in it is ready, which ends the wait, too:
- * with a message of the bus the turn begins anyway. */
+/* Waits for a set. It is readable itself when a descriptor in it is ready, which ends the wait,
+ * too. With a message of the bus the turn begins anyway. */
 static int wait_for_set(int set, struct epoll_event *events, int max, const struct timespec *span,
                         const sigset_t *mask)
 {
