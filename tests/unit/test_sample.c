@@ -80,6 +80,12 @@ static void pruned_values_are_counted_as_rows(void **state)
     free(c);
 }
 
+/* Returns the value that a draw stands for, of so many. Other versions must draw the same. */
+static uint64_t draw_index(const char *name, uint64_t row, uint64_t count)
+{
+    return (uint64_t)((long double)cw_random(5, name, row) * (long double)count / 0x1p64L);
+}
+
 static void random_rows_do_not_depend_on_other_factors(void **state)
 {
     static const uint64_t counts[] = {10, 7, 3};
@@ -94,7 +100,7 @@ static void random_rows_do_not_depend_on_other_factors(void **state)
         sample_choose(b, one, row);
         assert_int_equal(a[0].index, b[0].index);
         for (size_t i = 0; i < 3; i++)
-            assert_true(a[i].index < counts[i]);
+            assert_int_equal(a[i].index, draw_index(names[i], row, counts[i]));
     }
     free(all);
     free(one);
@@ -107,21 +113,19 @@ static double distance(double a, double b)
     return way < 0.5 ? way : 1 - way;
 }
 
-/* Roberts: factor i of d goes on by root^-(i + 1). An index is the place on a circle of steps. */
+/* Roberts: factor i of d goes on by root^-(i + 1), from a place that is drawn. An index is the place on a circle of steps. */
 static void low_discrepancy_is_the_sequence_of_roberts(void **state)
 {
     static const uint64_t counts[] = {1000000, 1000000, 1000000, 1000000};
     (void)state;
     for (size_t d = 1; d <= COUNT(roots); d++) {
         campaign *c = new_campaign(SAMPLE_LOW_DISCREPANCY, counts, d);
-        choice first[CAMPAIGN_FACTORS_MAX];
-        sample_choose(first, c, 0);
-        for (uint64_t row = 1; row < 1000; row++) {
+        for (uint64_t row = 0; row < 1000; row++) {
             choice chosen[CAMPAIGN_FACTORS_MAX];
             sample_choose(chosen, c, row);
             for (size_t i = 0; i < d; i++) {
-                const double way = (double)row * pow(roots[d - 1], -(double)(i + 1));
-                const double place = (double)first[i].index / 1e6 + way;
+                const double way = (double)(row + 1) * pow(roots[d - 1], -(double)(i + 1));
+                const double place = (double)draw_index(names[i], 0, counts[i]) / 1e6 + way;
                 assert_true(distance(place - floor(place), (double)chosen[i].index / 1e6) < 3e-6);
             }
         }
