@@ -18,16 +18,28 @@ static void note_counters(observation *seen, const cw_event *event)
     }
 }
 
-void observe_event(observation *seen, const cw_event *event)
+/* Off the grid a node samples by its own clock. So its error may come up to a bit time of the bus
+ * before the hit that makes it. */
+static void note_fault(observation *seen, const cw_event *event, uint64_t early)
 {
-    if (event->kind == CW_EVENT_FAULT && !seen->has_fault) {
-        seen->has_fault = true;
-        seen->fault_tick = event->tick;
+    seen->has_fault = true;
+    seen->fault_tick = event->tick;
+    if (seen->has_error && event->tick - seen->before_tick < early) {
+        seen->has_later = true;
+        seen->later_tick = event->tick;
     }
+}
+
+void observe_event(observation *seen, const cw_event *event, const cw_bus *bus, cw_rate rate)
+{
+    if (event->kind == CW_EVENT_FAULT && !seen->has_fault)
+        note_fault(seen, event, cw_bus_is_on_grid(bus) ? 0 : cw_rate_ticks(rate, 1));
     if (event->kind == CW_EVENT_ERROR && seen->has_fault && !seen->has_later) {
         seen->has_later = true;
         seen->later_tick = event->tick;
     }
+    if (event->kind == CW_EVENT_ERROR && !seen->has_fault)
+        seen->before_tick = event->tick;
     if (event->kind == CW_EVENT_ERROR && !seen->has_error) {
         seen->has_error = true;
         seen->error_tick = event->tick;

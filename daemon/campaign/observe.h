@@ -18,14 +18,16 @@ typedef struct observation {
     uint64_t error_nodes;
     cw_error error;
     uint64_t fault_tick;           /* of the first hit of a rule */
+    uint64_t before_tick;          /* of the last error before this hit */
     bool has_later;
-    uint64_t later_tick;           /* of the first error at or after this hit */
+    uint64_t later_tick;           /* of the first error that may come from this hit: at or after
+                                    * it, or at it, for one in the bit before it off the grid */
     uint16_t tec_max[CW_NODES_MAX]; /* of events; see observe_end() */
     uint16_t rec_max[CW_NODES_MAX];
 } observation;
 
-/* Takes an event, in order. */
-void observe_event(observation *seen, const cw_event *event);
+/* Takes an event of a bus with such bits, in order. */
+void observe_event(observation *seen, const cw_event *event, const cw_bus *bus, cw_rate rate);
 
 /* Takes the counters at the end of a run. */
 void observe_end(observation *seen, const cw_bus *bus, unsigned node_count);

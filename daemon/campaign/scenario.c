@@ -15,7 +15,7 @@ static void take_event(void *user, const cw_event *event)
 {
     scenario_bus *b = user;
     sim_group_note(&b->all->group, b->index, event);
-    observe_event(&b->seen, event);
+    observe_event(&b->seen, event, b->run.bus, b->config->rate);
     if (b->judge)
         expect_event(b->judge, event);
 }

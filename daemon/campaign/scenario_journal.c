@@ -76,7 +76,7 @@ static void go_over(void *user)
 static void take_event(void *user, const cw_event *event)
 {
     scenario_bus *b = user;
-    observe_event(&b->seen, event);
+    observe_event(&b->seen, event, b->run.bus, b->config->rate);
     if (b->judge)
         expect_event(b->judge, event);
 }

@@ -254,6 +254,12 @@ def test_parts_make_a_whole(rows, tmp_path):
     assert report(one, two, "--partial").stdout == whole
 
 
+def value(line, key, text):
+    """The line with another value for the first such key."""
+    old = rf'"{key}":(\{{[^}}]*\}}|\[[^\]]*\]|"[^"]*"|[^,}}]*)'
+    return re.sub(old, f'"{key}":{text}', line, count=1)
+
+
 @pytest.mark.parametrize("change,message", [
     (lambda line: line.replace('"crc[2]"', '"crc[3]"'), "has other values than"),
     (lambda line: line.replace('"seed":0', '"seed":1'), "has other values than"),
@@ -262,12 +268,37 @@ def test_parts_make_a_whole(rows, tmp_path):
     (lambda line: line.replace('"outcome":"', '"outcome":"x'), "no outcome that is known"),
     (lambda line: line.replace('"nodes":', '"node":'), "keys are missing"),
     (lambda line: line.replace("canwire campaign run", "canwire sim"), "no command"),
-], ids=["values", "seed", "number", "empty", "outcome", "keys", "repeat"])
+    (lambda line: line.replace('"number":', '"number":0,"number":'), "a key is there twice"),
+    (lambda line: line.replace('"tec":', '"tec":1,"tec":'), "a key is there twice"),
+    (lambda line: line.replace('"number":', '"number":-'), "it is no row of canwire"),
+    (lambda line: value(line, "latency", '"soon"'), "`latency`: expected seconds, 0 or more, or"),
+    (lambda line: value(line, "latency", "-0.001"), "`latency`: expected seconds, 0 or more, or"),
+    (lambda line: value(line, "latency", "1e9"), "`latency`: it is longer than the run"),
+    (lambda line: value(line, "latency", "true"), "`latency`: expected seconds"),
+    (lambda line: value(line, "first_error", "null"), "`latency`: there is no error"),
+    (lambda line: line.replace('"type":', '"kind":'), "`first_error`: `type`: expected a text"),
+    (lambda line: value(line, "t", "-1"), "`t`: expected seconds"),
+    (lambda line: value(line, "frames", "-1"), "`frames`: expected an integer, 0 or more"),
+    (lambda line: value(line, "faults", "1.5"), "`faults`: expected an integer, 0 or more"),
+    (lambda line: value(line, "error_frames", '"2"'), "`error_frames`: expected an integer"),
+    (lambda line: value(line, "tec_max", "-8"), "`tec_max`: expected an integer, 0 or more"),
+    (lambda line: value(line, "dropped", "0.5"), "`dropped`: expected an integer, 0 or more"),
+    (lambda line: value(line, "bus_off", "null"), "`bus_off`: expected an integer, 0 or more"),
+    (lambda line: value(line, "state", '"asleep"'), "`nodes`: `state`: expected error-active,"),
+    (lambda line: value(line, "met", "-2"), "`met`: expected an integer, 0 or more"),
+    (lambda line: value(line, "outcome", '"failed"'), "the row has failed, but `expectations`"),
+    (lambda line: value(line, "failed", '[{"name":"whole","got":"0"}]'),
+     "the row has passed, but `expectations`"),
+    (lambda line: value(line, "failed", '["whole"]'), "each with its `name`"),
+], ids=str)
 def test_rows_that_do_not_belong_there_are_refused(rows, change, message):
     file, _ = rows()
     lines = file.read_text().splitlines(True)
-    at = next(i for i, line in enumerate(lines) if '"crc[2]"' in line)
-    lines[at] = change(lines[at])
+    at = next(i for i, line in enumerate(lines) if '"crc[2]"' in line and
+              '"passed"' in line and '"latency":0' in line)
+    before = lines[at]
+    lines[at] = change(before)
+    assert lines[at] != before
     file.write_text("".join(lines))
     found = report(file, "--partial", status=1)
     assert f"{file}:{at + 1}: " in found.stderr and message in found.stderr
@@ -572,3 +603,50 @@ expect: [ { name: calm, errors: 0 } ]
         assert row["first_error"]["type"] == "ack" and row["first_error"]["t"] < 0.001
         assert row["latency"] == 0  # the engine sees its own bit
     assert in_json(file)["classes"]["expectation failed but detected"]["rows"] == 8
+
+
+def test_an_error_that_a_deviating_clock_shows_before_the_hit_is_due_to_it(rows):
+    # the dash samples its own wrong bit before the bus ends that bit
+    bus = """bus: { name: b, bitrate: 1000000 }
+nodes:
+  - { name: engine, traffic: [ { send: 123#DEADBEEF, every: 10ms, count: 2 } ] }
+  - { name: dash }
+faults:
+  - { name: hit, when: { frame: "123", count: 40 }, do: { flip: "eof[4]", at: [dash] } }
+expect: [ { name: calm, errors: 0 } ]
+"""
+    file, every = rows("""scenario: bus.yaml
+vary:
+  - { set: nodes.engine.ppm, values: [ 0, 100, -100 ] }
+  - { set: faults.hit.do.flip, positions: [ "eof[0..5]" ] }
+""", bus)
+    early = 0
+    for row in every:
+        seen = row["first_error"]
+        assert (seen["node"], seen["type"]) == ("dash", "form") and row["latency"] is not None
+        early += row["factors"]["nodes.engine.ppm"] != 0 and row["latency"] == 0
+    assert early > 0
+    classes = in_json(file)["classes"]
+    assert classes["failed undetected"]["rows"] == 0
+    assert classes["expectation failed but detected"]["rows"] == len(every)
+
+
+# ---- files ---------------------------------------------------------------------------------------
+
+def test_no_output_replaces_an_input_or_another_output(rows, tmp_path):
+    file, _ = rows(PASSING)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    (tmp_path / "link").symlink_to(file)
+    for name in "rows.ndjson", "./rows.ndjson", "link", "campaign.yaml", "bus.yaml":
+        for option in "--json", "--html", "--junit":
+            found = report(file, option, name, status=1, cwd=tmp_path)
+            assert f"{option} {name}: the report reads this file" in found.stderr
+            assert found.stdout == ""
+    shell = f"'{CANWIRE}' campaign report - --json rows.ndjson < rows.ndjson; test $? = 1"
+    assert "reads this file" in run("sh", "-c", shell, cwd=tmp_path).stderr
+    for first, second in (("new", "new"), ("new", "./new"), ("-", "-")):
+        found = report(file, "--json", first, "--junit", second, status=1, cwd=tmp_path)
+        assert f"--junit {second}: it is the file of --json, too" in found.stderr
+    (tmp_path / "link").unlink()
+    assert before == {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    report(file, "--json", "new", "--junit", "other", cwd=tmp_path)

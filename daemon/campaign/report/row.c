@@ -5,6 +5,7 @@
 #include "campaign/report/row.h"
 
 #include "base/number.h"
+#include "campaign/report/rowcheck.h"
 
 #include <string.h>
 
@@ -68,17 +69,23 @@ static void quote_large(rowtext *out, const char *line, size_t length)
 }
 
 /* JSON integers are signed in jansson, and seeds are not: a large one becomes a text. */
-json_t *report_row_load(const char *line, size_t length)
+static json_t *load(const char *line, size_t length, json_error_t *error)
 {
-    json_error_t error;
-    json_t *object = json_loadb(line, length, 0, &error);
-    if (object || json_error_code(&error) != json_error_numeric_overflow)
+    json_t *object = json_loadb(line, length, JSON_REJECT_DUPLICATES, error);
+    if (object || json_error_code(error) != json_error_numeric_overflow)
         return object;
     rowtext quoted = {.no_memory = false};
     quote_large(&quoted, line, length);
-    object = json_loadb(buffer_first(&quoted.bytes), buffer_length(&quoted.bytes), 0, &error);
+    object = json_loadb(buffer_first(&quoted.bytes), buffer_length(&quoted.bytes),
+                        JSON_REJECT_DUPLICATES, error);
     rowtext_free(&quoted);
     return object;
+}
+
+json_t *report_row_load(const char *line, size_t length)
+{
+    json_error_t error;
+    return load(line, length, &error);
 }
 
 static bool read_seed(uint64_t *out, const json_t *value)
@@ -139,8 +146,11 @@ static const char *read_result(report_row *row, const row_signs *signs)
     class_facts *f = &row->facts;
     row->failed = json_object_get(json_object_get(row->object, "expectations"), "failed");
     if (!json_is_array(row->failed) || !json_is_object(nodes) || !latency || !error ||
-        !json_is_integer(json_object_get(row->object, "faults")))
+        !json_object_get(row->object, "faults"))
         return NO_ROW ": keys are missing";
+    const char *wrong = rowcheck_result(row->object, row->facts.outcome);
+    if (wrong)
+        return wrong;
     row->first_error = json_is_object(error) ? error : NULL;
     row->has_latency = json_is_number(latency);
     row->latency_ns = ns_of(latency);
@@ -164,7 +174,7 @@ static const char *read_keys(report_row *row, const row_signs *signs)
     const json_t *number = json_object_get(row->object, "number");
     row->factors = json_object_get(row->object, "factors");
     row->repeat = json_string_value(json_object_get(row->object, "repeat"));
-    row->has_number = json_is_integer(number);
+    row->has_number = json_is_integer(number) && json_integer_value(number) >= 0;
     row->number = number_of(row->object, "number");
     if (!json_is_object(row->object) || !row->repeat ||
         !read_seed(&row->seed, json_object_get(row->object, "seed")) || !number != !row->factors ||
@@ -178,11 +188,18 @@ static const char *read_keys(report_row *row, const row_signs *signs)
     return read_result(row, signs);
 }
 
+static const char *why_no_object(const json_error_t *error)
+{
+    return json_error_code(error) == json_error_duplicate_key ? NO_ROW ": a key is there twice"
+                                                              : NO_ROW ": it is no JSON";
+}
+
 const char *report_row_read(report_row *out, const char *line, size_t length,
                             const row_signs *signs)
 {
-    *out = (report_row){.object = report_row_load(line, length)};
-    const char *wrong = out->object ? read_keys(out, signs) : NO_ROW ": it is no JSON";
+    json_error_t error;
+    *out = (report_row){.object = load(line, length, &error)};
+    const char *wrong = out->object ? read_keys(out, signs) : why_no_object(&error);
     if (wrong) {
         report_row_free(out);
         return wrong;

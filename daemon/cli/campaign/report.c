@@ -7,6 +7,7 @@
 #include "base/plain.h"
 #include "campaign/report/intake.h"
 #include "campaign/report/memory.h"
+#include "cli/campaign/report_files.h"
 #include "cli/campaign/report_view.h"
 #include "cli/campaign/rowfile.h"
 #include "cli/cli.h"
@@ -207,6 +208,30 @@ static bool write_scenarios(const report_view *v, const char *folder)
     return good;
 }
 
+static report_outputs outputs_of(const options *o)
+{
+    return (report_outputs){.option = {"--json", "--html", "--junit"},
+                            .name = {o->json, o->html, o->junit}};
+}
+
+/* Returns false after a message when a file has two uses. */
+static bool check_outputs(const options *o, char **files, int count)
+{
+    const report_outputs out = outputs_of(o);
+    bool good = report_outputs_differ(&out) && report_outputs_spare(&out, o->campaign);
+    for (int i = 0; i < count && good; i++)
+        good = report_outputs_spare(&out, files[i]);
+    return good;
+}
+
+/* The rows name more files. */
+static bool check_sources(const options *o, const intake *in)
+{
+    const report_outputs out = outputs_of(o);
+    return report_outputs_spare(&out, in->report.source.file) &&
+           report_outputs_spare(&out, in->campaign ? in->campaign->scenario_name : NULL);
+}
+
 static bool flush_output(void)
 {
     if (fflush(stdout) == 0 && !ferror(stdout))
@@ -276,7 +301,10 @@ int campaign_report(int argc, char **argv)
     if (status >= 0)
         return status;
     intake in = {.campaign_file = o.campaign, .partial = o.partial, .ftti_ns = o.ftti_ns};
-    const bool good = make_folder(&o) && read_files(&in, argv + optind, argc - optind) &&
+    char **files = argv + optind;
+    const int count = argc - optind;
+    const bool good = check_outputs(&o, files, count) && make_folder(&o) &&
+                      read_files(&in, files, count) && check_sources(&o, &in) &&
                       can_have_scenarios(&in, &o) && write_report(&in, &o);
     intake_free(&in);
     return good ? CLI_OK : CLI_BAD_INPUT;
