@@ -244,6 +244,8 @@ static void read_root(campaign_owner *o, diag *errors, yaml_document_t *document
     schema_map(&self, "campaign", root, campaign_keys, o);
     if (errors->errors == 0)
         ends_check(&self, root, o);
+    if (errors->errors == 0)
+        campaign_check_virtual(&self, root, o);
     yaml_node_t *list = schema_find(&self, root, "vary");
     const char *wrong = errors->errors == 0 ? sample_prepare(&o->campaign) : NULL;
     if (wrong)

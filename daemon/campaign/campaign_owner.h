@@ -25,4 +25,7 @@ typedef struct campaign_owner {
 /* Reads the key `vary`. */
 schema_reader campaign_read_factors; /* object: a campaign_owner */
 
+/* Complains when the scenario has virtual time, but its programs have not. */
+void campaign_check_virtual(schema *self, yaml_node_t *root, const campaign_owner *o);
+
 #endif

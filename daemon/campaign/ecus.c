@@ -261,6 +261,9 @@ void campaign_read_ecus(schema *self, const schema_key *key, yaml_node_t *value,
         if (!e->name)
             e->name = e->node;
         check_name(self, plan, item);
+        if (e->direct && e->interface)
+            schema_complain(self, item, "interface: a program with 'preload: off' has none; it "
+                            "finds its port in CANWIRE_PORT");
     }
 }
 
@@ -289,4 +292,13 @@ void campaign_read_virtual(schema *self, const schema_key *key, yaml_node_t *val
     if (schema_choose_bool(self, &plan->virtual_time, key, value) && plan->virtual_time &&
         ecus_virtual(plan) == 0)
         schema_complain(self, value, "%s: no program in 'ecu' runs under canwire run", key->name);
+}
+
+void campaign_check_virtual(schema *self, yaml_node_t *root, const campaign_owner *o)
+{
+    const ecu_plan *plan = &o->campaign.ecus;
+    if (plan->count > 0 && !plan->virtual_time && o->config->pacing == CFG_PACING_VIRTUAL)
+        schema_complain(self, schema_find(self, root, "ecu"),
+                        "ecu: the scenario has 'pacing: virtual'; leave that out, and give "
+                        "'virtual: on' beside 'ecu'");
 }

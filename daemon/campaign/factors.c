@@ -243,7 +243,8 @@ static bool read_numbers(schema *self, yaml_node_t *value, reading *r, const num
     if (self->errors->errors > errors)
         return false;
     if (!number_text_align((number_text *const[]){&f.from, &f.to, &f.step}, 3)) {
-        schema_complain(self, value, "%s: the numbers have different units, or too many digits",
+        schema_complain(self, value, "%s: the numbers have different units, other than ns, us, ms "
+                        "and s, or too many digits",
                         n->what);
         return false;
     }

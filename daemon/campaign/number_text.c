@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#define TIME_UNITS 4
 #define MANTISSA_MAX INT64_C(1000000000000000)
 
 static bool is_digit(char c)
@@ -64,9 +65,65 @@ static bool widen(number_text *n, unsigned decimals)
     return true;
 }
 
+/* Returns how many times a thousand nanoseconds must grow to be that unit, -1: it is no time. */
+static int time_unit(const char *unit)
+{
+    static const char *const units[] = {"ns", "us", "ms", "s"};
+    for (int i = 0; i < TIME_UNITS; i++)
+        if (strcmp(units[i], unit) == 0)
+            return i;
+    return -1;
+}
+
+/* Returns the smallest unit of time, or -1 when there is another unit, or none. */
+static int smallest_unit(number_text *const list[], unsigned count)
+{
+    int smallest = TIME_UNITS;
+    for (unsigned i = 0; i < count; i++) {
+        const int unit = time_unit(list[i]->unit);
+        if (unit < 0 && list[i]->unit[0])
+            return -1;
+        if (unit >= 0 && unit < smallest)
+            smallest = unit;
+    }
+    return smallest < TIME_UNITS ? smallest : -1;
+}
+
+/* Gives a time a smaller unit. Returns false when it has too many digits then. */
+static bool lessen(number_text *n, int unit, const char *name)
+{
+    for (int steps = 3 * (time_unit(n->unit) - unit); steps > 0; steps--) {
+        if (n->decimals > 0) {
+            n->decimals--;
+            continue;
+        }
+        if (n->mantissa > MANTISSA_MAX / 10 || n->mantissa < -MANTISSA_MAX / 10)
+            return false;
+        n->mantissa *= 10;
+    }
+    memmove(n->unit, name, strlen(name) + 1);
+    return true;
+}
+
+/* Gives all times the smallest of their units. Other numbers stay as they are. */
+static bool lessen_all(number_text *const list[], unsigned count)
+{
+    char name[NUMBER_TEXT_UNIT_MAX] = "";
+    const int unit = smallest_unit(list, count);
+    for (unsigned i = 0; i < count && unit >= 0; i++)
+        if (time_unit(list[i]->unit) == unit)
+            memcpy(name, list[i]->unit, sizeof name);
+    for (unsigned i = 0; i < count && unit >= 0; i++)
+        if (list[i]->unit[0] && !lessen(list[i], unit, name))
+            return false;
+    return true;
+}
+
 bool number_text_align(number_text *const list[], unsigned count)
 {
     unsigned decimals = 0;
+    if (!lessen_all(list, count))
+        return false;
     const char *unit = "";
     for (unsigned i = 0; i < count; i++) {
         decimals = list[i]->decimals > decimals ? list[i]->decimals : decimals;

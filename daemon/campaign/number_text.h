@@ -22,8 +22,8 @@ typedef struct number_text {
 /* Reads one. Returns false for another text, and beyond 10^15 with all decimals. */
 bool number_text_parse(number_text *out, const char *text);
 
-/* Brings numbers to the same decimals. Returns false when that exceeds the limits, or their units
- * differ; 0 takes any unit. */
+/* Brings numbers to the same decimals. Times get the smallest of their units (ns, us, ms, s).
+ * Returns false when that exceeds the limits, or other units differ; 0 takes any unit. */
 bool number_text_align(number_text *const list[], unsigned count);
 
 /* Prints the number as JSON: in quotes when it has a unit. */

@@ -7,6 +7,7 @@
 #include "base/plain.h"
 #include "cli/cli.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -59,10 +60,12 @@ int main(int argc, char **argv)
 /* Returns the exit status; output that could not be written (a full disk) is an error. */
 static int finish(int status)
 {
+    errno = 0;
     if (fflush(stdout) == 0 && !ferror(stdout)) {
         return status;
     }
-    perror("canwire: standard output");
+    fprintf(stderr, "canwire: standard output: %s\n",
+            errno != 0 ? strerror(errno) : "it is not complete"); /* an earlier write failed */
     return status == CLI_OK ? CLI_BAD_INPUT : status;
 }
 

@@ -78,11 +78,24 @@ static void add_socket(bus_files *files, const char *name, const char *what)
         fileuses_add_socket(&files->uses, &use);
 }
 
-static void add_port(bus_files *files, const json_t *node)
+/* Returns true when a node before this one has the same port: guests share one. */
+static bool is_shared(const json_t *nodes, size_t node, const char *port)
 {
-    const char *text = json_string_value(json_object_get(node, "port"));
+    size_t i = 0;
+    while (i < node) {
+        const char *text = json_string_value(json_object_get(json_array_get(nodes, i), "port"));
+        if (text && strcmp(text, port) == 0)
+            break;
+        i++;
+    }
+    return i < node;
+}
+
+static void add_port(bus_files *files, const json_t *nodes, size_t node)
+{
+    const char *text = json_string_value(json_object_get(json_array_get(nodes, node), "port"));
     const portname port = portname_parse(text ? text : "");
-    if (port.path)
+    if (port.path && !is_shared(nodes, node, text))
         add_socket(files, port.path, "the bus' port");
 }
 
@@ -107,7 +120,7 @@ static void add_files(bus_files *files, const json_t *status)
         add_name(files, json_array_get(reads, i), (fileuse){.what = "the bus' input"});
     add_socket(files, json_string_value(json_object_get(status, "control")), "the bus' control");
     for (size_t i = 0; i < json_array_size(nodes); i++)
-        add_port(files, json_array_get(nodes, i));
+        add_port(files, nodes, i);
     for (size_t i = 0; i < json_array_size(recordings); i++)
         add_recording(files, json_array_get(recordings, i));
     add_file(files, json_object_get(status, "journal"),

@@ -59,13 +59,23 @@ static bool refuse(const search *s, const char *why)
     return false;
 }
 
-/* Writes a path as it is from here. Returns false when it is too long. */
+/* Writes a path as it is from here; without links, where it is too long with them. Returns false
+ * when it is too long. */
 static bool resolve(const search *s, char out[RUN_PATH_BYTES], const char *path)
 {
+    char whole[PATH_MAX];
+    char real[PATH_MAX];
     const bool relative = path[0] != '/' && s->directory;
-    const int length = snprintf(out, RUN_PATH_BYTES, "%s%s%s", relative ? s->directory : "",
+    const int length = snprintf(whole, sizeof whole, "%s%s%s", relative ? s->directory : "",
                                 relative ? "/" : "", path);
-    return length > 0 && (size_t)length < RUN_PATH_BYTES;
+    if (length <= 0 || (size_t)length >= sizeof whole)
+        return false;
+    const bool too_long = (size_t)length >= RUN_PATH_BYTES;
+    const char *shown = too_long && realpath(whole, real) ? real : whole;
+    const size_t size = strlen(shown) + 1;
+    if (size <= RUN_PATH_BYTES)
+        memcpy(out, shown, size);
+    return size <= RUN_PATH_BYTES;
 }
 
 /* Takes the path of the port of the node that was found. */

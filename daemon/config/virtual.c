@@ -60,7 +60,8 @@ void cfg_complete_virtual(schema *self, yaml_node_t *root, cfg *config)
         v->programs = 1;
     if (!v->socket && !config->control)
         schema_complain(self, at, "virtual: socket: expected the path of a socket, at which "
-                        "programs join; with 'control' it is that path with .time behind it");
+                        "programs join; with 'control' it is that path with .time behind it. A "
+                        "campaign needs none: it has 'virtual: on' beside 'ecu'");
     else if (!v->socket)
         v->socket = schema_print(self, "%s.time", config->control);
     if (v->socket && !fits(v->socket))

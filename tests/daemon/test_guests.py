@@ -7,6 +7,7 @@ This needs no CAN in the kernel.
 import errno
 import json
 import socket
+import subprocess
 import threading
 from collections import Counter
 from contextlib import closing
@@ -15,7 +16,7 @@ import pytest
 
 from busclient import ERROR, HELLO, LOCAL, LOOPBACK, OWN, RECV_OWN, Client, PATIENCE_S
 from busrig import BusRig, rig_fixture
-from simtool import canwire
+from simtool import CANWIRE, TIMEOUT_S, canwire
 from test_record import wait_until
 
 BUS = """bus: {{ name: hotel, bitrate: {bitrate} }}
@@ -349,3 +350,19 @@ def test_simulations_have_no_guests(tmp_path):
     first = json.loads(out.splitlines()[0])
     assert (first["event"], first["type"]) == ("error", "ack")  # nobody acknowledges
     assert "guest" not in out
+
+
+def test_guests_that_share_a_port_are_recorded(rig):
+    r = rig()
+    recorder = subprocess.Popen(  # pylint: disable=consider-using-with
+        [CANWIRE, "record", "./hotel.sock", "hotel.log", "--format", "candump"], cwd=r.folder,
+        stderr=subprocess.PIPE, text=True)
+    try:
+        wait_until(lambda: (r.folder / "hotel.log").exists() or recorder.poll() is not None,
+                   "the recording")
+        assert recorder.poll() is None, recorder.stderr.read()
+    finally:
+        recorder.terminate()
+        recorder.communicate(timeout=TIMEOUT_S)
+    message = r.run("record", "./hotel.sock", "bus.sock", "--format", "candump", status=1).stderr
+    assert "bus.sock" in message and "the bus' port" in message

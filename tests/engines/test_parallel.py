@@ -13,7 +13,7 @@ import pytest
 import campaigns
 from campaigns import need
 from engine import fixture_gate, fixture_place, free_port  # pylint: disable=unused-import
-from simtool import ROOT, TIMEOUT_S
+from simtool import CANWIRE, ROOT, TIMEOUT_S
 
 CONFIG = """
 Port {port}
@@ -71,6 +71,36 @@ def start(hosts):
     recipe = ["sh", ROOT / "config/campaign/parallel.sh", "campaign.yaml", "8", hosts]
     return subprocess.Popen(recipe, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                             start_new_session=True)
+
+
+def run_here(place, folder):
+    """Runs the recipe on this machine alone, with canwire of a folder."""
+    need("parallel")
+    (place / "hosts").write_text("2/:\n")
+    return subprocess.run(
+        ["sh", ROOT / "config/campaign/parallel.sh", "campaign.yaml", "3", "hosts"],
+        env=os.environ | {"PATH": f"{folder}:{os.environ['PATH']}"}, text=True, check=False,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=TIMEOUT_S)
+
+
+def test_this_machine(place):
+    result = run_here(place, os.path.dirname(CANWIRE))
+    assert result.returncode == 3, result.stdout + result.stderr  # rows have failed
+    assert (place / "campaign.ndjson").read_bytes() == campaigns.rows("campaign.yaml", place)
+    assert not list(place.glob("canwire-*"))
+
+
+def test_it_says_where_the_messages_of_failed_shards_are(place):
+    tool = place / "bin/canwire"
+    tool.parent.mkdir()
+    tool.write_text(f'#!/bin/sh\n[ "$2" = files ] && exec {CANWIRE} "$@"\n'
+                    'echo broken >&2\nexit 1\n')
+    tool.chmod(0o755)
+    result = run_here(place, tool.parent)
+    assert result.returncode == 1, result.stdout + result.stderr
+    assert "a shard has failed; messages are in campaign.rows/*.ndjson.err" in result.stderr
+    assert "broken\n" in (place / "campaign.rows/1.ndjson.err").read_text()
+    assert not list(place.glob("canwire-*"))
 
 
 def test_killed_jobs_and_a_killed_parallel(place, gate, hosts):

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 import test_schema
-from simtool import CANWIRE, ROOT, canwire, run, sim
+from simtool import CANWIRE, ROOT, TIMEOUT_S, canwire, run, sim
 
 VALIDATOR = test_schema.Validator(
     json.loads((ROOT / "config/schema/canwire-campaign.schema.json").read_text()))
@@ -337,6 +337,38 @@ def test_rows_go_into_regular_files(make, tmp_path):
     link.symlink_to("real.ndjson")
     campaign("run", file, "--only", "0", "--out", link)
     assert link.is_symlink() and len(rows_of(real.read_text())) == 1
+    real.unlink()
+    (tmp_path / "folder/next").symlink_to("../link.ndjson")  # links to a file that is to come
+    campaign("run", file, "--only", "0", "--out", tmp_path / "folder/next")
+    assert link.is_symlink() and len(rows_of(real.read_text())) == 1
+    real.unlink()
+    real.symlink_to("link.ndjson")
+    message = campaign("run", file, "--only", "0", "--out", link, status=1).stderr
+    assert "Too many levels of symbolic links" in message
+
+
+def test_a_whole_file_is_replaced_when_all_rows_are_there(make, tmp_path):
+    file, out = make(MANY), tmp_path / "rows.ndjson"
+    out.write_text("old")
+    campaign("run", file, "--only", "100000", "--out", out, status=1)
+    assert out.read_text() == "old"
+    campaign("run", file, "--only", "0", "--out", out)
+    assert len(rows_of(out.read_text())) == 1
+
+
+@pytest.mark.parametrize("option", [["--only", "-1"], ["--shard", "0/3"], ["--jobs", "0"]])
+def test_a_bad_value_of_an_option_is_bad_input(make, option):
+    message = campaign("run", make(MANY), *option, status=1).stderr
+    assert f"{option[0]} {option[1]}: expected" in message and "usage" not in message
+
+
+def test_a_full_disk_is_told_once(make):
+    with open("/dev/full", "w", encoding="ascii") as full:
+        result = subprocess.run([CANWIRE, "campaign", "run", make(MANY), "--jobs", "1"],
+                                stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+                                timeout=TIMEOUT_S)
+    assert result.returncode == 1 and result.stderr.count("No space left on device") == 1
+    assert "Success" not in result.stderr
 
 
 def test_rows_of_another_campaign_are_not_continued(make, tmp_path):

@@ -201,13 +201,16 @@ def test_in_virtual_time_rows_are_the_same_byte_for_byte(make):
     file = make(SENDER, "{ node: dash, run: \"candump -t z dash\" }", crash, more=VIRTUAL,
                 vary=DATA.replace("VALUES", "100#00, 100#DEAD, 100#BEEF"),
                 bus=BUS.replace("every: 10ms", "every: 1s, offset: 1s"))
-    texts, logs = [], []
+    texts, logs, journals = [], [], []
     for jobs in "1", "2":
         canwire("campaign", "run", file.name, "--out", f"rows{jobs}", "--work", "work", "--keep",
                 "--jobs", jobs, status=3, cwd=file.parent)
         texts.append((file.parent / f"rows{jobs}").read_text())
         logs.append([log_of(file, row, "dash") for row in rows_of(texts[-1])])
-    assert texts[0] == texts[1] and logs[0] == logs[1]
+        journals.append([(file.parent / f"work/row-{row}/journal").read_bytes()
+                         for row in range(3)])
+    assert texts[0] == texts[1] and logs[0] == logs[1] and journals[0] == journals[1]
+    assert not list((file.parent / "work").glob("row-*/.sockets"))
     for row in rows_of(texts[0]):
         assert (row["outcome"], row["why"], row["t"]) == ("crashed", "bad: signal SEGV", 100)
         assert row["frames"] == 1000 + 99 or row["frames"] == 1000 + 100
@@ -439,6 +442,8 @@ def test_a_long_path(make, tmp_path):
     ("{ node: engine, run: x, env: { 1A: x } }", "letters, digits and '_', no digit in front"),
     ("{ node: engine, run: x, interface: far-too-long-name }", "at most 15 characters"),
     ("{ node: engine, run: x, preload: perhaps }", "preload: "),
+    ("{ node: engine, run: x, preload: off, interface: can0 }",
+     "4:5: interface: a program with 'preload: off' has none"),
     ("{ node: engine, run: x, after: engine }", "the name of a program before this one"),
     ("{ node: engine, run: x, speed: 3 }", "unknown key 'speed'"),
 ])
@@ -454,6 +459,27 @@ def test_virtual_time_without_programs_is_refused(write):
                  f"virtual: on\nvary:\n{ONE}", "campaign.yaml")
     message = canwire("campaign", "plan", file, status=1).stderr
     assert "4:10: virtual: no program in 'ecu' runs under canwire run" in message
+
+
+def test_virtual_time_of_the_scenario_alone_is_refused(write):
+    file = write(f"scenario: bus.yaml\nuntil: 1s\necu: {{ node: engine, run: x }}\nvary:\n{ONE}",
+                 "campaign.yaml")
+    write(BUS + "pacing: virtual\n")
+    message = canwire("campaign", "plan", file, status=1).stderr
+    assert "virtual: socket: expected" in message and "'virtual: on' beside 'ecu'" in message
+    write(BUS + "pacing: virtual\ncontrol: bus.sock\n")
+    message = canwire("campaign", "plan", file, status=1).stderr
+    assert "3:6: ecu: the scenario has 'pacing: virtual'; leave that out, and give 'virtual: on' " \
+        "beside 'ecu'" in message
+
+
+def test_without_programs_pacing_changes_nothing(write):
+    file = write(f"scenario: bus.yaml\nuntil: 1s\nvary:\n{ONE}", "campaign.yaml")
+    rows = []
+    for more in "", "pacing: virtual\nvirtual: { socket: s }\n":
+        write(BUS + more)
+        rows.append(campaign(file))
+    assert rows[0] == rows[1] and rows[0][0]["frames"] > 0
 
 
 def test_two_programs_of_the_same_name_are_refused(write):

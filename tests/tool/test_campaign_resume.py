@@ -4,6 +4,7 @@
 import fcntl
 import json
 import shutil
+import threading
 
 import pytest
 
@@ -124,6 +125,17 @@ def test_a_part_that_another_program_writes(torn):
         other.seek(0)
         assert other.read() == before
     campaign("run", file, "--out", out, "--resume")
+
+
+def test_processes_of_a_run_that_was_killed_may_hold_the_part_a_little_longer(torn):
+    file, out, wanted = torn()
+    with open(f"{out}.part", "rb") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        timer = threading.Timer(0.3, fcntl.flock, (other, fcntl.LOCK_UN))
+        timer.start()
+        campaign("run", file, "--out", out, "--resume")
+        timer.join()
+    assert out.read_text() == wanted
 
 
 def test_a_large_campaign_goes_on_after_each_row(make, tmp_path):

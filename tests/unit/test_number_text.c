@@ -122,11 +122,31 @@ static void aligned_numbers_have_the_same_decimals_and_unit(void **state)
     }
 }
 
+static void times_get_the_smallest_of_their_units(void **state)
+{
+    number_text n[3];
+    (void)state;
+    assert_true(align(n, "-5ms", "0", "1.5us"));
+    assert_int_equal(n[0].mantissa, -50000);
+    assert_int_equal(n[1].mantissa, 0);
+    assert_int_equal(n[2].mantissa, 15);
+    assert_true(align(n, "0.5s", "1s", "100us"));
+    assert_int_equal(n[0].mantissa, 500000);
+    assert_int_equal(n[1].mantissa, 1000000);
+    assert_int_equal(n[2].mantissa, 100);
+    for (unsigned i = 0; i < 3; i++) {
+        assert_int_equal(n[i].decimals, 0);
+        assert_string_equal(n[i].unit, "us");
+    }
+}
+
 static void numbers_of_two_units_are_not_aligned(void **state)
 {
     number_text n[3];
     (void)state;
-    assert_false(align(n, "1us", "2ms", "1us"));
+    assert_false(align(n, "1us", "2%", "1us"));
+    assert_false(align(n, "1h", "2ms", "1ms"));
+    assert_false(align(n, "999999999999999s", "2ms", "1ms")); /* too large in ms */
     assert_false(align(n, "1", "2ms", "1ms")); /* 0 alone needs no unit */
     assert_true(align(n, "0", "2ms", "0.0"));
     assert_false(align(n, "1000000000000000", "0.1", "1")); /* too large with a decimal */
@@ -152,6 +172,7 @@ int main(void)
         cmocka_unit_test(numbers_are_printed_as_json),
         cmocka_unit_test(printing_keeps_each_number),
         cmocka_unit_test(aligned_numbers_have_the_same_decimals_and_unit),
+        cmocka_unit_test(times_get_the_smallest_of_their_units),
         cmocka_unit_test(numbers_of_two_units_are_not_aligned),
         cmocka_unit_test(values_are_those_of_the_texts),
     };

@@ -104,7 +104,9 @@ bool ecu_folder_make(ecu_folder *f, const char *work, uint64_t row, char why[ECU
     f->fd = -1;
     f->sockets[0] = '\0';
     ecu_folder_path(f->files, work, row);
-    return make_files(f, why) && make_sockets(f, why);
+    if (!make_files(f, why) || !make_sockets(f, why))
+        return false;
+    return symlinkat(f->sockets, f->fd, ECU_SOCKETS) == 0 || fail(why, f->files);
 }
 
 bool ecu_folder_add(const ecu_folder *f, const char *name)
@@ -122,6 +124,8 @@ void ecu_folder_close(ecu_folder *f)
 {
     if (f->sockets[0] != '\0')
         ecu_folder_remove(f->sockets);
+    if (f->fd >= 0)
+        (void)unlinkat(f->fd, ECU_SOCKETS, 0);
     f->sockets[0] = '\0';
     if (f->fd >= 0)
         (void)close(f->fd);

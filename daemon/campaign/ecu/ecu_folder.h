@@ -3,7 +3,8 @@
  * ecu_folder.h - the folders of a row: one for its files, and a short one for its sockets.
  *
  * The files of row 7 are in WORK/row-7. Paths of sockets have 108 bytes at most, so sockets are in
- * a new folder in $TMPDIR or /tmp.
+ * a new folder in $TMPDIR or /tmp. A link leads to it, so that scenario and journal have no name
+ * that differs from run to run.
  */
 #ifndef CANWIRE_CAMPAIGN_ECU_ECU_FOLDER_H
 #define CANWIRE_CAMPAIGN_ECU_ECU_FOLDER_H
@@ -16,6 +17,7 @@
 #define ECU_SCENARIO "scenario.yaml" /* in the folder of a row */
 #define ECU_JOURNAL "journal"
 #define ECU_BUS_LOG "canwired.log"
+#define ECU_SOCKETS ".sockets" /* a link to the folder of the sockets, while there is one */
 
 typedef struct ecu_folder {
     int fd;             /* of the files of the row; -1: none */

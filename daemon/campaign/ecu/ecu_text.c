@@ -7,6 +7,7 @@
 #include "campaign/ecu/ecu_text.h"
 
 #include "base/yamlfile.h"
+#include "campaign/ecu/ecu_folder.h"
 #include "campaign/splice.h"
 
 #include <inttypes.h>
@@ -157,6 +158,12 @@ static size_t find_node(change *c, const char *name)
     return found;
 }
 
+/* Returns the path of a socket from the folder of the row on. */
+static const char *from_row(const change *c, const char *socket)
+{
+    return arena_print(c->memory, ECU_SOCKETS "%s", socket + strlen(c->wanted->sockets));
+}
+
 static const char *set_port(change *c, size_t program)
 {
     char socket[ECU_SOCKET_MAX];
@@ -165,8 +172,9 @@ static const char *set_port(change *c, size_t program)
     if (number == SIZE_MAX)
         return arena_print(c->memory, "there is no node '%s'", node);
     ecu_port_path(socket, c->wanted, program);
+    const char *path = from_row(c, socket);
     return set(c, arena_print(c->memory, "nodes[%zu].port", number),
-               arena_print(c->memory, "unix:%s", socket));
+               path ? arena_print(c->memory, "unix:%s", path) : NULL);
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */
@@ -234,7 +242,7 @@ const char *ecu_text_change(rowtext *text, const ecu_changes *changes, arena *me
     for (size_t i = 0; i < changes->plan->count && !wrong; i++)
         wrong = set_port(&c, i);
     if (!wrong)
-        wrong = set(&c, "control", changes->control);
+        wrong = set(&c, "control", from_row(&c, changes->control));
     if (!wrong && changes->plan->virtual_time)
         wrong = set_time(&c);
     for (unsigned i = 0; i < FILES_MAX && !done && !wrong; i++)

@@ -12,7 +12,7 @@
 typedef struct ecu_changes {
     const ecu_plan *plan;
     const char *sockets;   /* the folder of all sockets */
-    const char *control;   /* path of the control socket */
+    const char *control;   /* path of the control socket, in that folder */
     const char *directory; /* absolute, of relative paths in the scenario */
     uint64_t until_ns;     /* virtual time goes no further; UINT64_MAX: it has no end */
 } ecu_changes;

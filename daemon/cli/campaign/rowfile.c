@@ -10,13 +10,16 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <libgen.h>
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#define LINKS_MAX 40u /* the kernel follows as many */
 #define MODE 0666 /* less the umask */
-#define TRIES 3u  /* to open a part that gets another name meanwhile */
+#define TRIES 40u /* to open a part: processes of a run that was killed hold it a little longer */
+#define WAIT_US 25000u /* between two tries */
 
 static bool complain(const char *name, const char *why)
 {
@@ -85,8 +88,8 @@ static bool has_name(int fd, const char *name)
            own.st_ino == there.st_ino;
 }
 
-/* Opens the part and takes its lock. Returns -1 after a message. Another program may end between
- * both, and give the part its last name: then the part is opened anew. */
+/* Opens the part and takes its lock, within a second. Returns -1 after a message. Another program
+ * may end between both, and give the part its last name: then the part is opened anew. */
 static int open_locked(const char *part)
 {
     for (unsigned i = 0; i < TRIES; i++) {
@@ -98,6 +101,7 @@ static int open_locked(const char *part)
         if (filelock_take(fd) == 0 && has_name(fd, part))
             return fd;
         (void)close(fd);
+        (void)usleep(WAIT_US);
     }
     (void)complain(part, "another program is writing it");
     return -1;
@@ -115,12 +119,40 @@ static bool open_part(rowfile *f)
     return complain(f->part, strerror(errno));
 }
 
+/* Takes the name that a link has, where no file is yet. */
+static bool follow(rowfile *f)
+{
+    char target[PATH_MAX];
+    const ssize_t length = readlink(f->name, target, sizeof target - 1);
+    if (length < 0)
+        return errno == EINVAL || errno == ENOENT || complain(f->name, strerror(errno));
+    target[length] = '\0';
+    const char *slash = *target == '/' ? NULL : strrchr(f->name, '/');
+    char *real = NULL;
+    if (asprintf(&real, "%.*s%s", slash ? (int)(slash - f->name) + 1 : 0, f->name, target) < 0)
+        return complain(f->name, strerror(ENOMEM));
+    free(f->real);
+    f->real = real;
+    f->name = real;
+    return true;
+}
+
+/* A file that is not there yet may have links to it. */
+static bool find_new(rowfile *f)
+{
+    struct stat found;
+    bool good = true;
+    for (unsigned i = 0; i < LINKS_MAX && good && lstat(f->name, &found) == 0; i++)
+        good = follow(f);
+    return good;
+}
+
 /* The file gets its name in the end, which must replace no device and no link. */
 static bool find_real(rowfile *f)
 {
     struct stat found;
     if (stat(f->name, &found) != 0)
-        return errno == ENOENT || complain(f->name, strerror(errno));
+        return errno == ENOENT ? find_new(f) : complain(f->name, strerror(errno));
     if (!S_ISREG(found.st_mode))
         return complain(f->name, "it is no regular file");
     f->real = realpath(f->name, NULL);
