@@ -55,7 +55,7 @@ static void assert_text(const char *path, const char *text)
     char found[256] = "";
     FILE *in = fopen(path, "re");
     assert_non_null(in);
-    (void)fread(found, 1, sizeof found - 1, in);
+    found[fread(found, 1, sizeof found - 1, in)] = '\0';
     assert_int_equal(fclose(in), 0);
     assert_string_equal(found, text);
 }
