@@ -14,7 +14,7 @@ static row_class class_of_result(const class_facts *f)
 {
     if (f->failed)
         return is_seen(f) ? CLASS_DETECTED : CLASS_UNDETECTED;
-    if (f->lost || f->weakened)
+    if (f->degraded)
         return CLASS_DEGRADED;
     return f->error ? CLASS_CORRECTED : CLASS_NO_EFFECT;
 }
@@ -52,4 +52,13 @@ const char *class_name(row_class c)
         [CLASS_BROKEN] = "broken",
     };
     return names[c];
+}
+
+const char *class_reason_name(unsigned i)
+{
+    static const char *const names[DEGRADED_REASONS] = {
+        "error-passive", "bus-off", "not error-active in the end", "dropped frame",
+        "undetected error",
+    };
+    return names[i];
 }

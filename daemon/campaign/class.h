@@ -25,6 +25,14 @@ typedef enum row_class {
 
 #define CLASS_RATED CLASS_CRASHED /* the number of classes in the rates */
 
+/* Why a row that has passed is degraded, as a set. */
+#define DEGRADED_PASSIVE 0x01u    /* a node was error-passive */
+#define DEGRADED_BUS_OFF 0x02u    /* ... or bus-off */
+#define DEGRADED_STATE 0x04u      /* ... or is not error-active in the end */
+#define DEGRADED_DROPPED 0x08u    /* a frame was dropped */
+#define DEGRADED_UNDETECTED 0x10u /* ... or accepted with content that nobody sent */
+#define DEGRADED_REASONS 5u
+
 /* All that decides about the class. */
 typedef struct class_facts {
     outcome outcome;
@@ -33,13 +41,15 @@ typedef struct class_facts {
     bool error;      /* a node has detected an error ... */
     bool error_after_hit; /* ... at or after the first hit of a fault rule */
     bool hit;        /* a fault rule has acted */
-    bool lost;       /* a frame was dropped, or accepted with content that nobody sent */
-    bool weakened;   /* a node was error-passive or bus-off, or is not error-active in the end */
+    unsigned degraded; /* DEGRADED_... as a set */
 } class_facts;
 
 row_class class_of(const class_facts *f);
 
 /* Returns the name for people, and in JSON. */
 const char *class_name(row_class c);
+
+/* Returns the name of reason 1 << i for it, i < DEGRADED_REASONS. */
+const char *class_reason_name(unsigned i);
 
 #endif

@@ -458,6 +458,46 @@ def test_the_shortest_scenarios_are_short(shortest):
     assert "--until" in degraded["command"]
 
 
+def reasons_of(row):
+    """Why a row is degraded, in the words and the order of the report."""
+    nodes = row["nodes"].values()
+    found = {
+        "error-passive": any(node["error_passive"] for node in nodes),
+        "bus-off": any(node["bus_off"] for node in nodes),
+        "not error-active in the end": any(node["state"] != "error-active" for node in nodes),
+        "dropped frame": any(node["dropped"] or node["rx_dropped"] for node in nodes),
+        "undetected error": row["undetected_errors"] > 0,
+    }
+    return [reason for reason, is_so in found.items() if is_so]
+
+
+def test_a_degraded_scenario_keeps_its_reasons(rows, tmp_path):
+    # of 20 hits the engine becomes error-passive, and recovers; of 300 it stays bus-off
+    bus = """bus: { name: b, bitrate: 500000 }
+nodes:
+  - { name: engine, traffic: [ { send: 123#DEADBEEF, every: 1ms, count: 120 } ] }
+  - { name: gearbox }
+  - { name: dash }
+faults:
+  - { name: hit, when: { frame: "123", count: 20 }, do: { flip: "crc[3]", at: [gearbox] } }
+"""
+    file, every = rows("scenario: bus.yaml\nvary:\n"
+                       "  - { set: faults.hit.when.count, values: [ 20, 300 ] }\n", bus)
+    assert [class_of(row) for row in every] == ["degraded", "degraded"]
+    assert reasons_of(every[0]) == ["error-passive"]
+    folder = tmp_path / "shortest"
+    found = in_json(file, "--scenarios", folder)["scenarios"]
+    assert sorted(one["number"] for one in found) == [0, 1]
+    for one in found:
+        wanted = reasons_of(every[one["number"]])
+        assert one["degraded_by"] == wanted
+        assert reasons_of(outcome(one["command"], folder)) == wanted
+        assert one["yaml"].splitlines()[0] == f"# degraded: {', '.join(wanted)}"
+        assert one["rules"] == one["traffic"] == 1
+    text = report(file, "--scenarios", folder).stdout
+    assert "; number 0; error-passive\n" in text
+
+
 def test_names_of_files_hold_in_the_other_folder(rows, write, tmp_path):
     write("(0.000100) can0 123#00\n", "drive.log")
     bus = """bus: { name: b, bitrate: 500000 }

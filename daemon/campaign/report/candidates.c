@@ -16,10 +16,17 @@ static const char *text_of(const json_t *object, const char *key)
     return text ? text : "";
 }
 
+static unsigned degraded_of(const report_row *row)
+{
+    return row->class == CLASS_DEGRADED ? row->facts.degraded : 0;
+}
+
 /* Writes the kind of a row. */
 static void write_kind(rowtext *kind, const report_row *row, const row_signs *signs)
 {
     static const char *const keys[] = {"type", "field", "role", "node"};
+    rowtext_number(kind, "degraded", degraded_of(row));
+    rowtext_put(kind, "\n");
     for (size_t i = 0; i < json_array_size(row->failed); i++) {
         if (row_signs_has(signs, report_row_failed(row, i)))
             continue;
@@ -104,6 +111,7 @@ void candidates_add(candidates *c, const report_row *row, const row_signs *signs
         const candidate added = {.kind = memory_text(buffer_first(&kind.bytes)),
                                  .expectation = failed ? memory_text(failed) : NULL,
                                  .repeat = memory_text(row->repeat),
+                                 .degraded = degraded_of(row),
                                  .number = name_of(row),
                                  .seed = row->seed,
                                  .end_ns = row->end_ns};

@@ -2,7 +2,7 @@
  *
  * candidates.h - rows that stand for all rows of a class: one for each kind of failure.
  *
- * A kind is what has failed, and how the first error was seen. The row that ends first stands for
+ * A kind is what has failed or is degraded, and how the first error was seen. The row that ends first stands for
  * its kind, of equal ones that with the lowest number. So the order of the rows does not matter.
  */
 #ifndef CANWIRE_CAMPAIGN_REPORT_CANDIDATES_H
@@ -16,6 +16,7 @@ typedef struct candidate {
     char *kind;
     char *expectation; /* the first that has failed; NULL: none has */
     char *repeat;
+    unsigned degraded; /* DEGRADED_... as a set, of this class; else 0 */
     uint64_t number; /* of the row, or its seed without a campaign */
     uint64_t seed;
     uint64_t end_ns;

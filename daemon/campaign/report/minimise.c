@@ -36,36 +36,39 @@ static bool is_over(const work *w)
 
 /* ---- Trials ---------------------------------------------------------------------------------- */
 
-static row_class run_text(work *w, const char *text, bool *failed)
+static trial_result run_text(work *w, const char *text)
 {
     const minimise_task *task = w->task;
     const trial t = {.name = task->name, .text = text, .has_until = w->has_until,
                      .until = w->until, .has_seed = w->has_seed, .seed = task->seed,
                      .limit_ms = task->limit_ms};
     w->trials++;
-    return trial_run(&t, task->expectation, task->signs, failed);
+    return trial_run(&t, task->expectation, task->signs);
+}
+
+static trial_result run_outline(work *w, const outline *o, bool without_faults)
+{
+    char *text = outline_text(o, without_faults, NULL);
+    const trial_result result = text ? run_text(w, text) : (trial_result){.class = CLASS_BROKEN};
+    free(text);
+    return result;
 }
 
 /* Returns true when all is well without the faults. */
 static bool is_well_without_faults(work *w, const outline *o)
 {
-    bool failed = false;
-    char *text = outline_text(o, true, NULL);
-    const row_class class = text ? run_text(w, text, &failed) : CLASS_BROKEN;
-    free(text);
+    const trial_result found = run_outline(w, o, true);
     if (w->task->expectation)
-        return class < CLASS_TIMEOUT && !failed;
-    return class == CLASS_NO_EFFECT;
+        return found.class < CLASS_TIMEOUT && !found.failed;
+    return found.class == CLASS_NO_EFFECT;
 }
 
 /* Returns true when a scenario does the same. */
 static bool does_the_same(work *w, const outline *o)
 {
-    bool failed = false;
-    char *text = outline_text(o, false, NULL);
-    const row_class class = text ? run_text(w, text, &failed) : CLASS_BROKEN;
-    free(text);
-    return class == w->task->class && (!w->task->expectation || failed) &&
+    const trial_result found = run_outline(w, o, false);
+    return found.class == w->task->class && found.degraded == w->task->degraded &&
+           (!w->task->expectation || found.failed) &&
            (!w->guarded || is_well_without_faults(w, o));
 }
 
@@ -210,18 +213,22 @@ static minimised result_of(const work *w)
     return result;
 }
 
-/* A failure that does not depend on faults must not come from a lack of traffic or of time. */
+/* A failure that does not depend on faults must not come from a lack of traffic or of time. A bad
+ * state in the end must be there without the cut, too: traffic goes before it. */
 static void make_short(work *w)
 {
     const bool free_to = w->guarded || w->task->class >= CLASS_TIMEOUT;
+    const bool has_end = (w->task->degraded & DEGRADED_STATE) != 0;
     drop_factors(w);
     drop_items(w, OUTLINE_FAULTS);
     if (free_to)
         drop_items(w, OUTLINE_TRAFFIC);
     drop_items(w, OUTLINE_EXPECT);
+    if (free_to && has_end)
+        drop_items(w, OUTLINE_TRAFFIC);
     if (w->guarded)
         shorten(w);
-    if (free_to)
+    if (free_to && !has_end)
         drop_items(w, OUTLINE_TRAFFIC);
 }
 

@@ -2,7 +2,8 @@
  *
  * minimise.h - makes a scenario shorter as long as it does the same (delta debugging).
  *
- * A shorter scenario has the same class, and the same expectation fails. Without its fault rules
+ * A shorter scenario has the same class, and the same expectation fails. A degraded one is so for
+ * the same reasons: no node is in a bad state just because the run ends too early. Without its fault rules
  * that expectation is met, if this was so in the beginning: what fails then is due to the faults.
  */
 #ifndef CANWIRE_CAMPAIGN_REPORT_MINIMISE_H
@@ -23,6 +24,7 @@ typedef struct minimise_task {
     uint64_t seed;
     uint64_t end_ns;          /* bus time at the end of the row */
     row_class class;
+    unsigned degraded;        /* DEGRADED_... as a set, of this class; else 0 */
     const char *expectation;  /* NULL: none has failed */
     const row_signs *signs;
     int64_t limit_ms;         /* of real time for a run */

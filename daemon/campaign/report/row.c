@@ -132,9 +132,11 @@ static void judge_expectations(report_row *row, const row_signs *signs)
 static void judge_node(class_facts *f, const json_t *node)
 {
     const char *state = json_string_value(json_object_get(node, "state"));
-    f->lost = f->lost || number_of(node, "dropped") > 0 || number_of(node, "rx_dropped") > 0;
-    f->weakened = f->weakened || number_of(node, "error_passive") > 0 ||
-                  number_of(node, "bus_off") > 0 || !state || strcmp(state, "error-active") != 0;
+    const bool dropped = number_of(node, "dropped") > 0 || number_of(node, "rx_dropped") > 0;
+    const bool active = state && strcmp(state, "error-active") == 0;
+    f->degraded |= (dropped ? DEGRADED_DROPPED : 0u) | (active ? 0u : DEGRADED_STATE) |
+                   (number_of(node, "error_passive") > 0 ? DEGRADED_PASSIVE : 0u) |
+                   (number_of(node, "bus_off") > 0 ? DEGRADED_BUS_OFF : 0u);
 }
 
 /* Reads what only a scenario with a result has. Returns what is wrong, or NULL. */
@@ -158,7 +160,7 @@ static const char *read_result(report_row *row, const row_signs *signs)
     f->hit = number_of(row->object, "faults") > 0;
     f->error = row->first_error != NULL || number_of(row->object, "error_frames") > 0;
     f->error_after_hit = row->has_latency;
-    f->lost = number_of(row->object, "undetected_errors") > 0;
+    f->degraded = number_of(row->object, "undetected_errors") > 0 ? DEGRADED_UNDETECTED : 0u;
     void *place;
     for (place = json_object_iter((json_t *)nodes); place;
          place = json_object_iter_next((json_t *)nodes, place))

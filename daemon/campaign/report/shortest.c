@@ -77,6 +77,7 @@ static minimise_task task_of(const minimise_task *common, const candidate *c, ro
 {
     minimise_task task = *common;
     task.class = class;
+    task.degraded = c->degraded;
     task.expectation = c->expectation;
     task.end_ns = c->end_ns;
     task.seed = c->seed;
@@ -103,7 +104,7 @@ static void add_class(shortest *s, const report *r, row_class class, const minim
         }
         put_in(s, begin, (shortest_scenario){
             .class = class, .number = c->number, .seed = c->seed, .found = found,
-            .repeat = memory_text(c->repeat),
+            .degraded = c->degraded, .repeat = memory_text(c->repeat),
             .expectation = c->expectation ? memory_text(c->expectation) : NULL});
     }
 }

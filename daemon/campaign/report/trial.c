@@ -13,8 +13,7 @@ typedef struct trying {
     const trial *trial;
     const char *expectation;
     const row_signs *signs;
-    row_class class;
-    bool failed;
+    trial_result result;
 } trying;
 
 static void begin_row(rowtext *row)
@@ -75,20 +74,22 @@ static bool take(void *user, unsigned char code, const char *line, size_t length
     (void)code;
     if (report_row_read(&row, line, length, y->signs))
         return true;
-    y->class = row.class;
+    y->result.class = row.class;
+    y->result.degraded = row.class == CLASS_DEGRADED ? row.facts.degraded : 0;
     for (size_t i = 0; i < json_array_size(row.failed) && y->expectation; i++)
-        y->failed = y->failed || strcmp(report_row_failed(&row, i), y->expectation) == 0;
+        y->result.failed = y->result.failed ||
+                           strcmp(report_row_failed(&row, i), y->expectation) == 0;
     report_row_free(&row);
     return true;
 }
 
-row_class trial_run(const trial *t, const char *expectation, const row_signs *signs, bool *failed)
+trial_result trial_run(const trial *t, const char *expectation, const row_signs *signs)
 {
     static const pool_calls calls = {.make = make, .lose = lose, .take = take};
-    trying y = {.trial = t, .expectation = expectation, .signs = signs, .class = CLASS_BROKEN};
+    trying y = {.trial = t, .expectation = expectation, .signs = signs,
+                .result.class = CLASS_BROKEN};
     const pool_work work = {.calls = &calls, .user = &y, .count = 1, .jobs = 1,
                             .limit_ms = t->limit_ms};
     (void)pool_run(&work);
-    *failed = y.failed;
-    return y.class;
+    return y.result;
 }

@@ -17,7 +17,13 @@ typedef struct trial {
     int64_t limit_ms; /* of real time */
 } trial;
 
-/* Runs it. Returns its class; *failed tells whether the expectation, if any, is not met. */
-row_class trial_run(const trial *t, const char *expectation, const row_signs *signs, bool *failed);
+typedef struct trial_result {
+    row_class class;
+    bool failed;       /* the expectation, if any, is not met */
+    unsigned degraded; /* DEGRADED_... as a set, of a row of this class; else 0 */
+} trial_result;
+
+/* Runs it. */
+trial_result trial_run(const trial *t, const char *expectation, const row_signs *signs);
 
 #endif

@@ -172,6 +172,15 @@ static json_t *pairs_list(const report *r)
 
 /* ---- Scenarios ------------------------------------------------------------------------------- */
 
+static json_t *reasons_of(unsigned degraded)
+{
+    json_t *list = json_array();
+    for (unsigned i = 0; i < DEGRADED_REASONS; i++)
+        if (degraded >> i & 1u)
+            put_text_last(list, class_reason_name(i));
+    return list;
+}
+
 static json_t *scenario_of(const report_view *v, size_t i)
 {
     const shortest_scenario *one = &v->shortest->list[i];
@@ -183,6 +192,7 @@ static json_t *scenario_of(const report_view *v, size_t i)
     put_text(object, "class", class_name(one->class));
     put_count(object, v->report->source.is_campaign ? "number" : "seed", one->number);
     put_text(object, "expectation", one->expectation);
+    put(object, "degraded_by", reasons_of(one->degraded));
     put_count(object, "rules", one->found.rules);
     put_count(object, "traffic", one->found.traffic);
     put_bool(object, "minimised", one->found.whole);

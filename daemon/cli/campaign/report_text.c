@@ -9,6 +9,7 @@
 
 #include <inttypes.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define VALUES_SHOWN 10u
 #define PAIRS_SHOWN 20u
@@ -190,9 +191,11 @@ static void write_scenario(FILE *out, const shortest *s, size_t i)
                 one->found.traffic == 1 ? "y" : "ies");
     if (one->found.has_until)
         fprintf(out, ", %s ms", decimal(one->found.until_ns, 6).text);
+    char *why = report_scenario_why(one);
     fprintf(out, "; number %" PRIu64, one->number);
-    if (one->expectation)
-        plain_print(out, "; %s", one->expectation);
+    if (*why)
+        plain_print(out, "; %s", why + strlen(": "));
+    free(why);
     fprintf(out, "%s\n", one->found.whole ? "" : " (not as short as possible)");
     free(name);
 }

@@ -130,12 +130,29 @@ char *report_scenario_command(const shortest *s, size_t i, const char *file)
     return command;
 }
 
+char *report_scenario_why(const shortest_scenario *one)
+{
+    rowtext text = {.no_memory = false};
+    for (unsigned i = 0; i < DEGRADED_REASONS; i++) {
+        if (!(one->degraded >> i & 1u))
+            continue;
+        rowtext_put(&text, buffer_length(&text.bytes) > 0 ? ", " : ": ");
+        rowtext_put(&text, class_reason_name(i));
+    }
+    char *why = one->expectation
+                    ? memory_print(": %s", one->expectation)
+                    : memory_print("%.*s", (int)buffer_length(&text.bytes),
+                                   buffer_length(&text.bytes) > 0 ? buffer_first(&text.bytes) : "");
+    rowtext_free(&text);
+    return why;
+}
+
 char *report_scenario_text(const report *r, const shortest *s, size_t i)
 {
     const shortest_scenario *one = &s->list[i];
     char *name = report_scenario_name(s, i);
     char *command = report_scenario_command(s, i, name);
-    char *why = one->expectation ? memory_print(": %s", one->expectation) : memory_text("");
+    char *why = report_scenario_why(one);
     char *head = memory_print("# %s%s\n# %s %" PRIu64 " of %s%s\n# %s\n", class_name(one->class),
                               why, r->source.is_campaign ? "row" : "seed", one->number,
                               r->source.file, one->found.whole ? ", minimised" : "", command);

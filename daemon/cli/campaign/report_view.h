@@ -47,6 +47,9 @@ char *report_pair_name(const report *r, size_t i, size_t k);
 /* Returns the name of a file for scenario i: its class and its number there, to be freed. */
 char *report_scenario_name(const shortest *s, size_t i);
 
+/* Returns ": " with the expectation that fails, or why it is degraded, or "", to be freed. */
+char *report_scenario_why(const shortest_scenario *one);
+
 /* Returns its YAML with the command that runs it, as a comment before it, to be freed. */
 char *report_scenario_text(const report *r, const shortest *s, size_t i);
 
