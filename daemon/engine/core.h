@@ -4,6 +4,8 @@
  *          above it:
  *
  *   clock.c    bus time and the clocks of the machine
+ *   present.c  the present moment, of the machine or of virtual time
+ *   timer.c    the moment of the next wake-up
  *   advance.c  advances the bus to a tick, passes its events on
  *   releases.c hands in the traffic of the configuration
  *   intake.c   moves frames of ECUs from their ports into the inbox of the bus
@@ -11,8 +13,9 @@
  *   links.c    detaches and attaches nodes with their interfaces
  *   guests.c   ... and with their clients
  *   orders.c   ... and as their controllers say, which are in programs
- *   virtual.c  bus time that the waits of programs move
  *   go_over.c  changes to another configuration
+ *   go.c       ... on the way to a tick
+ *   virtual.c  bus time that the waits of programs move
  *   engine.c   start and stop; wake-ups
  *   group.c    wake-ups of several engines with one clock and one timer
  */
@@ -127,6 +130,34 @@ struct engine {
 
 #define BOUNDARY_BITS 1000u /* limit of the wait for the end of a frame */
 
+/* ---- present.c ------------------------------------------------------------------------------- */
+
+/* Returns the present moment, of the machine or of virtual time. */
+clock_pair engine_now(const engine *e);
+
+/* Returns true while a program has its turn, whose messages are read when it waits. */
+bool engine_is_held(const engine *e);
+
+/* ---- timer.c --------------------------------------------------------------------------------- */
+
+/* Ends the loop, as a bus that cannot wake up must not seem to run. */
+void engine_fail(engine *e, const char *what, const char *why);
+
+/* Returns false, after that, for a descriptor that the kernel cannot watch: libev stops the watcher
+ * and calls once more. */
+bool engine_is_watched(engine *e, int events, const char *what);
+
+/* Returns the tick of the next event without input from ports. CW_NEVER: the bus rests, nothing is
+ * planned. */
+uint64_t engine_next_tick(const engine *e);
+
+/* Sets the timer to the next event. */
+void engine_arm_timer(engine *e);
+
+/* Waits in a busy loop for the moment of the timer, which `spin` sets a little early. It returns at
+ * once when nothing is due so soon. */
+void engine_spin(const engine *e);
+
 /* ---- advance.c ------------------------------------------------------------------------------- */
 
 /* Passes an event to all but the ECUs. */
@@ -165,24 +196,6 @@ void engine_read_rest(engine *e, unsigned node);
 /* Start and stop watching a port; a missing port, and one in that state already, are allowed. */
 void engine_watch_port(engine *e, unsigned node);
 void engine_unwatch_port(engine *e, unsigned node);
-
-/* ---- virtual.c ------------------------------------------------------------------------------- */
-
-/* Gives an engine virtual time. Returns false after logging the reason. */
-bool engine_open_virtual(engine *e);
-
-/* Lets programs come. */
-void engine_begin_virtual(engine *e);
-
-void engine_close_virtual(engine *e);
-
-/* Returns the present moment, of the machine or of virtual time. */
-clock_pair engine_now(const engine *e);
-
-/* Returns true while a program has its turn, whose messages are read when it waits. */
-bool engine_is_held(const engine *e);
-
-void engine_report_virtual(const engine *e, report *out);
 
 /* ---- core.c ---------------------------------------------------------------------------------- */
 
@@ -254,31 +267,7 @@ void engine_settle(const engine *e, unsigned node, const cw_event *event);
  * pending configuration takes over at that end of a frame. */
 void engine_run_to_boundary(engine *e, uint64_t now);
 
-/* ---- engine.c -------------------------------------------------------------------------------- */
-
-/* Makes an engine with its ports, which do not wake it yet. Returns NULL after logging the
- * reason. */
-engine *engine_open(struct ev_loop *loop, live *config);
-
-/* Lets ports wake it, and arms the timer. Bus time has begun. */
-void engine_begin(engine *e);
-
-/* Ends the loop, as a bus that cannot wake up must not seem to run. */
-void engine_fail(engine *e, const char *what, const char *why);
-
-/* Returns false, after that, for a descriptor that the kernel cannot watch: libev stops the watcher
- * and calls once more. */
-bool engine_is_watched(engine *e, int events, const char *what);
-
-/* Returns the tick of the next event without input from ports. CW_NEVER: the bus rests, nothing is
- * planned. */
-uint64_t engine_next_tick(const engine *e);
-
-/* Sets the timer to the next event. */
-void engine_arm_timer(engine *e);
-
-/* Skips time, of which frames of ports have waited for `excess`. */
-void engine_skip(engine *e, uint64_t skipped_ns, uint64_t excess);
+/* ---- go.c ------------------------------------------------------------------------------------ */
 
 /* Advances to a tick, which has passed, in slices. Returns false when the time of this wake-up ends
  * before. */
@@ -288,9 +277,29 @@ bool engine_go(engine *e, uint64_t now);
  * that is too slow the clock ends it. */
 void engine_run_out(engine *e, uint64_t now);
 
-/* Waits in a busy loop for the moment of the timer, which `spin` sets a little early. It returns at
- * once when nothing is due so soon. */
-void engine_spin(const engine *e);
+/* ---- virtual.c ------------------------------------------------------------------------------- */
+
+/* Gives an engine virtual time. Returns false after logging the reason. */
+bool engine_open_virtual(engine *e);
+
+/* Lets programs come. */
+void engine_begin_virtual(engine *e);
+
+void engine_close_virtual(engine *e);
+
+void engine_report_virtual(const engine *e, report *out);
+
+/* ---- engine.c -------------------------------------------------------------------------------- */
+
+/* Makes an engine with its ports, which do not wake it yet. Returns NULL after logging the
+ * reason. */
+engine *engine_open(struct ev_loop *loop, live *config);
+
+/* Lets ports wake it, and arms the timer. Bus time has begun. */
+void engine_begin(engine *e);
+
+/* Skips time, of which frames of ports have waited for `excess`. */
+void engine_skip(engine *e, uint64_t skipped_ns, uint64_t excess);
 
 /* Returns true when a readable port is to wake its bus. With `tick` ports are read once a tick from
  * now on, until a tick has no frame. */

@@ -9,89 +9,21 @@
 #include "engine/core.h"
 
 #include "base/log.h"
-#include "run/due.h"
 
 #include <errno.h>
-#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
 
-#define SLICE_TICKS (CW_CLOCK_HZ / 1000u)
 #define NS_PER_S INT64_C(1000000000)
 
 /* ---- Timer ----------------------------------------------------------------------------------- */
-
-uint64_t engine_next_tick(const engine *e)
-{
-    return due_tick(e->now.bus, e->now.plan, e->config);
-}
-
-/* Reading the CPU time is a system call, so only `spin` does it. */
-static bool may_spin(engine *e)
-{
-    return e->config->pacing == CFG_PACING_SPIN &&
-           pacing_may_spin(&e->duty, clock_ns(CLOCK_MONOTONIC), clock_ns(CLOCK_THREAD_CPUTIME_ID));
-}
-
-static int64_t next_wake_ns(engine *e)
-{
-    int64_t wake_ns = INT64_MAX;
-    if (e->due_ns != INT64_MAX)
-        wake_ns = pacing_wake_ns(e->config->pacing, e->due_ns, may_spin(e));
-    if (!e->ticking)
-        return wake_ns;
-    int64_t tick_ns = pacing_next_tick_ns(clock_ns(CLOCK_MONOTONIC));
-    return tick_ns < wake_ns ? tick_ns : wake_ns;
-}
-
-/* A bus without a timer would advance only when somebody asks for its state. */
-void engine_fail(engine *e, const char *what, const char *why)
-{
-    if (!e->failed)
-        log_error("%s: %s; the bus cannot go on", what, why);
-    e->failed = true;
-    ev_break(e->loop, EVBREAK_ALL);
-}
-
-bool engine_is_watched(engine *e, int events, const char *what)
-{
-    if (events & EV_ERROR)
-        engine_fail(e, what, "it cannot be watched any more");
-    return !(events & EV_ERROR);
-}
-
-bool engine_has_failed(const engine *e)
-{
-    return e->failed;
-}
-
-void engine_arm_timer(engine *e)
-{
-    uint64_t tick = engine_next_tick(e);
-    if (e->stopping && e->stop_tick < tick)
-        tick = e->stop_tick;
-    if (e->next && e->next->deadline < tick)
-        tick = e->next->deadline;
-    e->due_ns = tick == CW_NEVER ? INT64_MAX : clock_monotonic_ns(e->clock, tick);
-    e->wake_ns = next_wake_ns(e);
-    e->arm(e);
-}
 
 static void arm(engine *e)
 {
     if (!alarm_set(&e->alarm, e->wake_ns))
         engine_fail(e, "timer", strerror(errno));
-}
-
-void engine_spin(const engine *e)
-{
-    if (e->config->pacing != CFG_PACING_SPIN ||
-        e->due_ns > clock_ns(CLOCK_MONOTONIC) + PACING_SPIN_NS)
-        return;
-    while (clock_ns(CLOCK_MONOTONIC) < e->due_ns)
-        continue;
 }
 
 /* The first frame after a pause starts this. */
@@ -147,44 +79,6 @@ static void skip_missed_time(engine *e)
     if (skipped_ns > 0)
         engine_skip(e, skipped_ns, excess);
     catchup_log(&e->catchup, now_ns);
-}
-
-/* Advances to the present in slices, for WAKE_MAX_NS at most. A bus that is too much for this
- * machine falls behind, but does not delay signals and statistics. */
-static bool catch_up(engine *e, uint64_t now)
-{
-    uint64_t tick;
-    do {
-        uint64_t next = engine_next_tick(e);
-        tick = next < now && now - next > SLICE_TICKS ? next + SLICE_TICKS : now;
-        tick = engine_run_to(e, tick);
-    } while (tick < now && !engine_turn_is_over(e));
-    return tick >= now;
-}
-
-bool engine_go(engine *e, uint64_t now)
-{
-    engine_run_to_boundary(e, now);
-    const bool present = (!e->next || !engine_turn_is_over(e)) && catch_up(e, now);
-    engine_see_guests_off(e);
-    engine_obey(e);
-    return present;
-}
-
-static bool may_stop(const engine *e)
-{
-    return cw_bus_idle(e->now.bus) || cw_bus_now(e->now.bus) >= e->stop_tick;
-}
-
-void engine_run_out(engine *e, uint64_t now)
-{
-    while (!may_stop(e) && cw_bus_tick_after(e->now.bus, 1) <= now)
-        if (!engine_advance(e, cw_bus_tick_after(e->now.bus, 1)))
-            break;
-    if (!may_stop(e) && clock_ns(CLOCK_MONOTONIC) < e->stop_ns)
-        return;
-    e->stopped = true;
-    e->over(e);
 }
 
 static void break_loop(engine *e)

@@ -10,7 +10,7 @@
 #include "engine/core.h"
 
 #include "base/log.h"
-#include "engine/programs.h"
+#include "engine/virtual.h"
 
 #include <errno.h>
 #include <ev.h>
@@ -22,30 +22,6 @@
 #define LOOK_S 1.0     /* of the machine, between two looks at who holds time ... */
 #define HELD_LOOKS 5u  /* ... and the looks before that is told */
 #define DRAIN_NS INT64_C(1000000000) /* for what is left when the last program has gone */
-
-struct engine_virtual {
-    programs *programs;
-    turns *turns;      /* of them */
-    int64_t now_ns;    /* bus time */
-    int64_t left_ns;   /* when the last program has gone */
-    bool begun;        /* enough programs have been there */
-    bool unread;       /* somebody may have sent something since the ports were read */
-    bool more;         /* the time of the last wake-up was too short */
-    uint64_t given;    /* turns */
-    ev_timer look;     /* see on_look() */
-    uint64_t seen;     /* turns at its last look that was not like the one before ... */
-    unsigned same;     /* ... and the looks since then */
-};
-
-clock_pair engine_now(const engine *e)
-{
-    return e->virtual_time ? clock_at(e->clock, e->virtual_time->now_ns) : clock_read();
-}
-
-bool engine_is_held(const engine *e)
-{
-    return e->virtual_time && e->virtual_time->begun && !turns_all_wait(e->virtual_time->turns);
-}
 
 /* ---- Programs -------------------------------------------------------------------------------- */
 

@@ -6,10 +6,8 @@
 
 #include "base/epoch.h"
 #include "base/moment.h"
-#include "preload/pump.h"
 #include "preload/real.h"
 #include "preload/table.h"
-#include "preload/vtimer.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -34,7 +32,6 @@ static pid_t owner; /* the process that has joined */
 static int fd = -1;
 static int64_t now_ns;
 static int64_t lost_ns; /* CLOCK_MONOTONIC when the bus went */
-static unsigned looks;  /* in a row */
 static bool waits;      /* its turn has ended: this is a handler of a signal */
 static char node[MESSAGE_NAME_BYTES];
 static char path[sizeof((struct sockaddr_un *)0)->sun_path];
@@ -201,6 +198,11 @@ bool vtime_is_on(void)
     return state != VTIME_OFF;
 }
 
+bool vtime_has_turn(void)
+{
+    return state == VTIME_ON && !waits;
+}
+
 /* ---- The clock ------------------------------------------------------------------------------- */
 
 int64_t vtime_now_ns(void)
@@ -223,15 +225,6 @@ int64_t vtime_of(clockid_t clock, int64_t ns)
 int64_t vtime_on(clockid_t clock, int64_t bus_ns)
 {
     return bus_ns + epoch_of(clock);
-}
-
-void vtime_look(void)
-{
-    const vtime_wait wait = {.until_ns = now_ns + VTIME_LOOK_NS, .restarts = true};
-    if (state != VTIME_ON || waits || looks++ < VTIME_LOOKS)
-        return;
-    (void)vtime_wait_for(&wait);
-    looks = VTIME_LOOKS;
 }
 
 /* ---- Waiting --------------------------------------------------------------------------------- */
@@ -270,11 +263,6 @@ static int await_restarting(bool *begun)
     return 0;
 }
 
-static int64_t earliest(int64_t a, int64_t b)
-{
-    return a < b ? a : b;
-}
-
 /* Without a bus calls wait in real time. */
 static int wait_really(const vtime_wait *wait)
 {
@@ -286,18 +274,17 @@ static int wait_really(const vtime_wait *wait)
     return found < 0 ? errno : 0;
 }
 
-int vtime_wait_for(const vtime_wait *wait)
+int vtime_turn(const vtime_wait *wait, const vtime_wait *own, bool *turned)
 {
     bool begun = false;
+    *turned = false;
     if (waits || (state == VTIME_ON && owner != getpid()))
         return EINTR;
     if (state == VTIME_LOST)
         return wait_really(wait);
-    const int64_t own_ns = earliest(pump_due_ns(), vtimer_due_ns());
     waits = true;
-    looks = 0;
-    say(TIMING_WAIT, wait->wants | (pump_has_items() ? TIMING_MESSAGES : 0),
-        earliest(wait->until_ns, own_ns));
+    say(TIMING_WAIT, wait->wants | own->wants,
+        wait->until_ns < own->until_ns ? wait->until_ns : own->until_ns);
     const int error = state != VTIME_ON ? 0
                       : wait->restarts  ? await_restarting(&begun)
                                         : await_any(wait, &begun);
@@ -306,18 +293,7 @@ int vtime_wait_for(const vtime_wait *wait)
         await_turn();
     }
     waits = false;
-    pump_step();
-    const bool rang = vtimer_run(now_ns);
-    return error == EINTR || rang ? EINTR : 0;
-}
-
-int vtime_sleep(int64_t until_ns)
-{
-    const vtime_wait wait = {.until_ns = until_ns};
-    int error;
-    do
-        error = vtime_wait_for(&wait);
-    while (error == 0 && vtime_now_ns() < until_ns);
+    *turned = true;
     return error;
 }
 

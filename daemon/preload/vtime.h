@@ -37,18 +37,12 @@ bool vtime_is_on(void);
 
 int64_t vtime_now_ns(void);
 
-/* Counts a look at the clock, or a call that finds nothing. A program that only looks would stop
- * time for ever: after VTIME_LOOKS in a row each one takes VTIME_LOOK_NS. */
-#define VTIME_LOOKS 100u
-#define VTIME_LOOK_NS INT64_C(10000)
-void vtime_look(void);
+/* Returns true while the program has its turn. */
+bool vtime_has_turn(void);
 
-/* Ends the turn, and returns with the next one: 0, or EINTR when a signal was handled. Without the
- * time or message that the call waits for, it is for the caller to wait again. */
-int vtime_wait_for(const vtime_wait *wait);
-
-/* Waits until a time. Returns 0 or EINTR. */
-int vtime_sleep(int64_t until_ns);
+/* Ends the turn for a call and for what the library itself waits for: a time, and wants. Returns
+ * with the next turn: 0, or EINTR when a signal was handled. *turned: there was another turn. */
+int vtime_turn(const vtime_wait *wait, const vtime_wait *own, bool *turned);
 
 /* The turn ends while a child runs, and begins again. */
 void vtime_leave_to_children(void);
@@ -62,5 +56,20 @@ void vtime_fork_child(void);
 /* Returns a time of one of the clocks as bus time, and the other way round. */
 int64_t vtime_of(clockid_t clock, int64_t ns);
 int64_t vtime_on(clockid_t clock, int64_t bus_ns);
+
+/* ---- vtime_wait.c ---------------------------------------------------------------------------- */
+
+/* Counts a look at the clock, or a call that finds nothing. A program that only looks would stop
+ * time for ever: after VTIME_LOOKS in a row each one takes VTIME_LOOK_NS. */
+#define VTIME_LOOKS 100u
+#define VTIME_LOOK_NS INT64_C(10000)
+void vtime_look(void);
+
+/* Ends the turn, and returns with the next one: 0, or EINTR when a signal was handled. Without the
+ * time or message that the call waits for, it is for the caller to wait again. */
+int vtime_wait_for(const vtime_wait *wait);
+
+/* Waits until a time. Returns 0 or EINTR. */
+int vtime_sleep(int64_t until_ns);
 
 #endif
