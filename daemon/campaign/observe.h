@@ -20,8 +20,9 @@ typedef struct observation {
     uint64_t fault_tick;           /* of the first hit of a rule */
     uint64_t before_tick;          /* of the last error before this hit */
     bool has_later;
-    uint64_t later_tick;           /* of the first error that may come from this hit: at or after
-                                    * it, or at it, for one in the bit before it off the grid */
+    /* Of the first error that may come from this hit. It is at or after the hit, or at it for one
+     * in the bit before it off the grid. */
+    uint64_t later_tick;
     uint16_t tec_max[CW_NODES_MAX]; /* of events; see observe_end() */
     uint16_t rec_max[CW_NODES_MAX];
 } observation;

@@ -113,8 +113,8 @@ static double distance(double a, double b)
     return way < 0.5 ? way : 1 - way;
 }
 
-/* Roberts: factor i of d goes on by root^-(i + 1), from a place that is drawn. An index is the place
- * on a circle of steps. */
+/* Roberts: factor i of d goes on by root^-(i + 1), from a place that is drawn. An index is the
+ * place on a circle of steps. */
 static void low_discrepancy_is_the_sequence_of_roberts(void **state)
 {
     static const uint64_t counts[] = {1000000, 1000000, 1000000, 1000000};
