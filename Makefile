@@ -308,7 +308,7 @@ mutant-run:
 
 # ... and for changed rows of campaigns (scripts/mutate --campaign).
 MUTANT_CAMPAIGN := $(addprefix $(BUILD)/,test_number_text test_pairwise test_pool test_rule_slot \
-  test_sample test_splice test_variant replay_fuzz_campaign)
+  test_sample test_splice test_valuepath test_variant replay_fuzz_campaign)
 mutant-campaign: $(MUTANT_CAMPAIGN)
 mutant-campaign-run:
 	@for test in $(MUTANT_CAMPAIGN); do $$test tests/fuzz/corpus/campaign || exit 1; done
