@@ -318,14 +318,36 @@ def test_time_stands_still_at_its_end(bus):
     assert made.started[-1].poll() is None and out.read_text() == "on\n" * 25
 
 
-def test_programs_go_on_when_the_bus_goes(bus):
-    """Their clock then is that of the machine."""
+def test_a_program_comes_after_one_that_was_killed(bus):
     b = bus(programs=1)
-    code = "import time; print(time.monotonic(), flush=True); input()\n"
-    program = b.begin("engine", "sh", "-c", "echo ready; read line; sleep 0.1; echo over")
-    program.kill()
-    program = b.begin("engine", sys.executable, "-c", code + "pass")
-    assert float(program.stdout.readline()) >= 1000
+    first = b.begin("engine", "sh", "-c", "sleep 5; echo ready; read line; sleep 100",
+                    stdin=subprocess.PIPE)
+    assert first.stdout.readline() == "ready\n"
+    first.kill()
+    code = "import time; print(time.monotonic())"
+    assert 1005 <= float(b.run("engine", sys.executable, "-c", code)) < 1015
+
+
+HOLD = "import time\ntime.sleep(1)\nprint('holds', flush=True)\nwhile True: pass"
+SLEEP = "import time\nprint('waits', flush=True)\nbegin = time.monotonic()\ntime.sleep(2)\n" \
+    "print(2 <= time.monotonic() - begin < 60)"
+READ = "import can\nwith can.Bus(interface='socketcan', channel='engine') as b:\n" \
+    "    print('waits', flush=True)\n" \
+    "    try:\n        b.recv()\n    except can.CanError as e:\n        print(e)\n"
+
+
+@pytest.mark.parametrize("code, said", [
+    pytest.param(SLEEP, "True", id="sleeps"), pytest.param(READ, "Network is down", id="reads")])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_program_that_waits_goes_on_when_the_bus_goes(bus, code, said, number):
+    """Time goes on with the clock of the machine, and calls of sockets fail."""
+    b = bus(programs=2)
+    waiter = b.begin("engine", sys.executable, "-c", code)
+    holder = b.begin("dash", sys.executable, "-c", HOLD)
+    assert waiter.stdout.readline() == "waits\n" and holder.stdout.readline() == "holds\n"
+    b.process.send_signal(number)
+    b.process.wait(TIMEOUT_S)
+    assert said in b.end(waiter)
 
 
 # ---- What is refused -----------------------------------------------------------------------------
