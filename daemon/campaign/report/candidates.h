@@ -2,8 +2,9 @@
  *
  * candidates.h - rows that stand for all rows of a class: one for each kind of failure.
  *
- * A kind is what has failed or is degraded, and how the first error was seen. The row that ends first stands for
- * its kind, of equal ones that with the lowest number. So the order of the rows does not matter.
+ * A kind is what has failed or is degraded, and how the first error was seen. The row that ends
+ * first stands for its kind, of equal ones that with the lowest number. So the order of the rows
+ * does not matter.
  */
 #ifndef CANWIRE_CAMPAIGN_REPORT_CANDIDATES_H
 #define CANWIRE_CAMPAIGN_REPORT_CANDIDATES_H

@@ -3,8 +3,9 @@
  * minimise.h - makes a scenario shorter as long as it does the same (delta debugging).
  *
  * A shorter scenario has the same class, and the same expectation fails. A degraded one is so for
- * the same reasons: no node is in a bad state just because the run ends too early. Without its fault rules
- * that expectation is met, if this was so in the beginning: what fails then is due to the faults.
+ * the same reasons: no node is in a bad state just because the run ends too early. Without its
+ * fault rules that expectation is met, if this was so in the beginning: what fails then is due to
+ * the faults.
  */
 #ifndef CANWIRE_CAMPAIGN_REPORT_MINIMISE_H
 #define CANWIRE_CAMPAIGN_REPORT_MINIMISE_H
