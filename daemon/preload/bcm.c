@@ -96,10 +96,13 @@ static void send_filters(cansock *s)
     for (int i = 0; i < ifmap_count(); i++) {
         table_lock();
         conn_wants w = wants(s, i);
-        const int fd = s->side[i];
+        const int fd = table_hold(s->side[i]);
         table_unlock();
         if (fd >= 0)
             conn_set_filters(fd, &w);
+        table_lock();
+        table_release(fd);
+        table_unlock();
         wants_free(&w);
     }
 }

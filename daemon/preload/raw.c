@@ -155,13 +155,14 @@ void raw_went_down(cansock *s, int index, bool fail)
 
 /* ---- Sending --------------------------------------------------------------------------------- */
 
-/* Returns a connection to another interface than the one whose connection the socket is. */
+/* Returns a connection to another interface than the one whose connection the socket is, or -1 with
+ * errno. The caller releases it: another thread may find its end and close it. */
 static int side_of(cansock *s, const iface *in)
 {
     const int number = ifmap_number(in);
     table_lock();
     const bool receives = s->relay && s->bound && (s->index == 0 || s->index == in->index);
-    int fd = s->side[number];
+    int fd = table_hold(s->side[number]);
     table_unlock();
     if (fd >= 0)
         return fd;
@@ -176,22 +177,33 @@ static int side_of(cansock *s, const iface *in)
         table_close_hidden(fd);
         fd = s->side[number];
     }
-    s->side[number] = fd;
+    s->side[number] = table_hold(fd);
     table_unlock();
     return fd;
 }
 
-static void lose_side(cansock *s, const iface *in)
+/* Gives up a connection that has ended, unless another thread has done so. */
+static void lose_side(cansock *s, const iface *in, int fd)
 {
     const int number = ifmap_number(in);
     table_lock();
+    if (s->side[number] != fd) {
+        table_unlock();
+        return;
+    }
     if (s->relay && s->bound && (s->index == 0 || s->index == in->index)) {
-        if (s->side[number] >= 0)
-            relay_lose(s, number);
+        relay_lose(s, number);
     } else {
         table_close_hidden(s->side[number]);
         s->side[number] = -1;
     }
+    table_unlock();
+}
+
+static void release(int fd)
+{
+    table_lock();
+    table_release(fd);
     table_unlock();
 }
 
@@ -225,7 +237,9 @@ int raw_send(cansock *s, int fd, const void *frame, size_t size, int index, int 
     else if (error == ENETDOWN && direct)
         raw_went_down(s, index, true);
     else if (error == ENETDOWN)
-        lose_side(s, in);
+        lose_side(s, in, to);
+    if (!direct)
+        release(to);
     return error;
 }
 
@@ -242,8 +256,12 @@ static void for_each(cansock *s, int fd, void (*call)(int fd, const conn_wants *
         call(fd, &all);
     for (int i = 0; i < ifmap_count(); i++) {
         const bool receives = s->relay && (s->index == 0 || s->index == ifmap_at(i)->index);
-        if (s->side[i] >= 0 && (receives ? receiving : sending))
-            call(s->side[i], receives ? &all : &only);
+        table_lock();
+        const int side = table_hold(s->side[i]);
+        table_unlock();
+        if (side >= 0 && (receives ? receiving : sending))
+            call(side, receives ? &all : &only);
+        release(side);
     }
 }
 

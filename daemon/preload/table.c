@@ -22,6 +22,8 @@ static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static sigset_t before; /* of the thread that holds it */
 static cansock *table[TABLE_MAX];
 static bool hidden[TABLE_MAX];
+static bool closing[TABLE_MAX];     /* hidden ones that close when nobody holds them */
+static unsigned holders[TABLE_MAX]; /* calls that use a hidden one without the lock */
 static int highest = -1; /* descriptor that ever had an entry */
 static pid_t owner;
 
@@ -221,13 +223,37 @@ int table_hide(int fd)
     return place;
 }
 
+static bool is_held(int fd)
+{
+    return fd < TABLE_MAX && holders[fd] > 0;
+}
+
 void table_close_hidden(int fd)
 {
     if (fd < 0)
         return;
+    if (is_held(fd)) {
+        closing[fd] = true;
+        return;
+    }
     if (fd < TABLE_MAX)
         __atomic_store_n(&hidden[fd], false, __ATOMIC_RELAXED);
     (void)real()->close(fd);
+}
+
+int table_hold(int fd)
+{
+    if (fd >= 0 && fd < TABLE_MAX)
+        holders[fd]++;
+    return fd;
+}
+
+void table_release(int fd)
+{
+    if (fd < 0 || !is_held(fd) || --holders[fd] > 0 || !closing[fd])
+        return;
+    closing[fd] = false;
+    table_close_hidden(fd);
 }
 
 /* ---- Processes ------------------------------------------------------------------------------- */
@@ -238,4 +264,8 @@ void table_forked(void)
     for (int fd = 0; fd <= highest; fd++)
         if (table[fd])
             table[fd]->shared = true;
+    for (int fd = 0; fd < TABLE_MAX; fd++) { /* the threads that hold them are not here */
+        holders[fd] = holders[fd] > 0;
+        table_release(fd);
+    }
 }

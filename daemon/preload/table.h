@@ -93,6 +93,11 @@ int table_next(int fd);
 /* Moves a descriptor to a place where the program does not expect any; it stays there. */
 int table_hide(int fd);
 void table_close_hidden(int fd);
+
+/* Keeps a hidden descriptor, which may be -1, open for a call without the lock: one that is closed
+ * meanwhile closes with the last release. The caller has the lock for both. Returns it. */
+int table_hold(int fd);
+void table_release(int fd);
 bool table_is_hidden(int fd);
 
 /* Returns true in the process to which the memory belongs. */
