@@ -290,7 +290,7 @@ def value(line, key, text):
     (lambda line: value(line, "failed", '[{"name":"whole","got":"0"}]'),
      "the row has passed, but `expectations`"),
     (lambda line: value(line, "failed", '["whole"]'), "each with its `name`"),
-], ids=str)
+])
 def test_rows_that_do_not_belong_there_are_refused(rows, change, message):
     file, _ = rows()
     lines = file.read_text().splitlines(True)
