@@ -21,6 +21,8 @@ int vtime_wait_for(const vtime_wait *wait)
                             .wants = pump_has_items() ? TIMING_MESSAGES : 0};
     bool turned;
     const int error = vtime_turn(wait, &own, &turned);
+    if (!turned && error == 0)
+        pump_step(); /* the bus has gone, and with it the ports */
     if (!turned)
         return error;
     looks = 0;
