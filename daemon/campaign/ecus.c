@@ -16,10 +16,10 @@
 #define SECOND_NS UINT64_C(1000000000)
 
 static schema_reader read_name, read_node, read_run, read_interface, read_env, read_cwd,
-    read_after, read_ready, read_line, read_frame, read_within, read_grace, read_preload;
+    read_after, read_ready, read_line, read_frame, read_within, read_grace, read_preload, read_bus;
 
 static const schema_key ecu_keys[] = {
-    {.name = "node", .read = read_node, .required = true},
+    {.name = "node", .read = read_node},
     {.name = "name", .read = read_name},
     {.name = "run", .read = read_run, .required = true},
     {.name = "interface", .read = read_interface},
@@ -29,6 +29,7 @@ static const schema_key ecu_keys[] = {
     {.name = "ready", .read = read_ready},
     {.name = "grace", .read = read_grace},
     {.name = "preload", .read = read_preload},
+    {.name = "bus", .read = read_bus},
     {.name = NULL},
 };
 
@@ -173,6 +174,16 @@ static void read_preload(schema *self, const schema_key *key, yaml_node_t *value
         e->direct = !wanted;
 }
 
+static void read_bus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    static const schema_choice words[] = {
+        {.name = "canwired", .value = false}, {.name = "own", .value = true}, {.name = NULL}};
+    ecu *e = object;
+    unsigned chosen = false;
+    if (schema_choose(self, &chosen, key, value, words))
+        e->own_bus = chosen;
+}
+
 /* ---- Times ----------------------------------------------------------------------------------- */
 
 /* Reads real time up to an hour. */
@@ -243,6 +254,31 @@ static void check_name(schema *self, const ecu_plan *plan, const yaml_node_t *it
                             e->name);
 }
 
+/* A program that is the bus has all nodes. It is ready at once, and alone. */
+static void check_own(schema *self, const yaml_node_t *item, ecu *e, size_t count)
+{
+    static const char *const others[] = {"node", "interface", "after", "ready", "preload"};
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (schema_find(self, item, others[i]))
+            schema_complain(self, item, "%s: with 'bus: own' the program is all nodes; leave it out",
+                            others[i]);
+    if (count > 1)
+        schema_complain(self, item, "bus: a program that is the bus by itself must be the only one");
+    e->direct = true;
+    if (!e->name)
+        e->name = "program";
+}
+
+static void check_program(schema *self, const yaml_node_t *item, ecu *e, size_t count)
+{
+    if (item->type != YAML_MAPPING_NODE)
+        return;
+    if (e->own_bus)
+        check_own(self, item, e, count);
+    else if (!schema_find(self, item, "node"))
+        schema_complain(self, item, "ecu: 'node' is missing; only with 'bus: own' there is none");
+}
+
 void campaign_read_ecus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     campaign_owner *o = object;
@@ -258,6 +294,8 @@ void campaign_read_ecus(schema *self, const schema_key *key, yaml_node_t *value,
         ecu *e = &plan->list[i];
         *e = (ecu){.ready_ms = ECU_READY_MS, .grace_ms = ECU_GRACE_MS};
         schema_map(self, key->name, schema_item(self, value, i), ecu_keys, e);
+        check_program(self, item, e, count);
+        plan->own_bus = plan->own_bus || e->own_bus;
         if (!e->name)
             e->name = e->node;
         check_name(self, plan, item);

@@ -23,13 +23,14 @@ typedef enum ecu_sign {
 /* A program at a node. */
 typedef struct ecu {
     const char *name; /* of its files, and in rows */
-    const char *node;
+    const char *node;      /* NULL: with own_bus */
     const char *interface; /* as the program calls it; NULL: as the node */
     const char **command;  /* words, NULL at the end; a single one with `shell` */
     bool shell;            /* the command is a text for a shell */
     const char **env;      /* NAME=VALUE, NULL at the end; NULL: none */
     const char *cwd;       /* relative to the campaign's folder; NULL: a folder of its own */
     bool direct;           /* it speaks the protocol of ports: no `canwire run` */
+    bool own_bus;          /* it is the bus by itself: node is NULL */
     const struct ecu *after; /* it starts when this one is ready; NULL: at once */
     ecu_sign sign;
     const char *line;
@@ -43,6 +44,7 @@ typedef struct ecu_plan {
     ecu list[ECUS_MAX];
     bool host_network; /* no network of their own */
     bool virtual_time; /* the bus and the programs have it */
+    bool own_bus;      /* the only program is the bus by itself: no canwired */
 } ecu_plan;
 
 /* Read the keys `ecu`, `network` and `virtual` of a campaign. */

@@ -34,7 +34,7 @@ const int ecu_bench_signals[4] = {SIGCHLD, SIGTERM, SIGINT, SIGHUP};
 
 static bool is_virtual(const ecu_bench *b)
 {
-    return b->task->campaign->ecus.virtual_time;
+    return b->task->campaign->ecus.virtual_time || b->task->campaign->ecus.own_bus;
 }
 
 int64_t ecu_bench_now(void)
@@ -269,7 +269,7 @@ bool ecu_bench_goes_on(ecu_bench *b)
 {
     if (b->aborted)
         return false;
-    if (!b->over && b->bus == 0)
+    if (!b->over && b->bus == 0 && !b->task->campaign->ecus.own_bus)
         tell_bus_end(b);
     if (!b->over && ecu_bench_now() >= b->limit_ms)
         ecu_bench_conclude(b, ECU_LATE, "it took longer than %g s",

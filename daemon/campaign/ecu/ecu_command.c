@@ -10,7 +10,7 @@
 #include <string.h>
 
 #define OWN_WORDS 16u     /* of canwire run and the shell */
-#define OWN_VARIABLES 10u
+#define OWN_VARIABLES 12u
 
 /* Words that are added one after the other. */
 typedef struct words {
@@ -95,17 +95,38 @@ static void add_run(words *w, const ecu_task *task, const ecu *e)
 
 /* ---- The environment ------------------------------------------------------------------------- */
 
-static void add_variables(words *w, const ecu_task *task, size_t program)
+static void add_node(words *w, const ecu_task *task, size_t program)
 {
     char port[ECU_SOCKET_MAX];
-    const ecu *e = &task->campaign->ecus.list[program];
     ecu_port_path(port, &task->changes, program);
+    add(w, arena_print(w->memory, "CANWIRE_NODE=%s", task->campaign->ecus.list[program].node));
+    add(w, arena_print(w->memory, "CANWIRE_PORT=%s", port));
+}
+
+/* A program that is the bus by itself gets its scenario. In Python sets have the same order in each
+ * row. */
+static void add_row(words *w, const ecu_task *task)
+{
+    const char *folder = task->folder->files;
+    add(w, arena_print(w->memory, "CANWIRE_SCENARIO=%s/" ECU_SCENARIO, folder));
+    add(w, arena_print(w->memory, "CANWIRE_RESULT=%s/" ECU_RESULT, folder));
+    add(w, task->until_ns == ECU_NO_TIME
+               ? "CANWIRE_UNTIL"
+               : arena_print(w->memory, "CANWIRE_UNTIL=%" PRIu64 "ns", task->until_ns));
+    add(w, "PYTHONHASHSEED=0");
+}
+
+static void add_variables(words *w, const ecu_task *task, size_t program)
+{
+    const ecu *e = &task->campaign->ecus.list[program];
     add(w, "NOTIFY_SOCKET"); /* that of a service which the campaign may be */
     add(w, "PYTHONUNBUFFERED=1");
     add(w, arena_print(w->memory, "CANWIRE_RUN=%s", task->changes.sockets));
     add(w, arena_print(w->memory, "CANWIRE_BUS=%s", task->bus));
-    add(w, arena_print(w->memory, "CANWIRE_NODE=%s", e->node));
-    add(w, arena_print(w->memory, "CANWIRE_PORT=%s", port));
+    if (e->own_bus)
+        add_row(w, task);
+    else
+        add_node(w, task, program);
     add(w, arena_print(w->memory, "CANWIRE_CAMPAIGN=%s", task->here));
     add(w, arena_print(w->memory, "CANWIRE_ROW=%" PRIu64, task->row));
     add(w, arena_print(w->memory, "CANWIRE_SEED=%" PRIu64, task->seed));

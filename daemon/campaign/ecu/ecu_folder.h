@@ -16,6 +16,7 @@
 #define ECU_WHY_MAX 300 /* bytes of a reason with its final 0 */
 #define ECU_SCENARIO "scenario.yaml" /* in the folder of a row */
 #define ECU_JOURNAL "journal"
+#define ECU_RESULT "result.yaml" /* of a program that is the bus by itself */
 #define ECU_BUS_LOG "canwired.log"
 #define ECU_SOCKETS ".sockets" /* a link to the folder of the sockets, while there is one */
 

@@ -82,6 +82,11 @@ static void run_virtual(ecu_bench *b)
 static void run(ecu_bench *b)
 {
     uint64_t begin_ns = 0;
+    if (b->task->campaign->ecus.own_bus) {
+        if (ecu_bench_start_programs(b))
+            run_to_end(b);
+        return;
+    }
     if (!ecu_bench_start(b) || !await_ready(b))
         return;
     if (b->task->campaign->ecus.virtual_time) {

@@ -7,6 +7,7 @@
 #include "base/plain.h"
 #include "campaign/ecu/ecu_keeper.h"
 #include "campaign/ecu/ecu_network.h"
+#include "campaign/ecu/ecu_own.h"
 #include "campaign/scenario_journal.h"
 #include "campaign/shellword.h"
 #include "campaign/variant.h"
@@ -247,6 +248,28 @@ static outcome write_replay(one *o, rowtext *row)
     return result;
 }
 
+static bool is_own(const one *o)
+{
+    return o->rows->campaign->ecus.own_bus;
+}
+
+/* Writes what the scenario of the program tells. Returns false when there is none. */
+static bool write_own(one *o, rowtext *row, outcome *result)
+{
+    char file[PATH_MAX + 16];
+    (void)snprintf(file, sizeof file, "%s/" ECU_RESULT, o->folder.files);
+    scenario *s = ecu_own_replay(file, o->rows->campaign->ecus.list[0].name, &o->result);
+    *result = outcome_of(o->result.verdict);
+    if (!s)
+        outcome_write_none(row, *result, o->result.why);
+    else if (o->result.verdict == ECU_DONE)
+        *result = outcome_write(row, s);
+    else
+        *result = outcome_write_as(row, s, *result, o->result.why);
+    scenario_close(s);
+    return s;
+}
+
 /* Writes how a program has ended. */
 static void write_end(rowtext *row, const ecu_end *end)
 {
@@ -291,14 +314,14 @@ static void write_ecus(const one *o, rowtext *row, bool kept)
     rowtext_put(row, "}");
 }
 
-/* The journal repeats a row exactly, as long as it is there. */
+/* The journal repeats a row exactly, as long as it is there; so does the scenario of a program. */
 static void write_replay_command(const one *o, rowtext *row)
 {
     char text[PATH_MAX + 64];
     rowtext *command = &o->rows->repeat;
-    (void)snprintf(text, sizeof text, "%s/row-%" PRIu64 "/" ECU_JOURNAL, o->rows->shown,
-                   o->number);
-    shellword_begin(command, "canwire sim --journal", text);
+    (void)snprintf(text, sizeof text, "%s/row-%" PRIu64 "/%s", o->rows->shown, o->number,
+                   is_own(o) ? ECU_RESULT : ECU_JOURNAL);
+    shellword_begin(command, is_own(o) ? "canwire sim" : "canwire sim --journal", text);
     (void)snprintf(text, sizeof text, " --until %" PRIu64 "ns", o->result.end_ns);
     if (o->result.end_ns != ECU_NO_TIME)
         rowtext_put(command, text);
@@ -319,7 +342,9 @@ static void write_repeat(const one *o, rowtext *row)
 static outcome write_row(one *o, rowtext *row, bool has_journal)
 {
     outcome result = outcome_of(o->result.verdict);
-    if (has_journal)
+    if (has_journal && is_own(o))
+        has_journal = write_own(o, row, &result);
+    else if (has_journal)
         result = write_replay(o, row);
     else
         outcome_write_none(row, result, o->result.why);

@@ -239,9 +239,10 @@ const char *ecu_text_change(rowtext *text, const ecu_changes *changes, arena *me
     change c = {.text = text, .memory = memory, .wanted = changes};
     const char *wrong = NULL;
     bool done = false;
-    for (size_t i = 0; i < changes->plan->count && !wrong; i++)
+    const bool own = changes->plan->own_bus;
+    for (size_t i = 0; i < changes->plan->count && !own && !wrong; i++)
         wrong = set_port(&c, i);
-    if (!wrong)
+    if (!wrong && !own)
         wrong = set(&c, "control", from_row(&c, changes->control));
     if (!wrong && changes->plan->virtual_time)
         wrong = set_time(&c);

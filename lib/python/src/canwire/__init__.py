@@ -9,9 +9,10 @@ from .bus import (Bus, BusInfo, ConfigError, Error, ExpectationError, Node, Node
                   Time)
 from .campaigns import CampaignError, CampaignResult, campaign
 from .frame import Frame
+from .rows import row
 from .scenario import Scenario
 from .virtualtime import Deadlock, VirtualTime
 
 __all__ = ["Bus", "BusInfo", "CampaignError", "CampaignResult", "ConfigError", "Deadlock", "Error",
            "ExpectationError", "Frame", "Node", "NodeStatus", "Scenario", "Stop", "Time",
-           "VirtualTime", "campaign"]
+           "VirtualTime", "campaign", "row"]

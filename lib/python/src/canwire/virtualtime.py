@@ -66,6 +66,10 @@ class Deadlock(RuntimeError):
     """The thread that has entered waits, and nothing will wake it."""
 
 
+class Over(BaseException):
+    """Virtual time has come to its end, for the thread that has entered."""
+
+
 def current():
     """Returns the VirtualTime that the calling thread is in, or None."""
     return _clock if _clock is not None and _clock.mine() is not None else None
@@ -110,6 +114,7 @@ class VirtualTime:
         self._first = None  # the thread that has entered
         self._over = False
         self._end_ns = 0
+        self._ends_threads, self._last_ns = False, None
         self._patches, self._tables = [], []
         self._base = {}
 
@@ -194,6 +199,11 @@ class VirtualTime:
             return self._wait_outside(wants, rest)
         return me.value
 
+    def _end_threads(self, last_ns):
+        """Lets other threads end when it is left. At `last_ns` of the bus, None: never, the thread
+        that has entered gets Over when it waits."""
+        self._ends_threads, self._last_ns = True, last_ns
+
     # ---- the threads -------------------------------------------------------------------------
 
     def mine(self):
@@ -236,6 +246,8 @@ class VirtualTime:
         if me.failure is not None:
             failure, me.failure = me.failure, None
             raise failure
+        if self._over and self._ends_threads:
+            raise SystemExit  # which ends a thread without a message
 
     def _interrupt(self, me):
         """Waits for the turn of a thread that a signal has interrupted. When it does not come, or
@@ -354,7 +366,10 @@ class VirtualTime:
     def _advance(self):
         deadlines = [me.deadline for me in self._sleepers.values() if me.deadline is not None]
         limit = self._limit()
-        until = min([*deadlines, *([] if limit is None else [limit])])
+        last = None if self._last_ns is None else self._earlier + self._last_ns
+        if last is not None and self._ns >= last:
+            raise Over
+        until = min(ns for ns in [*deadlines, limit, last] if ns is not None)
         while not self._ready and not self._signals and self._ns < until:
             nodes = {me.node for me in self._sleepers.values() if me.node is not None}
             node = NO_NODE if not nodes else nodes.pop() if len(nodes) == 1 else ANY_NODE
