@@ -260,10 +260,10 @@ static void check_own(schema *self, const yaml_node_t *item, ecu *e, size_t coun
     static const char *const others[] = {"node", "interface", "after", "ready", "preload"};
     for (size_t i = 0; i < sizeof others / sizeof *others; i++)
         if (schema_find(self, item, others[i]))
-            schema_complain(self, item, "%s: with 'bus: own' the program is all nodes; leave it out",
-                            others[i]);
+            schema_complain(self, item, "%s: with 'bus: own' the program is all nodes; leave it "
+                            "out", others[i]);
     if (count > 1)
-        schema_complain(self, item, "bus: a program that is the bus by itself must be the only one");
+        schema_complain(self, item, "bus: with 'own' the program must be the only one");
     e->direct = true;
     if (!e->name)
         e->name = "program";

@@ -162,6 +162,37 @@ with canwire.row() as bus:
     assert rows[0]["faults"] == 2 and rows[0]["nodes"]["dash"]["tx_frames"] >= 15
 
 
+def test_isotp_between_two_threads(make):
+    program = """import threading, can, isotp, canwire
+
+def stack(node, rxid, txid):
+    bus = can.Bus(interface="canwire", channel=node)
+    address = isotp.Address(rxid=rxid, txid=txid)
+    found = isotp.NotifierBasedCanStack(bus, can.Notifier(bus, []), address=address)
+    found.start()
+    return found
+
+def server():
+    served = stack("dash", 0x700, 0x321)
+    while True:
+        served.send(bytes(reversed(served.recv(block=True, timeout=60))))
+
+with canwire.row() as bus:
+    threading.Thread(target=server).start()
+    client = stack("engine", 0x321, 0x700)
+    for size in range(20, 60, 10):
+        client.send(bytes(range(size)))
+        answer = client.recv(block=True, timeout=1)
+        assert answer == bytes(reversed(range(size))), answer
+        print(size)
+"""
+    file = make(program=program, more="until: 2s\n")
+    rows = [campaign(file, "--keep")[0] for _ in range(2)]
+    assert rows[0] == rows[1] and rows[0]["outcome"] == "passed" and rows[0]["t"] == 2
+    assert log_of(file, rows[0]).split() == ["20", "30", "40", "50"]
+    assert rows[0]["nodes"]["dash"]["tx_frames"] >= 4 + 4 * 4
+
+
 # ---- failures ------------------------------------------------------------------------------------
 
 def test_an_expectation_that_is_not_met(make):

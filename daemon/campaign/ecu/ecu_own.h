@@ -3,8 +3,8 @@
  * ecu_own.h - what has become of a row whose program is the bus by itself (`bus: own`).
  *
  * Such a program writes a scenario with all that it has done. Its first line is a comment, an
- * object of JSON: `until_ns`, the bus time of its end, `failed`, why it is a crash, and `broken`, why
- * the scenario is not all of the run. The texts are "" else.
+ * object of JSON. `until_ns` is the bus time of its end. `failed` says why it is a crash, and
+ * `broken` why the scenario is not all of the run. These texts are "" else.
  */
 #ifndef CANWIRE_CAMPAIGN_ECU_ECU_OWN_H
 #define CANWIRE_CAMPAIGN_ECU_ECU_OWN_H

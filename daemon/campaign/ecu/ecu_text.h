@@ -22,9 +22,9 @@ typedef struct ecu_changes {
 /* Writes the path of the port of a program. Programs of the same node share it. */
 void ecu_port_path(char out[ECU_SOCKET_MAX], const ecu_changes *changes, size_t program);
 
-/* Puts ports, control socket and absolute paths of files into a text, in its place; only the paths
- * when a program is the bus by itself. Returns NULL,
- * or what is wrong, in memory of the arena. */
+/* Puts ports, control socket and absolute paths of files into a text, in its place. A
+ * program that is the bus by itself needs only the paths. Returns NULL, or what is wrong, in
+ * memory of the arena. */
 const char *ecu_text_change(rowtext *text, const ecu_changes *changes, arena *memory);
 
 #endif

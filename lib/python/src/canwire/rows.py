@@ -87,7 +87,7 @@ class Row:
             pass
         finally:
             end_ns = self._clock.now_ns
-            self._bus._observer = None  # what threads do while they end is no part of the row
+            self._bus._observer = None  # threads that end do nothing in the row
             self._clock.__exit__()
             threading.excepthook = self._hook
         if not ends and not isinstance(problem, Over):

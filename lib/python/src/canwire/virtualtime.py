@@ -247,7 +247,7 @@ class VirtualTime:
             failure, me.failure = me.failure, None
             raise failure
         if self._over and self._ends_threads:
-            raise SystemExit  # which ends a thread without a message
+            raise SystemExit  # the thread ends without a message
 
     def _interrupt(self, me):
         """Waits for the turn of a thread that a signal has interrupted. When it does not come, or
