@@ -17,8 +17,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/pidfd.h>
 #include <sys/socket.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #define BACKLOG 64
@@ -79,11 +79,18 @@ static void on_process_end(struct ev_loop *loop, ev_io *io, int events)
     c->owner->calls->changed(c->owner->user);
 }
 
+/* Returns a descriptor that is readable when the process has ended. glibc 2.35 has no function for
+ * it. */
+static int open_process(int pid)
+{
+    return (int)syscall(SYS_pidfd_open, pid, 0);
+}
+
 /* Keeps the place of a program whose connection has ended until its process has. */
 static void keep_place(connection *c)
 {
     turn *one = &c->owner->turns.all[c->place];
-    const int pidfd = pidfd_open(one->pid, 0);
+    const int pidfd = open_process(one->pid);
     hang_up(c);
     if (pidfd < 0) {
         forget(c);
