@@ -7,15 +7,15 @@
 #include <stdbool.h>
 #include <string.h>
 
-/* Returns true for a character that XML does not allow: a control character, or the UTF-8 of U+FFFE
- * or U+FFFF. */
-static bool is_forbidden(const char *text)
+/* Returns true for a character that XML does not allow: a control character but for those of
+ * `allowed`, or the UTF-8 of U+FFFE or U+FFFF. */
+static bool is_forbidden(const char *text, const char *allowed)
 {
-    return ((unsigned char)text[0] < ' ' && text[0] != '\n' && text[0] != '\t') ||
+    return ((unsigned char)text[0] < ' ' && !strchr(allowed, text[0])) ||
            strncmp(text, "\xEF\xBF\xBE", 3) == 0 || strncmp(text, "\xEF\xBF\xBF", 3) == 0;
 }
 
-void xml_text(FILE *out, const char *text)
+static void write_escaped(FILE *out, const char *text, const char *allowed)
 {
     for (; *text; text++) {
         switch (*text) {
@@ -32,7 +32,7 @@ void xml_text(FILE *out, const char *text)
             fputs("&quot;", out);
             break;
         default:
-            if (!is_forbidden(text)) {
+            if (!is_forbidden(text, allowed)) {
                 fputc(*text, out);
                 break;
             }
@@ -43,9 +43,19 @@ void xml_text(FILE *out, const char *text)
     }
 }
 
+void xml_text(FILE *out, const char *text)
+{
+    write_escaped(out, text, "\n\t");
+}
+
+void xml_value(FILE *out, const char *text)
+{
+    write_escaped(out, text, ""); /* readers make blanks of ends of lines there */
+}
+
 void xml_attribute(FILE *out, const char *name, const char *value)
 {
     fprintf(out, " %s=\"", name);
-    xml_text(out, value);
+    xml_value(out, value);
     fputc('"', out);
 }

@@ -10,6 +10,9 @@
 /* Writes a text so that it means itself. Characters that XML does not allow become '?'. */
 void xml_text(FILE *out, const char *text);
 
+/* Does the same in the value of an attribute, where ends of lines and tabs become '?', too. */
+void xml_value(FILE *out, const char *text);
+
 /* Writes a blank and NAME="VALUE". */
 void xml_attribute(FILE *out, const char *name, const char *value);
 

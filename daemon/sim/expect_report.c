@@ -5,6 +5,7 @@
 #include "sim/expect_report.h"
 
 #include "base/plain.h"
+#include "base/xmltext.h"
 #include "canwire.h"
 
 #include <inttypes.h>
@@ -60,49 +61,6 @@ void expect_report_text(FILE *out, const expect_report *report)
 
 /* ---- JUnit XML ------------------------------------------------------------------------------- */
 
-/* Returns true for a character that XML does not allow: a control character, or the UTF-8 of U+FFFE
- * or U+FFFF. */
-static bool is_forbidden(const char *text)
-{
-    return (unsigned char)text[0] < ' ' || strncmp(text, "\xEF\xBF\xBE", 3) == 0 ||
-           strncmp(text, "\xEF\xBF\xBF", 3) == 0;
-}
-
-static void write_escaped(FILE *out, const char *text)
-{
-    for (; *text; text++) {
-        switch (*text) {
-        case '&':
-            fputs("&amp;", out);
-            break;
-        case '<':
-            fputs("&lt;", out);
-            break;
-        case '>':
-            fputs("&gt;", out);
-            break;
-        case '"':
-            fputs("&quot;", out);
-            break;
-        default:
-            if (!is_forbidden(text)) {
-                fputc(*text, out);
-                break;
-            }
-            fputc('?', out);
-            text += (unsigned char)*text < ' ' ? 0 : 2;
-            break;
-        }
-    }
-}
-
-static void write_attribute(FILE *out, const char *name, const char *value)
-{
-    fprintf(out, " %s=\"", name);
-    write_escaped(out, value);
-    fputc('"', out);
-}
-
 /* Writes a time in seconds with three decimals, since some readers accept no more. It is rounded to
  * the nearest millisecond, but a time above 0 is never shown as 0. */
 static void write_time(FILE *out, uint64_t ticks)
@@ -136,19 +94,19 @@ static void write_case(FILE *out, const expect_report *report, const expect_outc
                        const char *bus)
 {
     fputs("    <testcase name=\"", out);
-    write_escaped(out, o->name);
+    xml_value(out, o->name);
     write_which(out, report, o);
     fputc('"', out);
-    write_attribute(out, "classname", bus);
+    xml_attribute(out, "classname", bus);
     write_time(out, o->ticks);
     if (o->met) {
         fputs("/>\n", out);
         return;
     }
     fputs(">\n      <failure type=\"expectation\" message=\"wanted ", out);
-    write_escaped(out, o->wanted);
+    xml_value(out, o->wanted);
     fputs(", got ", out);
-    write_escaped(out, o->got);
+    xml_value(out, o->got);
     fputs("\"/>\n    </testcase>\n", out);
 }
 
@@ -161,7 +119,7 @@ static void write_suite(FILE *out, const expect_suite *suite, uint64_t ticks)
 {
     const expect_report *report = suite->report;
     fputs("  <testsuite", out);
-    write_attribute(out, "name", suite->bus);
+    xml_attribute(out, "name", suite->bus);
     write_counts(out, report->count, report->failed);
     fputs(" skipped=\"0\"", out);
     write_time(out, ticks);
