@@ -76,28 +76,52 @@ static report_row read_row(const char *line, const row_signs *signs)
     return row;
 }
 
-/* A row in which all is well, with some keys changed. */
-static void print_row(char out[ROW_BYTES], const char *word, const char *failed,
-                      const char *keys, const char *node)
+#define WELL "error-active"
+
+/* Appends a node with all its keys. Counters are 0 but for one. */
+static void put_node(rowtext *out, const char *name, const char *state, const char *counter)
 {
-    (void)snprintf(out, ROW_BYTES,
-                   "{\"seed\":7,\"outcome\":\"%s\",\"expectations\":{\"met\":1,\"failed\":[%s]},"
-                   "\"t\":0.001,%s,\"nodes\":{\"engine\":{\"state\":\"error-active\"},"
-                   "\"dash\":{%s}},\"repeat\":\"canwire sim bus.yaml --seed 7\"}",
-                   word, failed, keys, node);
+    static const char *const counters[] = {
+        "tec", "rec", "tec_max", "rec_max", "tx_frames", "rx_frames", "retransmissions",
+        "bus_errors", "undetected_errors", "dropped", "rx_dropped", "error_passive", "bus_off",
+        "restarts",
+    };
+    rowtext_key(out, name);
+    rowtext_put(out, "{");
+    rowtext_string(out, "state", state);
+    for (size_t i = 0; i < COUNT(counters); i++)
+        rowtext_number(out, counters[i], counter && strcmp(counter, counters[i]) == 0);
+    rowtext_put(out, "}");
 }
 
-#define QUIET "\"error_frames\":0,\"undetected_errors\":0,\"faults\":1,\"first_error\":null," \
-              "\"latency\":null"
-#define SEEN "\"error_frames\":1,\"undetected_errors\":0,\"faults\":1,\"first_error\":" \
-             "{\"type\":\"crc\"},\"latency\":0.000028000"
-#define BEFORE "\"error_frames\":1,\"undetected_errors\":0,\"faults\":1,\"first_error\":" \
-               "{\"type\":\"crc\"},\"latency\":null"
-#define NO_RULE "\"error_frames\":1,\"undetected_errors\":0,\"faults\":0,\"first_error\":" \
-                "{\"type\":\"crc\"},\"latency\":null"
-#define WRONG_DATA "\"error_frames\":0,\"undetected_errors\":1,\"faults\":1," \
-                   "\"first_error\":null,\"latency\":null"
-#define WELL "\"state\":\"error-active\""
+/* A row in which all is well, with some keys changed. */
+static void print_row(char out[ROW_BYTES], const char *word, const char *failed,
+                      const char *keys, const char *state, const char *counter)
+{
+    rowtext nodes = {.no_memory = false};
+    put_node(&nodes, "engine", WELL, NULL);
+    put_node(&nodes, "dash", state, counter);
+    (void)buffer_append(&nodes.bytes, "", 1);
+    const int length =
+        snprintf(out, ROW_BYTES,
+                 "{\"seed\":7,\"outcome\":\"%s\",\"expectations\":{\"met\":1,\"failed\":[%s]},"
+                 "\"t\":0.001,%s,\"nodes\":{%s},\"repeat\":\"canwire sim bus.yaml --seed 7\"}",
+                 word, failed, keys, buffer_first(&nodes.bytes));
+    assert_in_range(length, 1, ROW_BYTES - 1);
+    rowtext_free(&nodes);
+}
+
+#define COUNTED(errors, undetected, faults) \
+    "\"frames\":1,\"error_frames\":" #errors ",\"undetected_errors\":" #undetected \
+    ",\"faults\":" #faults
+#define CRC_ERROR "\"first_error\":{\"t\":0.0005,\"node\":\"dash\",\"role\":\"rx\"," \
+                  "\"type\":\"crc\",\"field\":\"crc-delimiter\",\"index\":0}"
+#define NO_ERROR "\"first_error\":null,\"latency\":null"
+#define QUIET COUNTED(0, 0, 1) "," NO_ERROR
+#define SEEN COUNTED(1, 0, 1) "," CRC_ERROR ",\"latency\":0.000028000"
+#define BEFORE COUNTED(1, 0, 1) "," CRC_ERROR ",\"latency\":null"
+#define NO_RULE COUNTED(1, 0, 0) "," CRC_ERROR ",\"latency\":null"
+#define WRONG_DATA COUNTED(0, 1, 1) "," NO_ERROR
 #define LATE "{\"name\":\"late\",\"got\":\"1\"}"
 #define DTC "{\"name\":\"dtc\",\"got\":\"never\"}"
 
@@ -109,34 +133,36 @@ static void test_a_row_has_the_class_that_its_page_says(void **state)
         const char *word;
         const char *failed;
         const char *keys;
-        const char *node;
+        const char *state;
+        const char *counter; /* of a node, that is 1; NULL: none */
         bool signs;
         row_class expected;
     } cases[] = {
-        {"passed", "", QUIET, WELL, false, CLASS_NO_EFFECT},
-        {"passed", "", SEEN, WELL, false, CLASS_CORRECTED},
-        {"passed", "", NO_RULE, WELL, false, CLASS_CORRECTED},
-        {"passed", "", WRONG_DATA, WELL, false, CLASS_DEGRADED},
-        {"passed", "", QUIET, WELL ",\"dropped\":1", false, CLASS_DEGRADED},
-        {"passed", "", QUIET, WELL ",\"rx_dropped\":1", false, CLASS_DEGRADED},
-        {"passed", "", SEEN, WELL ",\"error_passive\":1", false, CLASS_DEGRADED},
-        {"passed", "", SEEN, WELL ",\"bus_off\":1", false, CLASS_DEGRADED},
-        {"passed", "", SEEN, "\"state\":\"error-warning\"", false, CLASS_DEGRADED},
-        {"failed", LATE, QUIET, WELL, false, CLASS_UNDETECTED},
-        {"failed", LATE, WRONG_DATA, WELL, false, CLASS_UNDETECTED},
-        {"failed", LATE, BEFORE, WELL, false, CLASS_UNDETECTED},
-        {"failed", LATE, SEEN, WELL, false, CLASS_DETECTED},
-        {"failed", LATE, NO_RULE, WELL, false, CLASS_DETECTED},
-        {"failed", LATE "," DTC, QUIET, WELL, true, CLASS_UNDETECTED},
-        {"failed", LATE, QUIET, WELL, true, CLASS_DETECTED},
-        {"failed", DTC, QUIET, WELL, true, CLASS_NO_EFFECT},
-        {"failed", DTC, SEEN, WELL, true, CLASS_CORRECTED},
-        {"failed", DTC, QUIET, WELL, false, CLASS_UNDETECTED},
+        {"passed", "", QUIET, WELL, NULL, false, CLASS_NO_EFFECT},
+        {"passed", "", SEEN, WELL, NULL, false, CLASS_CORRECTED},
+        {"passed", "", NO_RULE, WELL, NULL, false, CLASS_CORRECTED},
+        {"passed", "", WRONG_DATA, WELL, NULL, false, CLASS_DEGRADED},
+        {"passed", "", QUIET, WELL, "dropped", false, CLASS_DEGRADED},
+        {"passed", "", QUIET, WELL, "rx_dropped", false, CLASS_DEGRADED},
+        {"passed", "", SEEN, WELL, "error_passive", false, CLASS_DEGRADED},
+        {"passed", "", SEEN, WELL, "bus_off", false, CLASS_DEGRADED},
+        {"passed", "", SEEN, "error-warning", NULL, false, CLASS_DEGRADED},
+        {"failed", LATE, QUIET, WELL, NULL, false, CLASS_UNDETECTED},
+        {"failed", LATE, WRONG_DATA, WELL, NULL, false, CLASS_UNDETECTED},
+        {"failed", LATE, BEFORE, WELL, NULL, false, CLASS_UNDETECTED},
+        {"failed", LATE, SEEN, WELL, NULL, false, CLASS_DETECTED},
+        {"failed", LATE, NO_RULE, WELL, NULL, false, CLASS_DETECTED},
+        {"failed", LATE "," DTC, QUIET, WELL, NULL, true, CLASS_UNDETECTED},
+        {"failed", LATE, QUIET, WELL, NULL, true, CLASS_DETECTED},
+        {"failed", DTC, QUIET, WELL, NULL, true, CLASS_NO_EFFECT},
+        {"failed", DTC, SEEN, WELL, NULL, true, CLASS_CORRECTED},
+        {"failed", DTC, QUIET, WELL, NULL, false, CLASS_UNDETECTED},
     };
     (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         char line[ROW_BYTES];
-        print_row(line, cases[i].word, cases[i].failed, cases[i].keys, cases[i].node);
+        print_row(line, cases[i].word, cases[i].failed, cases[i].keys, cases[i].state,
+                  cases[i].counter);
         report_row row = read_row(line, cases[i].signs ? &signs : &no_signs);
         if (row.class != cases[i].expected)
             fail_msg("case %zu: %s", i, class_name(row.class));
@@ -291,7 +317,8 @@ static void add_candidates(candidates *c, unsigned step)
         char line[ROW_BYTES];
         const unsigned number = i * step % 200;
         (void)snprintf(line, sizeof line, "{\"seed\":%u,\"outcome\":\"failed\",\"expectations\":"
-                       "{\"failed\":[{\"name\":\"e%u\"}]},\"t\":0.00%u," QUIET ",\"nodes\":{},"
+                       "{\"met\":0,\"failed\":[{\"name\":\"e%u\"}]},\"t\":0.00%u," QUIET
+                       ",\"nodes\":{},"
                        "\"repeat\":\"canwire sim b\"}", number, number / 2, number % 7);
         report_row row = read_row(line, &no_signs);
         candidates_add(c, &row, &no_signs);
