@@ -5,9 +5,9 @@
 #   sh parallel.sh FILE SHARDS HOSTS
 #
 # HOSTS is a file for --sshloginfile: a line "4/user@host" for each machine, 4 jobs at a time
-# there; "2/:" is this machine. They need canwire and rsync. Call it in a folder that has all files of the campaign in it. The
-# rows come into FILE.rows, and in the end into FILE.ndjson. After any end, the same call makes the
-# shards that are missing.
+# there; "2/:" is this machine. They need canwire and rsync. Call it in a folder that has all files
+# of the campaign in it. The rows come into FILE.rows, and in the end into FILE.ndjson. After any
+# end, the same call makes the shards that are missing.
 set -eu
 file=$1 shards=$2 hosts=$3
 name=${file%.yaml} work=canwire-$(printf %s "$PWD/$file" | cksum | cut -d' ' -f1)

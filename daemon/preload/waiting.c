@@ -27,7 +27,7 @@ bool waiting_is_fed(int fd)
 
 int64_t waiting_until(const struct timespec *span)
 {
-    if (!span || span->tv_sec > VTIME_NEVER / NS_PER_S / 2)
+    if (!span || (int64_t)span->tv_sec > VTIME_NEVER / NS_PER_S / 2)
         return VTIME_NEVER;
     return vtime_now_ns() + span->tv_sec * NS_PER_S + span->tv_nsec;
 }

@@ -300,7 +300,7 @@ def test_time_begins_when_all_programs_are_there(bus):
     b = bus(programs=2)
     first = b.begin("engine", "cangen", "engine", "-g", "100", "-n", "10")
     wait_until(lambda: b.status()["virtual"]["joined"] == 1, "the first program")
-    time.sleep(0.2)
+    time.sleep(0.2)  # no wait: nothing begins meanwhile
     status = b.status()
     assert first.poll() is None and not status["virtual"]["begun"]
     assert status["bus"]["frames"] == 0 and status["virtual"]["now_ns"] == 0

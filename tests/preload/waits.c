@@ -54,6 +54,7 @@ static void sleeps(int can)
 {
     struct timespec span = {.tv_nsec = 5000000}, at = begin;
     (void)can;
+    /* no wait: sleeping is what is tried */
     tell("nanosleep", nanosleep(&span, NULL));
     at.tv_sec += 1;
     tell("clock_nanosleep", clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL));
@@ -112,6 +113,7 @@ static void timers(int can)
     const struct sigaction action = {.sa_handler = on_alarm};
     timerfd_settime(timer, 0, &every, NULL);
     tell("timerfd", read(timer, &count, sizeof count) == sizeof count ? (long)count : -1);
+    /* no wait: virtual time goes on */
     usleep(50000);
     tell("timerfd", read(timer, &count, sizeof count) == sizeof count ? (long)count : -1);
     struct pollfd two[] = {{.fd = can, .events = POLLIN}, {.fd = timer, .events = POLLIN}};
@@ -154,6 +156,7 @@ static void has_children(int can)
         struct can_frame frame = {.can_id = 0x55, .len = 0};
         _exit(write(can, &frame, sizeof frame) == sizeof frame ? 3 : 4);
     }
+    /* no wait: virtual time goes on */
     usleep(1000);
     tell("slept", waitpid(child, &status, WNOHANG));
     tell("child", waitpid(child, &status, 0) == child ? WEXITSTATUS(status) : -1);

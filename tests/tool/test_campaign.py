@@ -524,7 +524,7 @@ def test_plan_ends_whatever_the_rows_do(make, until, limit, message):
     ("{ set: nodes[7].ppm, values: [ 1 ] }", "has no '7' there"),
     ("{ set: bus.bitrate, range: { from: 1, to: 2 } }", "range: the key 'step' is missing"),
     ("{ set: bus.bitrate, range: { from: 1, to: 2, step: 0 } }", "range: 'step' is more than 0"),
-    ("{ set: bus.bitrate, range: { from: 1us, to: 2ms, step: 1us } }",
+    ("{ set: bus.bitrate, range: { from: 1us, to: 2%, step: 1us } }",
      "range: the numbers have different units"),
     ("{ set: bus.bitrate, range: { from: 3, to: 2, step: 1 } }", "range: 'to' is below 'from'"),
     ("{ set: bus.bitrate, uniform: { from: 1, to: 2, step: 1 } }",

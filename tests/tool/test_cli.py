@@ -63,6 +63,9 @@ VALUES = [
     ("campaign", "--shard", "4/3", "K/N, such as 1/4"),
     ("campaign", "--jobs", "257", "a whole number from 1 to 256"),
     ("campaign", "--only", "x", "the number of a row"),
+    ("campaign", "--ftti", "soon", "50ms"),
+    ("campaign", "--confidence", "lots", "50% to 99.9999%"),
+    ("campaign", "--minimise", "soon", "60s, up to 24h"),
     ("sim", "--until-event", "explosion", "expected [NODE:]EVENT"),
     ("timing", "--bitrate", "999", "a whole number from 1000 to 20000000"),
     ("timing", "--clock", "quick", "16MHz"),
@@ -87,6 +90,9 @@ VALUES = [
     ("inject", "--with", "rate", "KEY=VALUE"),
     ("reload", "--pid", "0", "the number of a process"),
 ]
+
+# The options that only `canwire campaign report` has.
+OF_REPORT = {"--ftti", "--confidence", "--minimise"}
 
 # Arguments that are no options.
 FRAMES = [("123", "#"), ("123##", "one digit of flags"), ("123##1F", "two hexadecimal"),
@@ -135,10 +141,11 @@ def test_too_much_or_too_little_is_wrong_usage(call, name):
 
 @pytest.mark.parametrize("name, option, value, allowed", VALUES)
 def test_a_bad_value_names_its_option_and_what_is_allowed(call, name, option, value, allowed):
-    error = call(name, option, value, *COMMANDS[name], status=1).stderr
+    first, words = (["report"], ["rows"]) if option in OF_REPORT else ([], COMMANDS[name])
+    error = call(name, *first, option, value, *words, status=1).stderr
     assert error.startswith(f"canwire {name}: {option} {value}: ") and allowed in error
     assert "usage" not in error
-    assert f"{option}' requires an argument" in call(name, option, status=2).stderr
+    assert f"{option}' requires an argument" in call(name, *first, option, status=2).stderr
 
 
 @pytest.mark.parametrize("frame, allowed", FRAMES)
@@ -157,7 +164,8 @@ def test_every_option_with_a_value_is_in_the_table(call):
     tried = {(name, option) for name, option, _, _ in VALUES}
     files = {"--events", "--log", "--pcapng", "--stats", "--vcd", "--svg", "--junit", "--journal",
              "--config", "--bus", "--as", "--interface", "--extcap-interface", "--fifo",
-             "--extcap-capture-filter", "--extcap-version", "--out"}  # or names
+             "--extcap-capture-filter", "--extcap-version", "--out", "--work", "--campaign",
+             "--json", "--html", "--scenarios"}  # or names
     for name in COMMANDS:
         for line in call(name, "--help", status=0).stdout.splitlines():
             option = re.match(r" +(--[a-z-]+) \[?[A-Z]", line)

@@ -203,8 +203,9 @@ static void test_large_seeds_are_read(void **state)
 static void test_other_lines_are_refused(void **state)
 {
     static const char *const lines[] = {
-        "", "\n", "7", "[]", "{}", "{\"seed\":1}", "{\"seed\":-1,\"outcome\":\"invalid\","
-        "\"repeat\":\"\"}", "{\"seed\":1,\"outcome\":\"odd\",\"repeat\":\"\"}",
+        "", "\n", "7", "[]", "{}", "{\"seed\":1}",
+        "{\"seed\":-1,\"outcome\":\"invalid\",\"repeat\":\"\"}",
+        "{\"seed\":1,\"outcome\":\"odd\",\"repeat\":\"\"}",
         "{\"seed\":1,\"outcome\":\"passed\",\"repeat\":\"\"}",
         "{\"seed\":1,\"number\":1,\"outcome\":\"invalid\",\"repeat\":\"\"}",
         "{\"seed\":1,\"number\":\"1\",\"factors\":{},\"outcome\":\"invalid\",\"repeat\":\"\"}",
