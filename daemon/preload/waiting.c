@@ -27,9 +27,10 @@ bool waiting_is_fed(int fd)
 
 int64_t waiting_until(const struct timespec *span)
 {
-    if (!span || (int64_t)span->tv_sec > VTIME_NEVER / NS_PER_S / 2)
+    const int64_t seconds = span ? span->tv_sec : INT64_MAX;
+    if (seconds > VTIME_NEVER / NS_PER_S / 2)
         return VTIME_NEVER;
-    return vtime_now_ns() + span->tv_sec * NS_PER_S + span->tv_nsec;
+    return vtime_now_ns() + seconds * NS_PER_S + span->tv_nsec;
 }
 
 /* ---- Sockets --------------------------------------------------------------------------------- */
