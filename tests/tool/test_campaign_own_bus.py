@@ -57,8 +57,10 @@ ONE = "  - { set: seed, values: [ 7 ] }\n"
 
 @pytest.fixture(autouse=True)
 def fixture_package(monkeypatch):
-    """The program finds the package of this tree, and its library."""
+    """The program finds the package of this tree, and its library. One with sanitizers is of no use
+    to Python."""
     monkeypatch.setenv("PYTHONPATH", SOURCE)
+    monkeypatch.setenv("CANWIRE_SIM_LIBRARY", str(ROOT / "build/release/libcanwire-sim.so"))
     for name in list(os.environ):
         if name.startswith(("CI_NODE_", "SLURM_", "JOB_COMPLETION")):
             monkeypatch.delenv(name)

@@ -656,6 +656,7 @@ faults:
 expect: [ { name: calm, errors: 0 } ]
 """
     file, every = rows("""scenario: bus.yaml
+until: 100ms
 vary:
   - { set: nodes.engine.ppm, values: [ 0, 100, -100 ] }
   - { set: faults.hit.do.flip, positions: [ "eof[0..5]" ] }
