@@ -217,14 +217,9 @@ void campaign_report_html(FILE *out, const report_view *v)
     write_latency(out, v);
     if (v->shortest)
         write_scenarios(out, v);
-    if (r->expectations.count > 0)
-        write_dimension(out, v, &r->expectations);
     if (r->errors.count > 0)
         write_dimension(out, v, &r->errors);
-    for (size_t i = 0; i < r->group_count; i++)
-        write_dimension(out, v, &r->groups[i]);
-    for (size_t i = 0; i < r->factor_count; i++)
-        write_dimension(out, v, &r->factors[i]);
+    report_each_dimension(out, v, write_dimension);
     if (r->factor_count > 0)
         write_coverage(out, r);
     fputs("</body>\n</html>\n", out);

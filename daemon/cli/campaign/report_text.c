@@ -220,12 +220,7 @@ void campaign_report_text(FILE *out, const report_view *v)
     write_classes(out, v);
     write_failed(out, v);
     write_latency(out, v);
-    if (r->expectations.count > 0)
-        write_dimension(out, v, &r->expectations);
-    for (size_t i = 0; i < r->group_count; i++)
-        write_dimension(out, v, &r->groups[i]);
-    for (size_t i = 0; i < r->factor_count; i++)
-        write_dimension(out, v, &r->factors[i]);
+    report_each_dimension(out, v, write_dimension);
     if (r->factor_count > 0)
         write_coverage(out, r);
     if (v->shortest)

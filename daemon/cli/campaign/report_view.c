@@ -166,3 +166,14 @@ char *report_scenario_text(const report *r, const shortest *s, size_t i)
     free(head);
     return text;
 }
+
+void report_each_dimension(FILE *out, const report_view *v, report_write_dimension *write)
+{
+    const report *r = v->report;
+    if (r->expectations.count > 0)
+        write(out, v, &r->expectations);
+    for (size_t i = 0; i < r->group_count; i++)
+        write(out, v, &r->groups[i]);
+    for (size_t i = 0; i < r->factor_count; i++)
+        write(out, v, &r->factors[i]);
+}

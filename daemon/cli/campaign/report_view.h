@@ -59,4 +59,8 @@ char *report_scenario_command(const shortest *s, size_t i, const char *file);
 /* Returns the number of pairs of values that are possible, or 0 when it is not known. */
 uint64_t report_pairs_possible(const report *r, size_t i, size_t k);
 
+/* Calls `write` for the expectations, if there are any, for groups of faults, and for factors. */
+typedef void report_write_dimension(FILE *out, const report_view *v, const dimension *d);
+void report_each_dimension(FILE *out, const report_view *v, report_write_dimension *write);
+
 #endif
