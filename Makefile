@@ -238,18 +238,21 @@ MUTANTS_EVERY := $(or $(MUTANTS_EVERY_$(VARIANT)),14)
 
 test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL) \
   $(DIFFERENTIAL) $(MUTANTS) $(BUILD)/bench $(BUILD)/bench_realtime
-	@status=0; for test in $(UNIT_TESTS) conformance; do \
-	  echo "== $$test ($(VARIANT), $(CC))"; CANWIRE=$(TOOL) $(BUILD)/$$test || status=1; \
-	done; $(foreach target,$(FUZZ_TARGETS),echo "== replay_$(target) ($(VARIANT), $(CC))"; \
-	  $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target)) || status=1;) \
-	echo "== differential ($(VARIANT), $(CC))"; \
-	  $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS) || status=1; \
-	echo "== differential, clocks of nodes ($(VARIANT), $(CC))"; \
-	  $(DIFFERENTIAL) --own-clocks --bits $(DIFFERENTIAL_BITS) || status=1; \
-	echo "== mutants ($(VARIANT), $(CC))"; $(MUTANTS) --every $(MUTANTS_EVERY) || status=1; \
-	echo "== bench, the work without times ($(VARIANT), $(CC))"; \
-	  $(BUILD)/bench --check || status=1; \
-	  $(BUILD)/bench_realtime --check || status=1; exit $$status
+	@status=0; run() { \
+	    name="$$1 ($(VARIANT), $(CC))"; shift; echo "== $$name"; \
+	    "$$@" || { echo "FAILED $$name: exit status $$?"; status=1; }; \
+	  }; \
+	  for test in $(UNIT_TESTS) conformance; do \
+	    run "$$test" env CANWIRE=$(TOOL) $(BUILD)/$$test; done; \
+	  $(foreach target,$(FUZZ_TARGETS),\
+	    run replay_$(target) $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target));) \
+	  run differential $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS); \
+	  run "differential, clocks of nodes" \
+	    $(DIFFERENTIAL) --own-clocks --bits $(DIFFERENTIAL_BITS); \
+	  run mutants $(MUTANTS) --every $(MUTANTS_EVERY); \
+	  run "bench, the work without times" $(BUILD)/bench --check; \
+	  run "bench in real time, the work without times" $(BUILD)/bench_realtime --check; \
+	  exit $$status
 
 # The unit tests without those that take seconds each.
 DEV_SLOW := test_encode_fd test_engine_replay test_fault_step test_format test_journal \

@@ -15,7 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
 CANWIRED = str(Path(CANWIRE).with_name("canwired"))
-TIMEOUT_S = 120
+TIMEOUT_S = 600
 
 
 def run(program, *arguments, status=0, cwd=None):

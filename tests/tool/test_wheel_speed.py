@@ -139,6 +139,7 @@ def test_only_overload_frames_are_not_seen(rows):
     assert all(row["latency"] is not None for row in stale if row["first_error"])
 
 
+@pytest.mark.figures
 def test_the_report_is_as_it_is_shown(make, tmp_path):
     """README.md has that of the whole campaign. One of the 22 seeds has the same shares, nearly."""
     shown = CLASS.findall(README)
