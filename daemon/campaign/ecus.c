@@ -245,9 +245,23 @@ static void read_ready(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- The list -------------------------------------------------------------------------------- */
 
+/* Returns true for names that would meet files of the row: NAME is a folder, NAME.log a file. */
+static bool is_taken(const char *name)
+{
+    static const char *const files[] = {"canwired", "journal", "scenario.yaml", "result.yaml"};
+    const size_t length = strlen(name);
+    bool taken = *name == '.' || (length >= 4 && strcmp(name + length - 4, ".log") == 0);
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++)
+        taken = taken || strcmp(files[i], name) == 0;
+    return taken;
+}
+
 static void check_name(schema *self, const ecu_plan *plan, const yaml_node_t *item)
 {
     const ecu *e = &plan->list[plan->count];
+    if (e->name && is_taken(e->name))
+        schema_complain(self, item, "'%s' is a name of files of a row; give the program another "
+                        "'name'", e->name);
     for (size_t i = 0; i < plan->count && e->name; i++)
         if (plan->list[i].name && strcmp(plan->list[i].name, e->name) == 0)
             schema_complain(self, item, "two programs are called '%s'; give one of them a name",

@@ -70,6 +70,8 @@ static bool is_list(const yaml_node_t *node)
 static void begin_value(writer *w, const yaml_node_t *value)
 {
     if (value->type == YAML_SCALAR_NODE) {
+        if (strlen((const char *)value->data.scalar.value) != value->data.scalar.length)
+            w->wrong = "NUL characters are not allowed";
         put_scalar(w->out, value);
         return;
     }

@@ -233,6 +233,26 @@ bool outcome_is_shortage(const char *message)
     return found;
 }
 
+/* Returns the first of some messages that is no warning, and ends it there. */
+static const char *first_error(char *messages)
+{
+    char *line = messages;
+    for (char *end; (end = strchr(line, '\n')); line = end + 1) {
+        *end = '\0';
+        if (!strstr(line, ": warning: "))
+            break;
+    }
+    return line;
+}
+
+outcome outcome_write_invalid(rowtext *row, char *messages)
+{
+    const bool lacks = !messages || !*messages || outcome_is_shortage(messages);
+    outcome_write_none(row, OUTCOME_INVALID, lacks ? "" : first_error(messages));
+    row->no_memory = row->no_memory || lacks;
+    return OUTCOME_INVALID;
+}
+
 outcome outcome_write_broken(rowtext *row, scenario *s)
 {
     char *why = scenario_why(s);

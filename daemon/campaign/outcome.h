@@ -32,6 +32,11 @@ outcome outcome_write_as(rowtext *row, const scenario *s, outcome o, const char 
  * has happened, and may be "". */
 void outcome_write_none(rowtext *row, outcome o, const char *why);
 
+/* Does this for values that make no scenario, with the first of the messages that is no warning; it
+ * changes them. NULL: there are none. The row has no memory then, nor when memory was short: the
+ * scenario may be valid. */
+outcome outcome_write_invalid(rowtext *row, char *messages);
+
 /* Does this for a scenario whose last run has failed. Returns the outcome. The row has no memory
  * when the process lacked something: it is no row then. */
 outcome outcome_write_broken(rowtext *row, scenario *s);

@@ -228,33 +228,19 @@ static void write_repeat(runner *r, rowtext *row, uint64_t number)
     rowtext_end(row, &r->repeat);
 }
 
-/* Returns the first of some messages that is no warning, and ends it there. */
-static const char *first_error(char *messages)
-{
-    char *line = messages;
-    for (char *end; (end = strchr(line, '\n')); line = end + 1) {
-        *end = '\0';
-        if (!strstr(line, ": warning: "))
-            break;
-    }
-    return line;
-}
-
-/* Loads a scenario that could not be loaded once more, for the message. A scenario that can be, or
- * that lacked memory, is not invalid: then the row has no memory. */
+/* Loads a scenario that could not be loaded once more, for the message. One that can be loaded now
+ * is not invalid. */
 static outcome write_invalid(runner *r, rowtext *row, const choice *choices)
 {
-    char *why = NULL;
+    char *messages = NULL;
     size_t size = 0;
-    FILE *out = open_memstream(&why, &size);
+    FILE *out = open_memstream(&messages, &size);
     scenario *s = out ? load(r, choices, out) : NULL;
-    const bool told = out && fclose(out) == 0 && size > 0;
-    const bool lacks = s || !told || outcome_is_shortage(why);
-    outcome_write_none(row, OUTCOME_INVALID, lacks ? "" : first_error(why));
-    row->no_memory = row->no_memory || lacks;
+    const bool told = out && fclose(out) == 0 && !s;
+    const outcome o = outcome_write_invalid(row, told ? messages : NULL);
     scenario_close(s);
-    free(why);
-    return OUTCOME_INVALID;
+    free(messages);
+    return o;
 }
 
 static outcome run(runner *r, rowtext *row, const choice *choices)

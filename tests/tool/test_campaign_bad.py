@@ -132,6 +132,11 @@ def test_aliases_are_not_written_out_without_end(complaint):
     assert complaint(loop) == "3:34: this value is nested too deeply\n"
 
 
+def test_a_value_is_never_cut_short(complaint):
+    text = 'scenario: bus.yaml\nvary:\n - { set: bus.name, values: [ "a", "b\\0c" ] }\n'
+    assert complaint(text) == "3:36: NUL characters are not allowed\n"
+
+
 def test_all_values_of_a_file_have_a_limit(write):
     write(BUS)
     for count, status in (60, 0), (200, 1):

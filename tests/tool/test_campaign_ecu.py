@@ -287,6 +287,31 @@ def test_a_program_that_is_never_ready(make):
     assert log_of(file, row) == "hello\n"
 
 
+@pytest.mark.parametrize("command, ready, outcome, why", [
+    ("(sleep 0.1; echo up; exec sleep 100) &", "up", "passed", None),
+    ("sleep 0.1 &", "up", "crashed", "engine: it has ended before it was ready"),
+    ("cansend engine 123#", "{ frame: \"123\" }", "passed", None),
+    ("true", "{ frame: \"123\", within: 200ms }", "time-out", "engine: not ready after 0.2 s"),
+])
+def test_a_program_that_ends_before_it_is_ready(make, command, ready, outcome, why):
+    file = make(f"{{ node: engine, run: \"{command}\", ready: {ready} }}",
+                "{ node: dash, run: \"exec sleep 100\", after: engine }")
+    row, = campaign(file, status=0 if outcome == "passed" else 3)
+    assert (row["outcome"], row.get("why")) == (outcome, why)
+    assert row["ecus"]["engine"]["end"] == "exit 0"
+    assert row["ecus"]["dash"]["end"] == ("running" if outcome == "passed" else "not started")
+
+
+def test_a_program_that_is_ready_at_the_end_of_much_output(make):
+    file = make("{ node: engine, run: [ dd, \"if=../../../said\", bs=100000 ], ready: is ready }",
+                "{ node: dash, run: \"exec sleep 100\", after: engine }")
+    (file.parent / "said").write_text("x" * 79 + "\n")
+    with open(file.parent / "said", "a", encoding="utf-8") as said:
+        said.write(("x" * 79 + "\n") * 700 + "it is ready\n")
+    row, = campaign(file)
+    assert row["outcome"] == "passed" and row["ecus"]["engine"]["end"] == "exit 0"
+
+
 def test_a_row_that_takes_too_long(make):
     file = make("{ node: engine, run: \"exec sleep 100\" }", more="limit: 1s\n")
     row, = campaign(file, status=3)
@@ -307,8 +332,9 @@ def test_canwired_that_does_not_start(make):
 def test_values_that_make_no_scenario(make):
     file = make(ECU, vary="  - { set: bus.bitrate, values: [ 500000, 77 ] }\n")
     done = canwire("campaign", "run", file.name, status=1, cwd=file.parent)
-    assert [row["outcome"] for row in rows_of(done.stdout)] == ["passed", "invalid"]
-    assert "77" in done.stderr
+    good, bad = rows_of(done.stdout)
+    assert (good["outcome"], bad["outcome"]) == ("passed", "invalid")
+    assert bad["why"].startswith("bus.yaml:1:35: bitrate: ") and bad["why"] in done.stderr
 
 
 def test_files_of_others_stay(make):
@@ -435,6 +461,8 @@ def test_a_long_path(make, tmp_path):
     ("{ node: gearbox, run: x }", "4:13: node: 'gearbox' has traffic of its own"),
     ("{ node: engine }", "4:5: ecu: the key 'run' is missing"),
     ("{ node: engine, run: x, name: ../up }", "up to 64 letters, digits"),
+    ("{ node: engine, run: x, name: canwired }", "4:5: 'canwired' is a name of files of a row"),
+    ("{ node: engine, run: x, name: a.log }", "4:5: 'a.log' is a name of files of a row"),
     ("{ node: engine, run: x, ready: { within: 1s } }", "either 'line' or 'frame' is needed"),
     ("{ node: engine, run: x, ready: { frame: \"1\" } }", "frame: "),
     ("{ node: engine, run: x, grace: 2h }", "a real time from 0s to 1h"),

@@ -93,11 +93,28 @@ static void set_ready(ecu_bench *b, size_t i, uint64_t ready_ns)
         (void)ask_status(b);
 }
 
+/* Returns true when a program has ended, and nobody can say any more that it is ready. Its frames
+ * may still be on their way, and its children may still write the line. */
+static bool is_lost(const ecu_bench *b, size_t i)
+{
+    const ecu_end *end = &b->result->ends[i];
+    const bool mute = config_of(b, i)->sign == ECU_SIGN_LINE && b->programs[i].output.in < 0;
+    return end->ended && !end->ready && (end->status != 0 || mute);
+}
+
+static void find_lost(ecu_bench *b, size_t i)
+{
+    if (is_lost(b, i) && b->result->ends[i].status == 0)
+        ecu_bench_conclude(b, ECU_CRASHED, "%s: it has ended before it was ready",
+                           config_of(b, i)->name);
+}
+
 static void take_output(ecu_bench *b, size_t i)
 {
     const ecu *e = config_of(b, i);
     if (ecu_output_take(&b->programs[i].output, e->sign == ECU_SIGN_LINE ? e->line : NULL))
         set_ready(b, i, ECU_NO_TIME);
+    find_lost(b, i);
 }
 
 /* ---- What canwired tells --------------------------------------------------------------------- */
@@ -189,14 +206,11 @@ static void note_end(ecu_bench *b, pid_t pid, int status)
         b->programs[i].pid = 0;
         end->status = status;
         end->ended = !b->over;
-        if ((WIFEXITED(status) && WEXITSTATUS(status) == 0 && end->ready) || b->over)
+        if ((status == 0 && end->ready) || b->over)
             continue;
         take_output(b, i); /* it may have said that it is ready, and ended */
-        if (!WIFEXITED(status) || WEXITSTATUS(status) != 0)
+        if (status != 0)
             tell_crash(b, config_of(b, i), status);
-        else if (!end->ready && config_of(b, i)->sign == ECU_SIGN_LINE)
-            ecu_bench_conclude(b, ECU_CRASHED, "%s: it has ended before it was ready",
-                               config_of(b, i)->name);
     }
 }
 
@@ -303,7 +317,7 @@ size_t ecu_bench_unready(const ecu_bench *b)
 {
     size_t first = ECUS_MAX;
     for (size_t i = 0; i < count_of(b); i++)
-        if (!b->result->ends[i].ready && !b->result->ends[i].ended &&
+        if (!b->result->ends[i].ready && !is_lost(b, i) &&
             (first == ECUS_MAX || ecu_bench_ready_limit(b, i) < ecu_bench_ready_limit(b, first)))
             first = i;
     return first;
@@ -423,7 +437,9 @@ bool ecu_bench_start_programs(ecu_bench *b)
 {
     for (size_t i = 0; i < count_of(b); i++) {
         const ecu *after = config_of(b, i)->after;
-        const bool waits = after && !b->result->ends[after - config_of(b, 0)].ready;
+        const size_t first = after ? (size_t)(after - config_of(b, 0)) : i;
+        const bool waits = after && !b->result->ends[first].ready;
+        b->over = b->over || (waits && is_lost(b, first));
         if (!waits && !b->result->ends[i].started && !start_program(b, i))
             return false;
     }

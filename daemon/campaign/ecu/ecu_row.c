@@ -142,16 +142,13 @@ int64_t ecu_rows_limit_ms(const campaign *c)
 /* ---- The scenario ---------------------------------------------------------------------------- */
 
 /* Checks the scenario of the row, and takes its name and times. */
-static bool check_scenario(one *o)
+static bool check_scenario(one *o, FILE *messages)
 {
     const ecu_rows *e = o->rows;
     const campaign *c = e->campaign;
     const cfg_file file = {.name = c->scenario_name, .text = buffer_first(&e->text.bytes),
                            .size = buffer_length(&e->text.bytes)};
-    FILE *nowhere = fopen("/dev/null", "re");
-    cfg *config = nowhere && !e->text.no_memory ? cfg_load_text(&file, nowhere) : NULL;
-    if (nowhere)
-        (void)fclose(nowhere);
+    cfg *config = e->text.no_memory ? NULL : cfg_load_text(&file, messages);
     if (!config)
         return false;
     (void)snprintf(o->bus, sizeof o->bus, "%.*s", (int)CONTROL_MAX, config->bus_name);
@@ -360,6 +357,20 @@ static outcome write_row(one *o, rowtext *row, bool has_journal)
     return result;
 }
 
+/* Returns false when the values make no scenario, which is in the row then. */
+static bool begin(one *o, rowtext *row)
+{
+    char *messages = NULL;
+    size_t size = 0;
+    FILE *out = open_memstream(&messages, &size);
+    const bool good = out && check_scenario(o, out);
+    const bool told = out && fclose(out) == 0;
+    if (!good)
+        (void)outcome_write_invalid(row, told ? messages : NULL);
+    free(messages);
+    return good;
+}
+
 outcome ecu_row(ecu_rows *e, uint64_t number, rowtext *row)
 {
     one o = {.rows = e, .number = number, .folder.fd = -1, .result.end_ns = ECU_NO_TIME};
@@ -370,8 +381,7 @@ outcome ecu_row(ecu_rows *e, uint64_t number, rowtext *row)
     runner_begin(e->runner, number, row);
     rowtext_clear(&e->text);
     variant_text(&e->text, e->campaign, choices);
-    if (!check_scenario(&o)) {
-        outcome_write_none(row, OUTCOME_INVALID, "");
+    if (!begin(&o, row)) {
         write_repeat(&o, row);
         return OUTCOME_INVALID;
     }
