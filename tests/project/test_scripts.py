@@ -234,7 +234,7 @@ def test_all_tests_are_counted_and_no_lane_writes_into_another(all_tests):
     first, last = lines.index("guest"), lines.index("==== Debian package") - 1
     assert lines[first - 1] == "==== real vcan" and lines[last].startswith("2 passed, 1 skipped")
     assert set(lines[first:last]) == {"guest"}
-    assert sorted(line[10:] for line in lines[-len(stages) - 2:-2]) == sorted(stages)
+    assert sorted(line.partition(" processors  ")[2] for line in lines[-len(stages) - 2:-2]) == sorted(stages)
     assert lines[-2].endswith(" s  in all")
     # units with three compilers; Python twice on the host, three times in the guest; worlds
     assert (status, lines[-1]) == (0, f"{3 * 3 + 5 * 2 + 4} passed, 0 failed")
@@ -250,7 +250,7 @@ def test_all_tests_are_counted_and_no_lane_writes_into_another(all_tests):
 def test_a_stage_that_fails_fails_all_tests(all_tests, programs, stage):
     status, lines = all_tests(**programs).end()
     assert f"==== {stage}: FAILED (status 3)" in lines
-    assert [line[10:] for line in lines if line.endswith("s  " + stage + " (FAILED)")]
+    assert [line for line in lines if line.endswith(" processors  " + stage + " (FAILED)")]
     assert status == 1 and lines[-1].endswith(" passed, 1 failed")
 
 
