@@ -181,12 +181,16 @@ static void check_keys(schema *self, const yaml_node_t *map, cfg_model model)
 static void check_reception(schema *self, const yaml_node_t *map, cfg_controller *controller)
 {
     const yaml_node_t *const buffers = schema_find(self, map, "receive-buffers");
+    const yaml_node_t *const overload = schema_find(self, map, "overload-when-full");
+    const bool boxed = is_preset(controller->model) && schema_find(self, map, "mailboxes");
 
-    if (!is_preset(controller->model) || !buffers)
-        return;
-    controller->receive_bytes = 0;
-    if (schema_find(self, map, "mailboxes"))
+    if (is_preset(controller->model) && buffers)
+        controller->receive_bytes = 0;
+    if (boxed && buffers)
         schema_complain(self, buffers, "receive-buffers: received frames go into the mailboxes");
+    if (boxed && overload)
+        schema_complain(self, overload, "overload-when-full: received frames go into the "
+                        "mailboxes, which take newer ones when they are full");
 }
 
 /* Leaves the filters, which have a key of their own. */

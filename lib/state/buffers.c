@@ -44,13 +44,22 @@ static unsigned bytes_of(const cw_frame *frame)
     return (cw_frame_is_extended(frame) ? 5u : 3u) + cw_frame_length(frame);
 }
 
-static bool is_full(const cw_buffers *b, uint64_t now, const cw_frame *frame)
+/* Returns true when a frame finds room behind so many that the host has not fetched. */
+static bool fits(const cw_buffers *b, unsigned waiting, const cw_frame *frame)
 {
-    const unsigned waiting = unfetched(b, now);
     unsigned bytes = bytes_of(frame);
     for (unsigned n = b->count - waiting; b->byte_limit && n < b->count; n++)
         bytes += bytes_of(&stored_at(b, n)->frame);
-    return waiting == b->limit || (b->byte_limit && bytes > b->byte_limit);
+    return waiting < b->limit && (b->byte_limit == 0 || bytes <= b->byte_limit);
+}
+
+/* Returns the tick from which on a frame finds room, 0: at once. */
+static uint64_t room_at(const cw_buffers *b, uint64_t now, const cw_frame *frame)
+{
+    uint64_t at = 0;
+    for (unsigned waiting = unfetched(b, now); waiting > 0 && !fits(b, waiting, frame); waiting--)
+        at = stored_at(b, b->count - waiting)->due;
+    return at;
 }
 
 /* Reports that a received frame is lost: the new one, or an older one. */
@@ -69,13 +78,12 @@ static bool asks_in_vain(const cw_bus *bus, unsigned i)
     return bus->nodes[i].mac.modes & silent;
 }
 
-/* Wants overload frames as long as the buffers will be full. The first one comes in place of the
- * intermission, which would begin a bit later. */
-static void ask_for_time(cw_bus *bus, unsigned i)
+/* Wants overload frames as long as there will be no room for a further frame as this one. The first
+ * one comes in place of the intermission, which would begin a bit later. */
+static void ask_for_time(cw_bus *bus, unsigned i, const cw_frame *frame)
 {
-    const cw_buffers *b = &bus->buffers[i];
     const uint64_t bit = cw_rate_ticks(cw_wire_rate(&bus->time), 1);
-    const uint64_t free_at = stored_at(b, b->count - b->limit)->due;
+    const uint64_t free_at = room_at(&bus->buffers[i], cw_now(bus), frame);
     const bool second = free_at > cw_now(bus) + (1 + OVERLOAD_BITS) * bit;
     if (free_at <= cw_now(bus) + bit || asks_in_vain(bus, i))
         return;
@@ -105,15 +113,14 @@ static void add(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_orig
 static void store(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_origin *origin)
 {
     cw_buffers *b = &bus->buffers[i];
-    const uint64_t now = cw_now(bus);
-    if (is_full(b, now, frame)) {
+    if (fits(b, unfetched(b, cw_now(bus)), frame)) {
+        add(bus, i, frame, origin, CW_NO_BOX);
+    } else {
         overrun(bus, i, frame);
         b->stats.overruns++;
-        return;
     }
-    add(bus, i, frame, origin, CW_NO_BOX);
-    if (b->overload && unfetched(b, now) == b->limit)
-        ask_for_time(bus, i);
+    if (b->overload)
+        ask_for_time(bus, i, frame);
 }
 
 /* ---- Receive mailboxes ----------------------------------------------------------------------- */

@@ -68,6 +68,25 @@ def test_a_full_controller_asks_for_time_by_overload_frames(tmp_path, service, f
         assert all(n["rec"] == n["tec"] == 0 for n in nodes.values())
 
 
+@pytest.mark.parametrize("model, data, before", [("basic", "", 0), ("mcp2515", "", 1),
+                                                 ("sja1000", "", 20),
+                                                 ("sja1000", "1122334455667788", 4)])
+def test_buffers_that_stay_full_ask_for_time_after_each_frame(tmp_path, model, data, before):
+    """A host that never fetches: behind the frames that leave room, each one is followed by two
+    overload frames, also when it is lost. The FIFO of an sja1000 is full when its bytes are."""
+    count = before + 4
+    for step in [], ["--step"]:
+        events, nodes = run(
+            tmp_path, f"  - {{ name: a, traffic: [ {{ send: '123#{data}', count: {count}, "
+                      "every: 300us } ] }\n"
+                      f"  - {{ name: b, controller: {{ model: {model}, overload-when-full: on, "
+                      "service-time: 1s } }\n", "--until", "20ms", *step)
+        asked = [e["event"] for e in events
+                 if e["event"] == "tx" or (e["event"], e["node"]) == ("overload", "b")]
+        assert asked == before * ["tx"] + 4 * ["tx", "overload", "overload"]
+        assert nodes["b"]["overruns"] == len(of(events, "b", "overrun")) == 3
+
+
 @pytest.mark.parametrize("mode", ["listen-only", "restricted"])
 def test_a_controller_that_may_not_ask_for_time_misses_nothing_by_it(tmp_path, mode):
     """Its own flags would be all that it sees of the next frame."""
