@@ -234,7 +234,8 @@ def test_all_tests_are_counted_and_no_lane_writes_into_another(all_tests):
     first, last = lines.index("guest"), lines.index("==== Debian package") - 1
     assert lines[first - 1] == "==== real vcan" and lines[last].startswith("2 passed, 1 skipped")
     assert set(lines[first:last]) == {"guest"}
-    assert sorted(line.partition(" processors  ")[2] for line in lines[-len(stages) - 2:-2]) == sorted(stages)
+    table = lines[-len(stages) - 2:-2]
+    assert sorted(line.partition(" processors  ")[2] for line in table) == sorted(stages)
     assert lines[-2].endswith(" s  in all")
     # units with three compilers; Python twice on the host, three times in the guest; worlds
     assert (status, lines[-1]) == (0, f"{3 * 3 + 5 * 2 + 4} passed, 0 failed")
