@@ -17,6 +17,7 @@ CAMPAIGN = ROOT / "config/wheel-speed/campaign.yaml"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGE = (ROOT / "config/wheel-speed.md").read_text(encoding="utf-8")
 CLASS = re.compile(r"^ *([a-z][a-z ]+[a-z]) +(\d+)  (\d+\.\d+) % \(.* %\)$", re.MULTILINE)
+WORST = re.compile(r"^ *(\w[^,\n]*, .*?) +(\d+) +(\d+)  (\d+\.\d+) % \(.* %\)$", re.MULTILINE)
 MODES = [("off", 20), ("off", 100), ("on", 20), ("on", 100)]
 
 
@@ -157,3 +158,8 @@ def test_the_report_is_as_it_is_shown(make, tmp_path):
     assert [name for name, _, _ in found] == [name for name, _, _ in shown]
     for (name, _, share), (_, _, wanted) in zip(found, shown):
         assert abs(float(share) - float(wanted)) < 2, name
+    shown = WORST.findall(PAGE)
+    assert len(shown) == 3
+    for (name, rows, _, share), (wanted, every, _, about) in zip(WORST.findall(report), shown):
+        assert (name, 22 * int(rows)) == (wanted, int(every))
+        assert abs(float(share) - float(about)) < 2, name

@@ -108,7 +108,7 @@ static void add_factors(report *r, const report_row *row)
         count(&r->groups[group++], value_field(&text, value), row->class);
     }
     rowtext_free(&text);
-    pairs_add(&r->pairs, numbers);
+    pairs_add(&r->pairs, numbers, row->class);
 }
 
 static void add_expectations(report *r, const report_row *row)

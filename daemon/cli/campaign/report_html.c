@@ -6,6 +6,7 @@
 
 #include "base/decimal.h"
 #include "base/xmltext.h"
+#include "cli/campaign/report_map.h"
 #include "cli/campaign/report_plot.h"
 
 #include <inttypes.h>
@@ -22,6 +23,8 @@ static const char style[] =
     " font-variant-numeric: tabular-nums; }\n"
     "th:first-child, td:first-child { text-align: left; }\n"
     "pre { background: #f5f5f5; padding: .8em; overflow-x: auto; }\n"
+    ".map { overflow-x: auto; }\n"
+    ".map th, .map td { padding: .2em .4em; max-width: 12em; overflow-wrap: anywhere; }\n"
     "svg text { font: 12px system-ui, sans-serif; }\n"
     "</style>\n";
 
@@ -187,6 +190,38 @@ static void write_coverage(FILE *out, const report *r)
     fputs("</table>\n", out);
 }
 
+/* ---- Pairs of values ------------------------------------------------------------------------- */
+
+static void write_worst_pair(FILE *out, const report *r, const pair_measure *m,
+                             const worst_pair *p)
+{
+    char *name = report_pair_values(r, p->i, p->k, p->cell->first, p->cell->second);
+    fputs("<tr>", out);
+    write_cell(out, name);
+    fprintf(out, "<td>%" PRIu64 "</td><td>%" PRIu64 "</td>", class_counts_all(&p->cell->rows),
+            m->count(&p->cell->rows));
+    write_share(out, p->share);
+    fputs("</tr>\n", out);
+    free(name);
+}
+
+static void write_pairs(FILE *out, const report_view *v)
+{
+    worst_pair list[REPORT_PAIRS_WORST];
+    const pair_measure *m = report_pair_measure(v->report);
+    const size_t count = m ? report_worst_pairs(list, v, m) : 0;
+    if (count == 0)
+        return;
+    fprintf(out, "<h2>Pairs of values</h2>\n<p>The worst ones, by the lower end of the interval."
+            "</p>\n<table>\n<tr><th>values</th><th>rows</th><th>%s</th><th>share</th></tr>\n",
+            m->name);
+    for (size_t i = 0; i < count; i++)
+        write_worst_pair(out, v->report, m, &list[i]);
+    fprintf(out, "</table>\n<p>Each cell below has the share of its rows in percent: %s. The title "
+            "of a cell has its counts.</p>\n", m->name);
+    map_pairs(out, v, m);
+}
+
 /* ---- Scenarios ------------------------------------------------------------------------------- */
 
 static void write_scenarios(FILE *out, const report_view *v)
@@ -222,5 +257,6 @@ void campaign_report_html(FILE *out, const report_view *v)
     report_each_dimension(out, v, write_dimension);
     if (r->factor_count > 0)
         write_coverage(out, r);
+    write_pairs(out, v);
     fputs("</body>\n</html>\n", out);
 }

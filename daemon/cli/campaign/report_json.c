@@ -112,15 +112,20 @@ static json_t *latency_of(const report_view *v)
 
 /* ---- Factors --------------------------------------------------------------------------------- */
 
-static json_t *value_of(const report_view *v, const char *text, const class_counts *c)
+static void put_counts(json_t *object, const report_view *v, const class_counts *c)
 {
-    json_t *object = json_object();
-    put_text(object, "value", text);
     put_count(object, "rows", class_counts_all(c));
     for (unsigned i = 0; i < CLASS_COUNT; i++)
         if (c->of[i] > 0)
             put_count(object, class_name((row_class)i), c->of[i]);
     put(object, "failed", counted(v, class_counts_failed(c), class_counts_rated(c)));
+}
+
+static json_t *value_of(const report_view *v, const char *text, const class_counts *c)
+{
+    json_t *object = json_object();
+    put_text(object, "value", text);
+    put_counts(object, v, c);
     return object;
 }
 
@@ -147,8 +152,41 @@ static json_t *dimensions_of(const report_view *v, const dimension *list, size_t
     return array;
 }
 
-static json_t *pair_of(const report *r, size_t i, size_t k)
+/* ---- Pairs of factors ------------------------------------------------------------------------ */
+
+/* Puts the rows of two values; NULL: those of all pairs that are not told apart. */
+static json_t *cell_of(const report_view *v, const char *first, const char *second,
+                       const class_counts *c)
 {
+    json_t *object = json_object();
+    json_t *texts = first ? json_array() : json_null();
+    if (first) {
+        put_text_last(texts, first);
+        put_text_last(texts, second);
+    }
+    put(object, "values", texts);
+    put_counts(object, v, c);
+    return object;
+}
+
+static json_t *cells_of(const report_view *v, size_t i, size_t k)
+{
+    const report *r = v->report;
+    const crosstab *t = &pairs_of(&r->pairs, i, k)->classes;
+    const crosstab_cell **cells = crosstab_sorted(t);
+    json_t *list = json_array();
+    for (size_t n = 0; n < t->count; n++)
+        put_last(list, cell_of(v, r->factors[i].values[cells[n]->first].text,
+                               r->factors[k].values[cells[n]->second].text, &cells[n]->rows));
+    if (class_counts_all(&t->other) > 0)
+        put_last(list, cell_of(v, NULL, NULL, &t->other));
+    free(cells);
+    return list;
+}
+
+static json_t *pair_of(const report_view *v, size_t i, size_t k)
+{
+    const report *r = v->report;
     const pair_cover *c = pairs_of(&r->pairs, i, k);
     const uint64_t possible = report_pairs_possible(r, i, k);
     json_t *object = json_object();
@@ -158,15 +196,17 @@ static json_t *pair_of(const report *r, size_t i, size_t k)
     put(object, "factors", names);
     put(object, "met", c->over ? json_null() : json_integer((json_int_t)c->met));
     put(object, "possible", possible > 0 ? json_integer((json_int_t)possible) : json_null());
+    put(object, "values", cells_of(v, i, k));
     return object;
 }
 
-static json_t *pairs_list(const report *r)
+static json_t *pairs_list(const report_view *v)
 {
+    const report *r = v->report;
     json_t *array = json_array();
     for (size_t i = 0; i < r->factor_count; i++)
         for (size_t k = i + 1; k < r->factor_count; k++)
-            put_last(array, pair_of(r, i, k));
+            put_last(array, pair_of(v, i, k));
     return array;
 }
 
@@ -245,7 +285,7 @@ void campaign_report_json(FILE *out, const report_view *v)
     put(object, "first_errors", dimensions_of(v, &r->errors, 1));
     put(object, "factors", dimensions_of(v, r->factors, r->factor_count));
     put(object, "groups", dimensions_of(v, r->groups, r->group_count));
-    put(object, "pairs", pairs_list(r));
+    put(object, "pairs", pairs_list(v));
     if (v->shortest)
         put_scenarios(object, v);
     put(object, "remarks", remarks_of(r));

@@ -6,6 +6,7 @@
 
 #include "base/decimal.h"
 #include "base/plain.h"
+#include "cli/campaign/report_pairs.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
@@ -14,6 +15,7 @@
 #define VALUES_SHOWN 10u
 #define PAIRS_SHOWN 20u
 #define SHORT_NAME 28
+#define PAIR_NAME 44
 
 static const char *const short_names[CLASS_RATED] = {
     [CLASS_NO_EFFECT] = "none", [CLASS_CORRECTED] = "corrected", [CLASS_DEGRADED] = "degraded",
@@ -140,6 +142,36 @@ static void write_dimension(FILE *out, const report_view *v, const dimension *d)
     free(list);
 }
 
+/* ---- Pairs of values ------------------------------------------------------------------------- */
+
+static void write_worst_pair(FILE *out, const report *r, const pair_measure *m,
+                             const worst_pair *p)
+{
+    char text[REPORT_PERCENT_BYTES];
+    char *name = report_pair_values(r, p->i, p->k, p->cell->first, p->cell->second);
+    report_print_share(text, p->share);
+    plain_print(out, "%-*s %9" PRIu64 " %10" PRIu64 "  %s\n", PAIR_NAME, name,
+                class_counts_all(&p->cell->rows), m->count(&p->cell->rows), text);
+    free(name);
+}
+
+static void write_worst_pairs(FILE *out, const report_view *v)
+{
+    worst_pair list[REPORT_PAIRS_WORST];
+    const pair_measure *m = report_pair_measure(v->report);
+    const size_t count = m ? report_worst_pairs(list, v, m) : 0;
+    const size_t cut = report_pairs_cut(v->report);
+    if (count == 0)
+        return;
+    fprintf(out, "\n%-*s %9s %10s  share\n", PAIR_NAME, "the worst pairs of values", "rows",
+            m->name);
+    for (size_t i = 0; i < count; i++)
+        write_worst_pair(out, v->report, m, &list[i]);
+    if (cut > 0)
+        fprintf(out, "%zu pair%s of factors %s more pairs of values than are told apart\n", cut,
+                cut == 1 ? "" : "s", cut == 1 ? "has" : "have");
+}
+
 /* ---- Coverage -------------------------------------------------------------------------------- */
 
 static void write_of(FILE *out, uint64_t seen, uint64_t possible, bool over)
@@ -165,7 +197,8 @@ static void write_pairs(FILE *out, const report *r)
         }
     }
     if (shown > PAIRS_SHOWN)
-        fprintf(out, "  and %u further pairs of factors\n", shown - PAIRS_SHOWN);
+        fprintf(out, "  and %u further pair%s of factors\n", shown - PAIRS_SHOWN,
+                shown - PAIRS_SHOWN == 1 ? "" : "s");
 }
 
 static void write_coverage(FILE *out, const report *r)
@@ -221,6 +254,7 @@ void campaign_report_text(FILE *out, const report_view *v)
     write_failed(out, v);
     write_latency(out, v);
     report_each_dimension(out, v, write_dimension);
+    write_worst_pairs(out, v);
     if (r->factor_count > 0)
         write_coverage(out, r);
     if (v->shortest)
