@@ -18,6 +18,15 @@ static void note_counters(observation *seen, const cw_event *event)
     }
 }
 
+static void note_state(observation *seen, const cw_event *event)
+{
+    const uint64_t fresh = event->state == CW_STATE_ERROR_ACTIVE ? 0 : event->nodes & ~seen->unwell;
+    for (uint64_t rest = fresh; rest; rest &= rest - 1)
+        seen->spells[__builtin_ctzll(rest)]++;
+    seen->unwell = event->state == CW_STATE_ERROR_ACTIVE ? seen->unwell & ~event->nodes
+                                                         : seen->unwell | event->nodes;
+}
+
 /* Off the grid a node samples by its own clock. So its error may come up to a bit time of the bus
  * before the hit that makes it. */
 static void note_fault(observation *seen, const cw_event *event, uint64_t early)
@@ -48,6 +57,8 @@ void observe_event(observation *seen, const cw_event *event, const cw_bus *bus, 
     }
     if (event->kind == CW_EVENT_ERROR || event->kind == CW_EVENT_STATE)
         note_counters(seen, event);
+    if (event->kind == CW_EVENT_STATE)
+        note_state(seen, event);
 }
 
 void observe_end(observation *seen, const cw_bus *bus, unsigned node_count)

@@ -23,6 +23,8 @@ typedef struct observation {
     /* Of the first error that may come from this hit. It is at or after the hit, or at it for one
      * in the bit before it off the grid. */
     uint64_t later_tick;
+    uint64_t unwell;                /* nodes that are not error-active, as a set ... */
+    uint32_t spells[CW_NODES_MAX];  /* ... and how often each has become so */
     uint16_t tec_max[CW_NODES_MAX]; /* of events; see observe_end() */
     uint16_t rec_max[CW_NODES_MAX];
 } observation;

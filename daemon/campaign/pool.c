@@ -314,8 +314,10 @@ static bool lose_line(pool *p, worker *w, int status)
 }
 
 /* Returns how often a line may be tried alone, by the end of its process. */
-static unsigned tries_allowed(const worker *w, int status)
+static unsigned tries_allowed(const pool *p, const worker *w, int status)
 {
+    if (w->late && p->work->once)
+        return 0;
     const bool killed = !w->late && WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL;
     return killed ? TRIES_KILLED : TRIES_ALONE;
 }
@@ -326,7 +328,7 @@ static bool replace(pool *p, worker *w)
     const int status = stop(w);
     if (!w->chunk)
         return true;
-    if (w->tries < tries_allowed(w, status))
+    if (w->tries < tries_allowed(p, w, status))
         w->tries++;
     else if (!lose_line(p, w, status))
         return false;
@@ -389,7 +391,9 @@ static bool wait_for_lines(pool *p)
     struct pollfd polled[POOL_JOBS_MAX];
     worker *workers[POOL_JOBS_MAX];
     const unsigned count = list_polled(p, polled, workers);
-    const int ready = poll(polled, count, LOOK_MS);
+    const int64_t limit_ms = p->work->limit_ms;
+    const int ready = poll(polled, count,
+                           limit_ms > 0 && limit_ms < LOOK_MS ? (int)limit_ms : LOOK_MS);
     if (ready < 0 && errno != EINTR)
         return fail(p, errno);
     bool good = true;

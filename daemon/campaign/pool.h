@@ -41,6 +41,7 @@ typedef struct pool_work {
     uint64_t count;
     unsigned jobs;    /* processes, 1 to POOL_JOBS_MAX */
     int64_t limit_ms; /* of real time for a line; 0: none */
+    bool once;        /* a line that took too long is not tried again */
 } pool_work;
 
 /* Returns false with errno when the work could not be done, or `take` has ended it (errno 0). */

@@ -52,14 +52,30 @@ static bool open_buses(scenario *s, FILE *messages)
     return good;
 }
 
+/* Buses: of a rig; none: the file says all. */
+static bool load(scenario *s, const cfg_file *file, const cfg_file *buses, size_t count,
+                 FILE *errors)
+{
+    if (count == 0)
+        return rig_load_either(&s->rig, &s->alone, file, errors);
+    s->rig = rig_load_given(file, buses, count, errors);
+    return s->rig;
+}
+
 scenario *scenario_open(const cfg_file *file, FILE *messages)
+{
+    return scenario_open_rig(file, NULL, 0, messages);
+}
+
+scenario *scenario_open_rig(const cfg_file *file, const cfg_file *buses, size_t count,
+                            FILE *messages)
 {
     FILE *nowhere = messages ? NULL : fopen("/dev/null", "re");
     scenario *s = calloc(1, sizeof *s);
     if (s)
         s->until = CW_NEVER;
     FILE *errors = messages ? messages : nowhere;
-    const bool good = s && errors && rig_load_either(&s->rig, &s->alone, file, errors) &&
+    const bool good = s && errors && load(s, file, buses, count, errors) &&
                       open_buses(s, messages);
     if (nowhere)
         (void)fclose(nowhere);

@@ -41,6 +41,10 @@ typedef struct scenario {
  * `messages`, NULL: nowhere. Returns NULL after errors. */
 scenario *scenario_open(const cfg_file *file, FILE *messages);
 
+/* Reads the text of a rig of which the buses are texts, too, by the names that the rig writes. */
+scenario *scenario_open_rig(const cfg_file *file, const cfg_file *buses, size_t count,
+                            FILE *messages);
+
 /* Frees it; NULL is allowed. */
 void scenario_close(scenario *s);
 

@@ -27,6 +27,8 @@ typedef struct rig_owner {
 typedef struct rig_walk {
     rig *rig;
     FILE *errors; /* of the files of buses */
+    const cfg_file *given; /* buses that are texts, by the names in the rig */
+    size_t given_count;
 } rig_walk;
 
 static schema_reader read_buses, read_gateways, read_name, read_between, read_rules, read_filter,
@@ -96,6 +98,18 @@ static void compare(schema *self, const schema_key *key, const yaml_node_t *item
         }
 }
 
+/* Loads a bus from its file, or from its text if that is given under the name in the rig. */
+static cfg *load_bus(const rig_walk *walk, const char *name, const char *file)
+{
+    for (size_t i = 0; i < walk->given_count; i++) {
+        const cfg_file *given = &walk->given[i];
+        if (strcmp(given->name, name) == 0)
+            return cfg_load_text(&(cfg_file){.name = file, .text = given->text,
+                                             .size = given->size}, walk->errors);
+    }
+    return cfg_load_regular(file, walk->errors);
+}
+
 static void read_bus(schema *self, const schema_key *key, const yaml_node_t *item)
 {
     const rig_walk *walk = self->user;
@@ -104,7 +118,7 @@ static void read_bus(schema *self, const schema_key *key, const yaml_node_t *ite
     const char *file = text ? cfg_resolve_path(self, r->file, text) : NULL;
     if (!file)
         return;
-    cfg *config = cfg_load_regular(file, walk->errors);
+    cfg *config = load_bus(walk, text, file);
     if (!config) {
         schema_complain(self, item, "%s: there are errors in '%s'", key->name, file);
         return;
@@ -295,11 +309,10 @@ static void check_loop(rig *r, diag *errors)
              frame, names, loop.gateways[0]->name);
 }
 
-static bool read_root(rig_owner *owner, yaml_document_t *document, diag *found, FILE *errors)
+static bool read_root(rig_owner *owner, rig_walk *walk, yaml_document_t *document, diag *found)
 {
-    rig_walk walk = {.rig = &owner->rig, .errors = errors};
     schema self = {
-        .errors = found, .arena = &owner->arena, .document = document, .user = &walk};
+        .errors = found, .arena = &owner->arena, .document = document, .user = walk};
     yaml_node_t *root = yaml_document_get_root_node(document);
 
     if (root)
@@ -350,19 +363,22 @@ bool rig_is_same(const char *file, const char *text, size_t size, FILE *errors)
     return same;
 }
 
-static rig *load(const cfg_file *file, FILE *errors)
+rig *rig_load_given(const cfg_file *file, const cfg_file *buses, size_t count, FILE *errors)
 {
     diag found = {.file.name = file->name};
     rig_owner *owner = calloc(1, sizeof *owner);
     yaml_document_t document;
+    rig_walk walk = {.errors = errors, .given = buses, .given_count = count};
     bool good = false;
 
+    if (owner)
+        walk.rig = &owner->rig;
     if (owner)
         owner->rig.file = arena_print(&owner->arena, "%s", file->name);
     if (!owner || !owner->rig.file)
         diag_add(&found, 0, 0, "out of memory");
     else if (load_document(&document, &owner->rig.text, &owner->rig.size, file, &found)) {
-        good = read_root(owner, &document, &found, errors);
+        good = read_root(owner, &walk, &document, &found);
         yaml_document_delete(&document);
     }
     diag_flush(&found, errors);
@@ -374,12 +390,12 @@ static rig *load(const cfg_file *file, FILE *errors)
 
 rig *rig_load(const char *file, FILE *errors)
 {
-    return load(&(cfg_file){.name = file}, errors);
+    return rig_load_given(&(cfg_file){.name = file}, NULL, 0, errors);
 }
 
 rig *rig_load_text(const cfg_file *file, FILE *errors)
 {
-    return load(file, errors);
+    return rig_load_given(file, NULL, 0, errors);
 }
 
 void rig_free(rig *self)

@@ -69,6 +69,10 @@ rig *rig_load(const char *file, FILE *errors);
 /* Does the same with a text; paths in it are relative to the directory of its name. */
 rig *rig_load_text(const cfg_file *file, FILE *errors);
 
+/* Does the same where the files of some buses are texts, too. Their names are those that the rig
+ * writes. */
+rig *rig_load_given(const cfg_file *file, const cfg_file *buses, size_t count, FILE *errors);
+
 /* Reads a rig, or the configuration of one bus, out of a file or of a text. The caller gets one of
  * both, to be freed. Returns false after errors. */
 bool rig_load_either(rig **several, cfg **alone, const cfg_file *file, FILE *errors);

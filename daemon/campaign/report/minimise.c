@@ -6,76 +6,115 @@
 
 #include "base/wall.h"
 #include "campaign/report/memory.h"
-#include "campaign/report/outline.h"
 #include "campaign/report/trial.h"
 #include "campaign/variant.h"
 
-#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define TRIALS_MAX 500u
 #define HALVINGS 16u
 #define NS_PER_US UINT64_C(1000)
+#define NS_PER_MS 1000000
 
 typedef struct work {
     const minimise_task *task;
     uint64_t without; /* factors whose values are those of the scenario, as a set */
-    outline outline;
+    bundle bundle;
     bool has_until;
     cfg_time until;
     bool has_seed;
     bool guarded; /* without faults the expectation is met */
+    char *unwell; /* of the last trial that did the same; owned */
+    bool keeps_unwell; /* it must stay */
+    bool late;    /* the deadline has cut a trial */
     unsigned trials;
 } work;
 
 static bool is_over(const work *w)
 {
-    return w->trials >= TRIALS_MAX || wall_ns() >= w->task->deadline_ns;
+    return w->late || w->trials >= TRIALS_MAX || wall_ns() >= w->task->deadline_ns;
 }
 
 /* ---- Trials ---------------------------------------------------------------------------------- */
 
-static trial_result run_text(work *w, const char *text)
+/* Returns the real time for a trial, in ms; 0: there is not enough, as a time-out needs its limit. */
+static int64_t allowed_ms(const work *w)
 {
     const minimise_task *task = w->task;
-    const trial t = {.name = task->name, .text = text, .has_until = w->has_until,
-                     .until = w->until, .has_seed = w->has_seed, .seed = task->seed,
-                     .limit_ms = task->limit_ms};
-    w->trials++;
-    return trial_run(&t, task->expectation, task->signs);
+    const int64_t left_ms = (task->deadline_ns - wall_ns()) / NS_PER_MS;
+    if (left_ms >= task->limit_ms)
+        return task->limit_ms;
+    return left_ms < 0 || task->class == CLASS_TIMEOUT ? 0 : left_ms;
 }
 
-static trial_result run_outline(work *w, const outline *o, bool without_faults)
+/* A trial that the deadline has cut says nothing. */
+static trial_result run_text(work *w, const bundle_text *text)
 {
-    char *text = outline_text(o, without_faults, NULL);
-    const trial_result result = text ? run_text(w, text) : (trial_result){.class = CLASS_BROKEN};
-    free(text);
+    const minimise_task *task = w->task;
+    const trial t = {.name = w->bundle.file, .text = text, .has_until = w->has_until,
+                     .until = w->until, .has_seed = w->has_seed, .seed = task->seed,
+                     .limit_ms = allowed_ms(w)};
+    trial_result found = {.class = CLASS_BROKEN};
+    w->late = w->late || t.limit_ms == 0;
+    if (w->late)
+        return found;
+    w->trials++;
+    found = trial_run(&t, task->expectation, task->signs);
+    if (found.class == CLASS_TIMEOUT && t.limit_ms < task->limit_ms) {
+        w->late = true;
+        found.class = CLASS_BROKEN;
+    }
+    return found;
+}
+
+/* The caller frees the result. */
+static trial_result run(work *w, bool without_faults)
+{
+    bundle_text text;
+    const trial_result result = bundle_write(&text, &w->bundle, without_faults, false)
+                                    ? run_text(w, &text)
+                                    : (trial_result){.class = CLASS_BROKEN};
+    bundle_text_free(&text);
     return result;
 }
 
 /* Returns true when all is well without the faults. */
-static bool is_well_without_faults(work *w, const outline *o)
+static bool is_well_without_faults(work *w)
 {
-    const trial_result found = run_outline(w, o, true);
+    trial_result found = run(w, true);
+    trial_result_free(&found);
     if (w->task->expectation)
         return found.class < CLASS_TIMEOUT && !found.failed;
     return found.class == CLASS_NO_EFFECT;
 }
 
-/* Returns true when a scenario does the same. */
-static bool does_the_same(work *w, const outline *o)
+static bool is_same(const char *a, const char *b)
 {
-    const trial_result found = run_outline(w, o, false);
-    return found.class == w->task->class && found.degraded == w->task->degraded &&
-           (!w->task->expectation || found.failed) &&
-           (!w->guarded || is_well_without_faults(w, o));
+    return a && b ? strcmp(a, b) == 0 : a == b;
+}
+
+/* Returns true when the scenario does the same. */
+static bool does_the_same(work *w)
+{
+    trial_result found = run(w, false);
+    const bool same = found.class == w->task->class && found.degraded == w->task->degraded &&
+                      (!w->task->expectation || found.failed) &&
+                      (!w->keeps_unwell || is_same(found.unwell, w->unwell)) &&
+                      (!w->guarded || is_well_without_faults(w));
+    if (!same) {
+        trial_result_free(&found);
+        return false;
+    }
+    free(w->unwell);
+    w->unwell = found.unwell;
+    return true;
 }
 
 /* ---- Factors --------------------------------------------------------------------------------- */
 
 /* Loads the scenario with the values of some factors. */
-static bool load(work *w, outline *o, uint64_t without)
+static bool load(work *w, uint64_t without)
 {
     const minimise_task *task = w->task;
     rowtext text = {.no_memory = false};
@@ -83,8 +122,9 @@ static bool load(work *w, outline *o, uint64_t without)
         variant_text_without(&text, task->campaign, task->choices, without);
     else
         rowtext_put(&text, task->text);
-    const bool good = !text.no_memory && outline_load(o, buffer_first(&text.bytes),
-                                                      buffer_length(&text.bytes));
+    const bool good = !text.no_memory && bundle_load(&w->bundle, task->name,
+                                                     buffer_first(&text.bytes),
+                                                     buffer_length(&text.bytes));
     rowtext_free(&text);
     return good;
 }
@@ -94,16 +134,16 @@ static void drop_factor(work *w, size_t i)
 {
     const bool is_seed = w->task->campaign->factors[i].is_seed;
     const uint64_t without = w->without | UINT64_C(1) << i;
-    outline shorter = {.loaded = false};
     const bool had_seed = w->has_seed;
+    bundle before = w->bundle;
     w->has_seed = w->has_seed && !is_seed;
-    if (load(w, &shorter, without) && does_the_same(w, &shorter)) {
-        outline_free(&w->outline);
-        w->outline = shorter;
+    if (load(w, without) && does_the_same(w)) {
+        bundle_free(&before);
         w->without = without;
         return;
     }
-    outline_free(&shorter);
+    bundle_free(&w->bundle);
+    w->bundle = before;
     w->has_seed = had_seed;
 }
 
@@ -131,31 +171,52 @@ static size_t leave_out(outline *o, const outline_list *list, size_t *at, size_t
 }
 
 /* Tries all runs of `count` items. */
-static void drop_runs(work *w, const outline_list *list, size_t count, size_t items[])
+static void drop_runs(work *w, outline *o, const outline_list *list, size_t count, size_t items[])
 {
     for (size_t at = 0; !is_over(w);) {
-        const size_t found = leave_out(&w->outline, list, &at, count, items);
+        const size_t found = leave_out(o, list, &at, count, items);
         if (found == 0)
             break;
-        if (does_the_same(w, &w->outline))
+        if (does_the_same(w))
             continue;
         for (size_t i = 0; i < found; i++)
-            w->outline.left_out[items[i]] = false;
+            o->left_out[items[i]] = false;
     }
+}
+
+static void drop_from_list(work *w, outline *o, const outline_list *list, size_t items[])
+{
+    size_t count = 0;
+    while (!outline_is_gone(o, list) && outline_item(list, count) != 0)
+        count++;
+    for (; count > 0; count /= 2)
+        drop_runs(w, o, list, count, items);
+}
+
+static void drop_from(work *w, outline *o, outline_kind kind)
+{
+    size_t *items = memory_list(NULL, o->nodes, sizeof *items);
+    for (size_t i = 0; i < o->list_count; i++)
+        if (o->lists[i].kind == kind)
+            drop_from_list(w, o, &o->lists[i], items);
+    free(items);
 }
 
 static void drop_items(work *w, outline_kind kind)
 {
-    size_t *items = memory_list(NULL, w->outline.nodes, sizeof *items);
-    for (size_t i = 0; i < w->outline.list_count; i++) {
-        const outline_list *list = &w->outline.lists[i];
-        size_t count = 0;
-        while (list->kind == kind && outline_item(list, count) != 0)
-            count++;
-        for (; count > 0; count /= 2)
-            drop_runs(w, list, count, items);
-    }
-    free(items);
+    bool gone = false;
+    outline *o;
+    for (size_t i = 0; (o = bundle_document(&w->bundle, i, &gone)) || gone; i++)
+        if (o)
+            drop_from(w, o, kind);
+}
+
+/* Leaves out what brings frames. */
+static void drop_traffic(work *w)
+{
+    drop_items(w, OUTLINE_GATEWAYS);
+    drop_items(w, OUTLINE_BUSES);
+    drop_items(w, OUTLINE_TRAFFIC);
 }
 
 /* ---- Time ------------------------------------------------------------------------------------ */
@@ -166,7 +227,7 @@ static bool try_until(work *w, uint64_t us)
     const cfg_time before = w->until;
     w->has_until = true;
     w->until = (cfg_time){.ns = us * NS_PER_US};
-    if (does_the_same(w, &w->outline))
+    if (does_the_same(w))
         return true;
     w->has_until = had;
     w->until = before;
@@ -189,60 +250,83 @@ static void shorten(work *w)
 
 /* ---- All of it ------------------------------------------------------------------------------- */
 
-/* Names of files in the text stay what they mean where the text is written to. */
-static char *folder_of(const char *name)
+/* A rig of which one bus is left becomes this bus. */
+static void leave_rig(work *w)
 {
-    char real[PATH_MAX];
-    if (!realpath(name, real))
-        return memory_text(".");
-    *strrchr(real, '/') = '\0';
-    return memory_text(real);
+    bundle single;
+    bundle several = w->bundle;
+    if (is_over(w) || !bundle_is_single(&several))
+        return;
+    bundle_promote(&single, &several);
+    w->bundle = single;
+    if (does_the_same(w)) {
+        bundle_free(&several);
+        return;
+    }
+    bundle_demote(&w->bundle, &several);
+    w->bundle = several;
 }
 
-static minimised result_of(const work *w)
+static minimised result_of(const work *w, bool tried)
 {
-    char *folder = folder_of(w->task->name);
-    const minimised result = {.text = outline_text(&w->outline, false, folder),
-                              .rules = outline_count(&w->outline, OUTLINE_FAULTS),
-                              .traffic = outline_count(&w->outline, OUTLINE_TRAFFIC),
-                              .has_until = w->has_until,
-                              .until_ns = w->until.ns,
-                              .has_seed = w->has_seed,
-                              .whole = !is_over(w)};
-    free(folder);
+    minimised result = {.tried = tried,
+                        .rules = bundle_count(&w->bundle, OUTLINE_FAULTS),
+                        .traffic = bundle_count(&w->bundle, OUTLINE_TRAFFIC),
+                        .has_until = w->has_until,
+                        .until_ns = w->until.ns,
+                        .has_seed = w->has_seed,
+                        .whole = tried && !is_over(w)};
+    if (!bundle_write(&result.text, &w->bundle, false, true))
+        bundle_text_free(&result.text);
     return result;
 }
 
 /* A failure that does not depend on faults must not come from a lack of traffic or of time. A bad
- * state in the end must be there without the cut, too: traffic goes before it. */
+ * state in the end must be there without the cut, too: traffic goes before it. A rule may go with
+ * the first times in such a state; traffic, which lets a node recover, may not. */
 static void make_short(work *w)
 {
     const bool free_to = w->guarded || w->task->class >= CLASS_TIMEOUT;
     const bool has_end = (w->task->degraded & DEGRADED_STATE) != 0;
+    w->keeps_unwell = has_end;
     drop_factors(w);
+    w->keeps_unwell = false;
     drop_items(w, OUTLINE_FAULTS);
+    w->keeps_unwell = has_end;
     if (free_to)
-        drop_items(w, OUTLINE_TRAFFIC);
+        drop_traffic(w);
     drop_items(w, OUTLINE_EXPECT);
     if (free_to && has_end)
-        drop_items(w, OUTLINE_TRAFFIC);
+        drop_traffic(w);
     if (w->guarded)
         shorten(w);
     if (free_to && !has_end)
-        drop_items(w, OUTLINE_TRAFFIC);
+        drop_traffic(w);
+    leave_rig(w);
+}
+
+/* Returns true when the faults alone make it fail. */
+static bool depends_on_faults(work *w)
+{
+    return bundle_count(&w->bundle, OUTLINE_FAULTS) > 0 && w->task->class < CLASS_TIMEOUT &&
+           is_well_without_faults(w);
 }
 
 minimised minimise(const minimise_task *task)
 {
-    work w = {.task = task, .has_until = task->has_until, .until = task->until,
-              .has_seed = task->has_seed};
-    minimised result = {.text = NULL};
-    if (load(&w, &w.outline, 0) && does_the_same(&w, &w.outline)) {
-        w.guarded = outline_count(&w.outline, OUTLINE_FAULTS) > 0 &&
-                    task->class < CLASS_TIMEOUT && is_well_without_faults(&w, &w.outline);
-        make_short(&w);
-        result = result_of(&w);
-    }
-    outline_free(&w.outline);
+    work *w = memory_list(NULL, 1, sizeof *w);
+    *w = (work){.task = task, .has_until = task->has_until, .until = task->until,
+                .has_seed = task->has_seed};
+    minimised result = {.tried = false};
+    const bool loaded = load(w, 0);
+    if (loaded && does_the_same(w)) {
+        w->guarded = depends_on_faults(w);
+        make_short(w);
+        result = result_of(w, true);
+    } else if (loaded && w->late)
+        result = result_of(w, false);
+    bundle_free(&w->bundle);
+    free(w->unwell);
+    free(w);
     return result;
 }

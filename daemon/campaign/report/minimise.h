@@ -3,13 +3,15 @@
  * minimise.h - makes a scenario shorter as long as it does the same (delta debugging).
  *
  * A shorter scenario has the same class, and the same expectation fails. A degraded one is so for
- * the same reasons: no node is in a bad state just because the run ends too early. Without its
- * fault rules that expectation is met, if this was so in the beginning: what fails then is due to
- * the faults.
+ * the same reasons. Where nodes are not error-active in the end, they are those that are it
+ * without the cut, and for the last time: no node is in a bad state just because the run ends
+ * before it recovers. Without its fault rules the expectation is met, if this was so in the
+ * beginning: what fails then is due to the faults.
  */
 #ifndef CANWIRE_CAMPAIGN_REPORT_MINIMISE_H
 #define CANWIRE_CAMPAIGN_REPORT_MINIMISE_H
 
+#include "campaign/report/bundle.h"
 #include "campaign/report/row.h"
 #include "campaign/sample.h"
 
@@ -29,11 +31,12 @@ typedef struct minimise_task {
     const char *expectation;  /* NULL: none has failed */
     const row_signs *signs;
     int64_t limit_ms;         /* of real time for a run */
-    int64_t deadline_ns;      /* of wall_ns(): it is then as short as it has become */
+    int64_t deadline_ns;      /* of wall_ns(), when it ends, with what it has then */
 } minimise_task;
 
 typedef struct minimised {
-    char *text; /* of the scenario; NULL: it does not do the same again */
+    bundle_text text; /* of the scenario; without a main one it does not do the same again */
+    bool tried;       /* it has been run again, and does the same */
     size_t rules;
     size_t traffic;
     bool has_until;
@@ -42,7 +45,7 @@ typedef struct minimised {
     bool whole; /* the deadline has not come before the end */
 } minimised;
 
-/* Makes it short. The caller frees the text. */
+/* Makes it short. The caller frees the texts. */
 minimised minimise(const minimise_task *task);
 
 #endif

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * outline.c - a scenario of which items of lists are left out: rules, traffic, expectations.
+ * outline.c - a scenario of which items of lists are left out: rules, traffic, expectations,
+ * gateways. It is a bus or a rig.
  */
 #include "campaign/report/outline.h"
 
@@ -40,26 +41,39 @@ static bool is_list(const yaml_node_t *node)
     return node && node->type == YAML_SEQUENCE_NODE;
 }
 
-static void add_list(outline *o, const yaml_node_t *node, outline_kind kind)
+static void add_list(outline *o, const yaml_node_t *node, outline_kind kind, size_t owner)
 {
     if (is_list(node) && o->list_count < OUTLINE_LISTS_MAX)
-        o->lists[o->list_count++] = (outline_list){.kind = kind, .node = node};
+        o->lists[o->list_count++] =
+            (outline_list){.kind = kind, .node = node, .owner = owner};
 }
 
-static void find_lists(outline *o)
+/* Adds a list of each item of a list. */
+static void add_inner_lists(outline *o, const yaml_node_t *outer, const char *key,
+                            outline_kind kind)
 {
-    const yaml_node_t *root = yaml_document_get_root_node(&o->document);
-    const yaml_node_t *nodes = find(o, root, "nodes");
-    add_list(o, find(o, root, "faults"), OUTLINE_FAULTS);
-    add_list(o, find(o, root, "profiles"), OUTLINE_FAULTS);
-    for (size_t i = 0; is_list(nodes); i++) {
-        const size_t item = outline_item(&(outline_list){.node = nodes}, i);
+    for (size_t i = 0; is_list(outer); i++) {
+        const size_t item = outline_item(&(outline_list){.node = outer}, i);
         if (item == 0)
             break;
-        add_list(o, find(o, yaml_document_get_node(&o->document, (int)item), "traffic"),
-                 OUTLINE_TRAFFIC);
+        add_list(o, find(o, yaml_document_get_node(&o->document, (int)item), key), kind, item);
     }
-    add_list(o, find(o, root, "expect"), OUTLINE_EXPECT);
+}
+
+static void find_lists(outline *o, const yaml_node_t *root)
+{
+    add_list(o, find(o, root, "faults"), OUTLINE_FAULTS, 0);
+    add_list(o, find(o, root, "profiles"), OUTLINE_FAULTS, 0);
+    add_inner_lists(o, find(o, root, "nodes"), "traffic", OUTLINE_TRAFFIC);
+    add_list(o, find(o, root, "expect"), OUTLINE_EXPECT, 0);
+}
+
+static void find_lists_of_rig(outline *o, const yaml_node_t *root)
+{
+    const yaml_node_t *gateways = find(o, root, "gateways");
+    add_list(o, gateways, OUTLINE_GATEWAYS, 0);
+    add_inner_lists(o, gateways, "rules", OUTLINE_GATEWAYS);
+    add_list(o, find(o, root, "buses"), OUTLINE_BUSES, 0);
 }
 
 bool outline_load(outline *o, const char *text, size_t size)
@@ -77,8 +91,15 @@ bool outline_load(outline *o, const char *text, size_t size)
     o->nodes = (size_t)(o->document.nodes.top - o->document.nodes.start);
     o->left_out = memory_list(NULL, o->nodes + 1, sizeof *o->left_out);
     memset(o->left_out, 0, (o->nodes + 1) * sizeof *o->left_out);
-    find_lists(o);
-    return find(o, yaml_document_get_root_node(&o->document), "bus") != NULL;
+    o->renamed = memory_list(NULL, o->nodes + 1, sizeof *o->renamed);
+    memset(o->renamed, 0, (o->nodes + 1) * sizeof *o->renamed);
+    const yaml_node_t *root = yaml_document_get_root_node(&o->document);
+    o->is_rig = is_list(find(o, root, "buses"));
+    if (o->is_rig)
+        find_lists_of_rig(o, root);
+    else
+        find_lists(o, root);
+    return o->is_rig || find(o, root, "bus") != NULL;
 }
 
 void outline_free(outline *o)
@@ -86,6 +107,7 @@ void outline_free(outline *o)
     if (o->loaded)
         yaml_document_delete(&o->document);
     free(o->left_out);
+    free(o->renamed);
     *o = (outline){.loaded = false};
 }
 
@@ -106,11 +128,24 @@ static size_t count_items(const outline *o, const outline_list *list)
     return count;
 }
 
+const outline_list *outline_buses(const outline *o)
+{
+    for (size_t i = 0; i < o->list_count; i++)
+        if (o->lists[i].kind == OUTLINE_BUSES)
+            return &o->lists[i];
+    return NULL;
+}
+
+bool outline_is_gone(const outline *o, const outline_list *list)
+{
+    return list->owner != 0 && o->left_out[list->owner];
+}
+
 size_t outline_count(const outline *o, outline_kind kind)
 {
     size_t count = 0;
     for (size_t i = 0; i < o->list_count; i++)
-        if (o->lists[i].kind == kind)
+        if (o->lists[i].kind == kind && !outline_is_gone(o, &o->lists[i]))
             count += count_items(o, &o->lists[i]);
     return count;
 }
@@ -153,14 +188,23 @@ static bool has_lines(const writer *w, const yaml_node_t *node)
     return w->depth == 0 || (w->depth == 1 && is_list(node));
 }
 
+/* Returns what stands for a text in another folder, to be freed; NULL: itself. */
+static char *moved_text(const writer *w, const yaml_node_t *node)
+{
+    const char *value = (const char *)node->data.scalar.value;
+    if (!w->folder)
+        return NULL;
+    const char *renamed = w->outline->renamed[node - w->outline->document.nodes.start + 1];
+    if (renamed)
+        return memory_text(renamed);
+    return w->is_path && *value != '/' ? memory_print("%s/%s", w->folder, value) : NULL;
+}
+
 static void begin_scalar(writer *w, const yaml_node_t *node)
 {
     yaml_event_t event;
-    const char *value = (const char *)node->data.scalar.value;
-    char *path = w->is_path && w->folder && *value != '/'
-                     ? memory_print("%s/%s", w->folder, value)
-                     : NULL;
-    const char *text = path ? path : value;
+    char *path = moved_text(w, node);
+    const char *text = path ? path : (const char *)node->data.scalar.value;
     emit(w, &event, yaml_scalar_event_initialize(&event, NULL, NULL, (yaml_char_t *)text,
                                                  (int)strlen(text), 1, 1,
                                                  node->data.scalar.style));

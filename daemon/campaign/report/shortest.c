@@ -11,13 +11,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define NS_PER_MS INT64_C(1000000)
+
 /* ---- Lists ----------------------------------------------------------------------------------- */
 
 static void forget(shortest_scenario *one)
 {
     free(one->expectation);
     free(one->repeat);
-    free(one->found.text);
+    bundle_text_free(&one->found.text);
 }
 
 static uint64_t size_of(const shortest_scenario *one)
@@ -38,7 +40,7 @@ static bool is_shorter(const shortest_scenario *a, const shortest_scenario *b)
 static bool make_way(shortest *s, size_t begin, const shortest_scenario *one)
 {
     for (size_t i = begin; i < s->count; i++) {
-        if (strcmp(s->list[i].found.text, one->found.text) != 0)
+        if (!bundle_text_equals(&s->list[i].found.text, &one->found.text))
             continue;
         if (!is_shorter(one, &s->list[i]))
             return false;
@@ -90,15 +92,28 @@ static minimise_task task_of(const minimise_task *common, const candidate *c, ro
     return task;
 }
 
-static void add_class(shortest *s, const report *r, row_class class, const minimise_task *common)
+/* Returns the deadline of a row of which others follow. Each gets an equal part of the time that is
+ * left, but a time-out, which takes its limit, as much as there is. */
+static int64_t deadline_of(const minimise_task *common, row_class class, size_t rows_left,
+                           int64_t end_ns)
+{
+    const int64_t now = wall_ns();
+    const int64_t left = end_ns > now ? end_ns - now : 0;
+    const int64_t part = left / (int64_t)rows_left;
+    return now + (class == CLASS_TIMEOUT && part < common->limit_ms * NS_PER_MS ? left : part);
+}
+
+static void add_class(shortest *s, const report *r, row_class class, const minimise_task *common,
+                      int64_t end_ns)
 {
     const candidates *all = &r->candidates[class];
     const size_t begin = s->count;
     for (size_t i = 0; i < all->count; i++) {
         const candidate *c = &all->list[i];
-        const minimise_task task = task_of(common, c, class);
+        minimise_task task = task_of(common, c, class);
+        task.deadline_ns = deadline_of(common, class, all->count - i, end_ns);
         const minimised found = minimise(&task);
-        if (!found.text) {
+        if (!found.text.main) {
             s->others++;
             continue;
         }
@@ -110,7 +125,7 @@ static void add_class(shortest *s, const report *r, row_class class, const minim
 }
 
 /* Each class gets an equal part of the time that is left. */
-static void add_classes(shortest *s, const report *r, minimise_task *common, int64_t end_ns)
+static void add_classes(shortest *s, const report *r, const minimise_task *common, int64_t end_ns)
 {
     static const row_class order[] = {CLASS_UNDETECTED, CLASS_DETECTED, CLASS_DEGRADED,
                                       CLASS_CRASHED, CLASS_TIMEOUT};
@@ -121,9 +136,9 @@ static void add_classes(shortest *s, const report *r, minimise_task *common, int
         if (r->candidates[order[i]].count == 0)
             continue;
         const int64_t now = wall_ns();
-        common->deadline_ns = now + (end_ns > now ? (end_ns - now) / (int64_t)left : 0);
+        const int64_t part = end_ns > now ? (end_ns - now) / (int64_t)left : 0;
         left--;
-        add_class(s, r, order[i], common);
+        add_class(s, r, order[i], common, now + part);
     }
 }
 

@@ -183,21 +183,48 @@ static bool write_file(const char *name, report_writer *write, const report_view
     return rowfile_close(&file, good) && good;
 }
 
-/* Writes a scenario into a file of the folder. */
-static bool write_scenario(const report_view *v, size_t i, const char *folder)
+static bool make_folder(const char *name)
+{
+    if (mkdir(name, FOLDER_MODE) == 0 || errno == EEXIST)
+        return true;
+    plain_print(stderr, "canwire campaign: %s: %s\n", name, strerror(errno));
+    return false;
+}
+
+/* Writes a text into a file of the folder. */
+static bool write_text(const char *folder, const char *name, const char *text)
 {
     rowfile file;
-    char *name = report_scenario_name(v->shortest, i);
     char *path = memory_print("%s/%s", folder, name);
-    char *text = report_scenario_text(v->report, v->shortest, i);
     const bool good = rowfile_open(&file, path, false, NULL, NULL);
     if (good)
         fputs(text, file.stream);
     const bool closed = rowfile_close(&file, good);
-    free(name);
     free(path);
-    free(text);
     return closed && good;
+}
+
+/* A rig and its buses have a folder of their own. */
+static bool write_buses(const bundle_text *t, const char *folder, const char *name)
+{
+    char *inner = memory_print("%s/%.*s", folder, (int)(strchr(name, '/') - name), name);
+    bool good = make_folder(inner);
+    for (size_t i = 0; i < t->count && good; i++)
+        good = write_text(inner, t->buses[i].name, t->buses[i].text);
+    free(inner);
+    return good;
+}
+
+static bool write_scenario(const report_view *v, size_t i, const char *folder)
+{
+    const bundle_text *buses = &v->shortest->list[i].found.text;
+    char *name = report_scenario_name(v->shortest, i);
+    char *text = report_scenario_text(v->report, v->shortest, i);
+    const bool good = (buses->count == 0 || write_buses(buses, folder, name)) &&
+                      write_text(folder, name, text);
+    free(name);
+    free(text);
+    return good;
 }
 
 static bool write_scenarios(const report_view *v, const char *folder)
@@ -261,15 +288,6 @@ static bool read_files(intake *in, char **files, int count)
     return good && intake_end(in);
 }
 
-/* Makes the folder of scenarios, unless it is there. */
-static bool make_folder(const options *o)
-{
-    if (!o->scenarios || mkdir(o->scenarios, FOLDER_MODE) == 0 || errno == EEXIST)
-        return true;
-    plain_print(stderr, "canwire campaign: %s: %s\n", o->scenarios, strerror(errno));
-    return false;
-}
-
 /* Without its programs a scenario does something else. */
 static bool can_have_scenarios(const intake *in, const options *o)
 {
@@ -303,7 +321,8 @@ int campaign_report(int argc, char **argv)
     intake in = {.campaign_file = o.campaign, .partial = o.partial, .ftti_ns = o.ftti_ns};
     char **files = argv + optind;
     const int count = argc - optind;
-    const bool good = check_outputs(&o, files, count) && make_folder(&o) &&
+    const bool good = check_outputs(&o, files, count) &&
+                      (!o.scenarios || make_folder(o.scenarios)) &&
                       read_files(&in, files, count) && check_sources(&o, &in) &&
                       can_have_scenarios(&in, &o) && write_report(&in, &o);
     intake_free(&in);

@@ -224,24 +224,41 @@ static void write_pairs(FILE *out, const report_view *v)
 
 /* ---- Scenarios ------------------------------------------------------------------------------- */
 
+static void write_note(FILE *out, const char *text)
+{
+    if (!text)
+        return;
+    fputs("<p>", out);
+    xml_text(out, text);
+    fputs("</p>\n", out);
+}
+
+static void write_scenario(FILE *out, const report_view *v, size_t i)
+{
+    const bundle_text *t = &v->shortest->list[i].found.text;
+    char *text = report_scenario_text(v->report, v->shortest, i);
+    fputs("<pre>", out);
+    xml_text(out, text);
+    for (size_t k = 0; k < t->count; k++) {
+        fprintf(out, "# %s\n", t->buses[k].name);
+        xml_text(out, t->buses[k].text);
+    }
+    fputs("</pre>\n", out);
+    free(text);
+}
+
 static void write_scenarios(FILE *out, const report_view *v)
 {
     const shortest *s = v->shortest;
+    char *others = report_others_text(s);
     fputs("<h2>The shortest scenarios</h2>\n", out);
-    if (s->why) {
-        fputs("<p>", out);
-        xml_text(out, s->why);
-        fputs("</p>\n", out);
-    }
-    for (size_t i = 0; i < s->count; i++) {
-        char *text = report_scenario_text(v->report, s, i);
-        fputs("<pre>", out);
-        xml_text(out, text);
-        fputs("</pre>\n", out);
-        free(text);
-    }
+    write_note(out, s->why);
+    for (size_t i = 0; i < s->count; i++)
+        write_scenario(out, v, i);
     if (s->count == 0 && !s->why)
         fputs("<p>There are none.</p>\n", out);
+    write_note(out, others);
+    free(others);
 }
 
 void campaign_report_html(FILE *out, const report_view *v)

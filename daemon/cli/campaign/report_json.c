@@ -221,6 +221,15 @@ static json_t *reasons_of(unsigned degraded)
     return list;
 }
 
+/* Returns the files of the buses of a rig, by their names in the rig. */
+static json_t *buses_of(const bundle_text *t)
+{
+    json_t *object = json_object();
+    for (size_t i = 0; i < t->count; i++)
+        put_text(object, t->buses[i].name, t->buses[i].text);
+    return object;
+}
+
 static json_t *scenario_of(const report_view *v, size_t i)
 {
     const shortest_scenario *one = &v->shortest->list[i];
@@ -235,10 +244,13 @@ static json_t *scenario_of(const report_view *v, size_t i)
     put(object, "degraded_by", reasons_of(one->degraded));
     put_count(object, "rules", one->found.rules);
     put_count(object, "traffic", one->found.traffic);
+    put_bool(object, "run_again", one->found.tried);
     put_bool(object, "minimised", one->found.whole);
     put_text(object, "command", command);
     put_text(object, "repeat", one->repeat);
     put_text(object, "yaml", text);
+    if (one->found.text.count > 0)
+        put(object, "buses", buses_of(&one->found.text));
     free(name);
     free(command);
     free(text);
@@ -252,6 +264,7 @@ static void put_scenarios(json_t *object, const report_view *v)
         put_last(list, scenario_of(v, i));
     put(object, "scenarios", list);
     put_text(object, "scenarios_missing", v->shortest->why);
+    put_count(object, "scenarios_not_repeated", v->shortest->others);
 }
 
 /* ---- All of it ------------------------------------------------------------------------------- */

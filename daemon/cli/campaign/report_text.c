@@ -215,6 +215,13 @@ static void write_coverage(FILE *out, const report *r)
 
 /* ---- Scenarios ------------------------------------------------------------------------------- */
 
+static const char *state_of(const shortest_scenario *one)
+{
+    if (!one->found.tried)
+        return " (not run again for lack of time)";
+    return one->found.whole ? "" : " (not as short as possible)";
+}
+
 static void write_scenario(FILE *out, const shortest *s, size_t i)
 {
     const shortest_scenario *one = &s->list[i];
@@ -222,6 +229,9 @@ static void write_scenario(FILE *out, const shortest *s, size_t i)
     plain_print(out, "  %s: %zu rule%s, %zu entr%s of traffic", name, one->found.rules,
                 one->found.rules == 1 ? "" : "s", one->found.traffic,
                 one->found.traffic == 1 ? "y" : "ies");
+    if (one->found.text.count > 0)
+        fprintf(out, ", %zu bus%s", one->found.text.count,
+                one->found.text.count == 1 ? "" : "es");
     if (one->found.has_until)
         fprintf(out, ", %s ms", decimal(one->found.until_ns, 6).text);
     char *why = report_scenario_why(one);
@@ -229,7 +239,7 @@ static void write_scenario(FILE *out, const shortest *s, size_t i)
     if (*why)
         plain_print(out, "; %s", why + strlen(": "));
     free(why);
-    fprintf(out, "%s\n", one->found.whole ? "" : " (not as short as possible)");
+    fprintf(out, "%s\n", state_of(one));
     free(name);
 }
 
@@ -238,8 +248,10 @@ static void write_scenarios(FILE *out, const shortest *s)
     fputs("\nthe shortest scenarios\n", out);
     for (size_t i = 0; i < s->count; i++)
         write_scenario(out, s, i);
-    if (s->others > 0)
-        fprintf(out, "  %u more were run again, and did not do the same or are rigs\n", s->others);
+    char *others = report_others_text(s);
+    if (others)
+        fprintf(out, "  %s\n", others);
+    free(others);
     if (s->why)
         plain_print(out, "  %s\n", s->why);
     else if (s->count == 0)

@@ -109,7 +109,8 @@ char *report_scenario_name(const shortest *s, size_t i)
     for (size_t k = 0; k < i; k++)
         number += s->list[k].class == s->list[i].class;
     const char *word = words[s->list[i].class];
-    return memory_print("%s-%zu.yaml", word ? word : "row", number);
+    return memory_print("%s-%zu%s.yaml", word ? word : "row", number,
+                        s->list[i].found.text.count > 0 ? "/rig" : "");
 }
 
 char *report_scenario_command(const shortest *s, size_t i, const char *file)
@@ -147,6 +148,21 @@ char *report_scenario_why(const shortest_scenario *one)
     return why;
 }
 
+char *report_others_text(const shortest *s)
+{
+    if (s->others == 0)
+        return NULL;
+    return memory_print("%u more %s run again, and did not do the same. Have files changed since?",
+                        s->others, s->others == 1 ? "was" : "were");
+}
+
+const char *report_scenario_state(const shortest_scenario *one)
+{
+    if (!one->found.tried)
+        return ", not run again for lack of time";
+    return one->found.whole ? ", minimised" : "";
+}
+
 char *report_scenario_text(const report *r, const shortest *s, size_t i)
 {
     const shortest_scenario *one = &s->list[i];
@@ -155,11 +171,11 @@ char *report_scenario_text(const report *r, const shortest *s, size_t i)
     char *why = report_scenario_why(one);
     char *head = memory_print("# %s%s\n# %s %" PRIu64 " of %s%s\n# %s\n", class_name(one->class),
                               why, r->source.is_campaign ? "row" : "seed", one->number,
-                              r->source.file, one->found.whole ? ", minimised" : "", command);
+                              r->source.file, report_scenario_state(one), command);
     for (char *at = head; *at; at++) /* names may have ends of lines */
         if (*at == '\n' && at[1] != '\0' && strncmp(at + 1, "# ", 2) != 0)
             *at = ' ';
-    char *text = memory_print("%s%s", head, one->found.text);
+    char *text = memory_print("%s%s", head, one->found.text.main);
     free(name);
     free(command);
     free(why);

@@ -44,11 +44,18 @@ uint32_t *report_worst_values(size_t *count, const dimension *d);
 /* Returns "FACTOR with FACTOR", to be freed. */
 char *report_pair_name(const report *r, size_t i, size_t k);
 
-/* Returns the name of a file for scenario i: its class and its number there, to be freed. */
+/* Returns the name of a file for scenario i: its class and its number there, to be freed. A rig has
+ * a folder of its own. */
 char *report_scenario_name(const shortest *s, size_t i);
 
 /* Returns ": " with the expectation that fails, or why it is degraded, or "", to be freed. */
 char *report_scenario_why(const shortest_scenario *one);
+
+/* Returns what the report has done with it, in the comment of its YAML. */
+const char *report_scenario_state(const shortest_scenario *one);
+
+/* Returns a sentence about rows that are no scenarios, to be freed; NULL: there are none. */
+char *report_others_text(const shortest *s);
 
 /* Returns its YAML with the command that runs it, as a comment before it, to be freed. */
 char *report_scenario_text(const report *r, const shortest *s, size_t i);
