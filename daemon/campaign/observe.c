@@ -20,11 +20,11 @@ static void note_counters(observation *seen, const cw_event *event)
 
 static void note_state(observation *seen, const cw_event *event)
 {
-    const uint64_t fresh = event->state == CW_STATE_ERROR_ACTIVE ? 0 : event->nodes & ~seen->unwell;
-    for (uint64_t rest = fresh; rest; rest &= rest - 1)
-        seen->spells[__builtin_ctzll(rest)]++;
-    seen->unwell = event->state == CW_STATE_ERROR_ACTIVE ? seen->unwell & ~event->nodes
-                                                         : seen->unwell | event->nodes;
+    const bool active = event->state == CW_STATE_ERROR_ACTIVE;
+    const uint64_t changed = active ? event->nodes & seen->unwell : event->nodes & ~seen->unwell;
+    for (uint64_t rest = changed; rest; rest &= rest - 1)
+        (active ? seen->back_tick : seen->left_tick)[__builtin_ctzll(rest)] = event->tick;
+    seen->unwell ^= changed;
 }
 
 /* Off the grid a node samples by its own clock. So its error may come up to a bit time of the bus

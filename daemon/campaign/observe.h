@@ -23,8 +23,9 @@ typedef struct observation {
     /* Of the first error that may come from this hit. It is at or after the hit, or at it for one
      * in the bit before it off the grid. */
     uint64_t later_tick;
-    uint64_t unwell;                /* nodes that are not error-active, as a set ... */
-    uint32_t spells[CW_NODES_MAX];  /* ... and how often each has become so */
+    uint64_t unwell;                /* nodes that are not error-active, as a set */
+    uint64_t left_tick[CW_NODES_MAX]; /* when each has last ceased to be error-active */
+    uint64_t back_tick[CW_NODES_MAX]; /* ... and when it has last become so again */
     uint16_t tec_max[CW_NODES_MAX]; /* of events; see observe_end() */
     uint16_t rec_max[CW_NODES_MAX];
 } observation;

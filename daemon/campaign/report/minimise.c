@@ -25,8 +25,7 @@ typedef struct work {
     cfg_time until;
     bool has_seed;
     bool guarded; /* without faults the expectation is met */
-    char *unwell; /* of the last trial that did the same; owned */
-    bool keeps_unwell; /* it must stay */
+    json_t *spells; /* of the row, see trial.h; owned */
     bool late;    /* the deadline has cut a trial */
     unsigned trials;
 } work;
@@ -89,26 +88,18 @@ static bool is_well_without_faults(work *w)
     return found.class == CLASS_NO_EFFECT;
 }
 
-static bool is_same(const char *a, const char *b)
-{
-    return a && b ? strcmp(a, b) == 0 : a == b;
-}
-
 /* Returns true when the scenario does the same. */
 static bool does_the_same(work *w)
 {
     trial_result found = run(w, false);
     const bool same = found.class == w->task->class && found.degraded == w->task->degraded &&
                       (!w->task->expectation || found.failed) &&
-                      (!w->keeps_unwell || is_same(found.unwell, w->unwell)) &&
+                      trial_ends_like(&found, w->spells) &&
                       (!w->guarded || is_well_without_faults(w));
-    if (!same) {
-        trial_result_free(&found);
-        return false;
-    }
-    free(w->unwell);
-    w->unwell = found.unwell;
-    return true;
+    if (same && !w->spells)
+        w->spells = json_incref(found.spells); /* the row itself */
+    trial_result_free(&found);
+    return same;
 }
 
 /* ---- Factors --------------------------------------------------------------------------------- */
@@ -282,17 +273,13 @@ static minimised result_of(const work *w, bool tried)
 }
 
 /* A failure that does not depend on faults must not come from a lack of traffic or of time. A bad
- * state in the end must be there without the cut, too: traffic goes before it. A rule may go with
- * the first times in such a state; traffic, which lets a node recover, may not. */
+ * state in the end must be there without the cut, too: traffic goes before it. */
 static void make_short(work *w)
 {
     const bool free_to = w->guarded || w->task->class >= CLASS_TIMEOUT;
     const bool has_end = (w->task->degraded & DEGRADED_STATE) != 0;
-    w->keeps_unwell = has_end;
     drop_factors(w);
-    w->keeps_unwell = false;
     drop_items(w, OUTLINE_FAULTS);
-    w->keeps_unwell = has_end;
     if (free_to)
         drop_traffic(w);
     drop_items(w, OUTLINE_EXPECT);
@@ -326,7 +313,7 @@ minimised minimise(const minimise_task *task)
     } else if (loaded && w->late)
         result = result_of(w, false);
     bundle_free(&w->bundle);
-    free(w->unwell);
+    json_decref(w->spells);
     free(w);
     return result;
 }

@@ -3,10 +3,10 @@
  * minimise.h - makes a scenario shorter as long as it does the same (delta debugging).
  *
  * A shorter scenario has the same class, and the same expectation fails. A degraded one is so for
- * the same reasons. Where nodes are not error-active in the end, they are those that are it
- * without the cut, and for the last time: no node is in a bad state just because the run ends
- * before it recovers. Without its fault rules the expectation is met, if this was so in the
- * beginning: what fails then is due to the faults.
+ * the same reasons. No node is in a bad state in the end just because the run, or the traffic, ends
+ * before it recovers: it has come into that state later than it became error-active in the row for
+ * the last time. Without its fault rules the expectation is met, if this was so in the beginning:
+ * what fails then is due to the faults.
  */
 #ifndef CANWIRE_CAMPAIGN_REPORT_MINIMISE_H
 #define CANWIRE_CAMPAIGN_REPORT_MINIMISE_H

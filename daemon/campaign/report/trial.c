@@ -8,10 +8,11 @@
 #include "campaign/report/memory.h"
 #include "campaign/tally.h"
 
+#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define UNWELL "unwell"
+#define SPELLS "spells"
 
 typedef struct trying {
     const trial *trial;
@@ -45,32 +46,37 @@ static scenario *open_scenario(const trial *t)
     return NULL;
 }
 
-static void put_unwell(rowtext *out, const scenario_bus *b)
+static void put_spells(rowtext *out, const scenario_bus *b)
 {
-    for (uint64_t rest = b->seen.unwell; rest; rest &= rest - 1) {
-        const unsigned node = (unsigned)__builtin_ctzll(rest);
-        char *line = memory_print("%s:%s %u\n", b->config->bus_name, b->config->nodes[node].name,
-                                  (unsigned)b->seen.spells[node]);
-        rowtext_put(out, line);
-        free(line);
+    const observation *seen = &b->seen;
+    for (size_t i = 0; i < b->config->node_count; i++) {
+        const bool unwell = seen->unwell >> i & 1u;
+        if (!unwell && seen->back_tick[i] == 0)
+            continue;
+        char *key = memory_print("%s:%s", b->config->bus_name, b->config->nodes[i].name);
+        char *value = memory_print("[%" PRId64 ",%" PRId64 "]",
+                                   unwell ? (int64_t)seen->left_tick[i] : -1,
+                                   (int64_t)seen->back_tick[i]);
+        rowtext_key(out, key);
+        rowtext_put(out, value);
+        free(key);
+        free(value);
     }
 }
 
 /* Rows have no such key. */
-static void write_unwell(rowtext *row, const scenario *s)
+static void write_spells(rowtext *row, const scenario *s)
 {
-    rowtext text = {.no_memory = false};
+    rowtext_key(row, SPELLS);
+    rowtext_put(row, "{");
     for (size_t i = 0; i < s->count; i++)
-        put_unwell(&text, &s->buses[i]);
-    row->no_memory = row->no_memory || text.no_memory || !buffer_append(&text.bytes, "", 1);
-    if (!row->no_memory)
-        rowtext_string(row, UNWELL, buffer_first(&text.bytes));
-    rowtext_free(&text);
+        put_spells(row, &s->buses[i]);
+    rowtext_put(row, "}");
 }
 
 static void write_result(rowtext *row, const scenario *s)
 {
-    write_unwell(row, s);
+    write_spells(row, s);
     (void)outcome_write(row, s);
 }
 
@@ -110,8 +116,7 @@ static bool take(void *user, unsigned char code, const char *line, size_t length
         return true;
     y->result.class = row.class;
     y->result.degraded = row.class == CLASS_DEGRADED ? row.facts.degraded : 0;
-    const char *unwell = json_string_value(json_object_get(row.object, UNWELL));
-    y->result.unwell = unwell ? memory_text(unwell) : NULL;
+    y->result.spells = json_incref(json_object_get(row.object, SPELLS));
     for (size_t i = 0; i < json_array_size(row.failed) && y->expectation; i++)
         y->result.failed = y->result.failed ||
                            strcmp(report_row_failed(&row, i), y->expectation) == 0;
@@ -132,6 +137,19 @@ trial_result trial_run(const trial *t, const char *expectation, const row_signs 
 
 void trial_result_free(trial_result *r)
 {
-    free(r->unwell);
-    r->unwell = NULL;
+    json_decref(r->spells);
+    r->spells = NULL;
+}
+
+bool trial_ends_like(const trial_result *r, const json_t *before)
+{
+    const char *node;
+    json_t *spell;
+    bool good = true;
+    json_object_foreach(r->spells, node, spell) {
+        const json_int_t begin = json_integer_value(json_array_get(spell, 0));
+        const json_t *old = json_object_get(before, node);
+        good = good && (begin < 0 || begin >= json_integer_value(json_array_get(old, 1)));
+    }
+    return good;
 }

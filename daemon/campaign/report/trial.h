@@ -22,9 +22,15 @@ typedef struct trial_result {
     row_class class;
     bool failed;       /* the expectation, if any, is not met */
     unsigned degraded; /* DEGRADED_... as a set, of a row of this class; else 0 */
-    char *unwell;      /* nodes that are not error-active in the end, with how often each has
-                          become so; NULL: there is no result */
+    json_t *spells;    /* of being not error-active, see below; NULL: there is no result */
 } trial_result;
+
+/* Spells are an object: for each BUS:NODE that has had one, the tick at which the last one has begun
+ * if it goes on in the end, else -1; and the tick at which the last one before has ended, or 0. */
+
+/* Returns true when no spell that goes on in the end would have ended in the run of `before`: none
+ * has begun before its node became error-active there for the last time. */
+bool trial_ends_like(const trial_result *r, const json_t *before);
 
 /* Runs it once. The caller frees the result. */
 trial_result trial_run(const trial *t, const char *expectation, const row_signs *signs);
