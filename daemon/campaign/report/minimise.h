@@ -4,8 +4,8 @@
  *
  * A shorter scenario has the same class, and the same expectation fails. A degraded one is so for
  * the same reasons. No node is in a bad state in the end just because the run, or the traffic, ends
- * before it recovers: it has come into that state later than it became error-active in the row for
- * the last time. Without its fault rules the expectation is met, if this was so in the beginning:
+ * before it recovers. So it has come into that state after the time at which it has recovered in
+ * the row. Without its fault rules the expectation is met, if this was so in the beginning:
  * what fails then is due to the faults.
  */
 #ifndef CANWIRE_CAMPAIGN_REPORT_MINIMISE_H

@@ -54,8 +54,8 @@ bool outline_is_gone(const outline *o, const outline_list *list);
 size_t outline_count(const outline *o, outline_kind kind);
 
 /* Writes the text without the items that are left out, and without lists of which nothing is
- * left. without_faults: all of these are left out, too. folder: the text is for another one, so
- * relative names of files get it before them, and texts that are renamed are so; NULL: they stay.
+ * left. without_faults: all of these are left out, too. folder: the text is for another folder.
+ * Relative names of files get this one before them, and texts are renamed. NULL: they stay.
  * The caller frees the text; NULL: aliases form a circle. */
 char *outline_text(const outline *o, bool without_faults, const char *folder);
 

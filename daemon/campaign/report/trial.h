@@ -25,10 +25,11 @@ typedef struct trial_result {
     json_t *spells;    /* of being not error-active, see below; NULL: there is no result */
 } trial_result;
 
-/* Spells are an object: for each BUS:NODE that has had one, the tick at which the last one has begun
- * if it goes on in the end, else -1; and the tick at which the last one before has ended, or 0. */
+/* Spells are an object with two ticks for each BUS:NODE that has had one. At the first tick the
+ * last spell has begun, if it goes on in the end, else it is -1. At the second one the last spell
+ * has ended that has an end, or it is 0. */
 
-/* Returns true when no spell that goes on in the end would have ended in the run of `before`: none
+/* Returns true when no spell that goes on in the end would have ended in the run of `before`. None
  * has begun before its node became error-active there for the last time. */
 bool trial_ends_like(const trial_result *r, const json_t *before);
 
