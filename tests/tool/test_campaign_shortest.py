@@ -80,7 +80,7 @@ def fixture_rig_rows(rows, write, tmp_path):
     write("(0.000100) can0 456#00\n", "drive.log")
     return rows("scenario: rig.yaml\nvary:\n"
                 '  - { name: body, set: "buses[0]", values: [ body.yaml, calm.yaml, bad.yaml ] }\n'
-                '  - { name: id, set: "gateways.central.rules[1].delay", values: [ 100us, 1ms ] }\n',
+                '  - { name: d, set: "gateways.central.rules[1].delay", values: [ 100us, 1ms ] }\n',
                 rig=RIG, left=LEFT, body=BODY % ("050", 1, DROP), calm=BODY % ("7FE", 1, FLIP),
                 bad=BODY % ("400", 300, FLIP))
 

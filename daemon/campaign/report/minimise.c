@@ -37,7 +37,7 @@ static bool is_over(const work *w)
 
 /* ---- Trials ---------------------------------------------------------------------------------- */
 
-/* Returns the real time for a trial, in ms; 0: there is not enough, as a time-out needs its limit. */
+/* Returns the real time for a trial, in ms; 0: there is not enough. A time-out needs its limit. */
 static int64_t allowed_ms(const work *w)
 {
     const minimise_task *task = w->task;
