@@ -233,8 +233,7 @@ bool outcome_is_shortage(const char *message)
     return found;
 }
 
-/* Returns the first of some messages that is no warning, and ends it there. */
-static const char *first_error(char *messages)
+const char *outcome_first_error(char *messages)
 {
     char *line = messages;
     for (char *end; (end = strchr(line, '\n')); line = end + 1) {
@@ -248,7 +247,7 @@ static const char *first_error(char *messages)
 outcome outcome_write_invalid(rowtext *row, char *messages)
 {
     const bool lacks = !messages || !*messages || outcome_is_shortage(messages);
-    outcome_write_none(row, OUTCOME_INVALID, lacks ? "" : first_error(messages));
+    outcome_write_none(row, OUTCOME_INVALID, lacks ? "" : outcome_first_error(messages));
     row->no_memory = row->no_memory || lacks;
     return OUTCOME_INVALID;
 }

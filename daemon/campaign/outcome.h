@@ -32,6 +32,9 @@ outcome outcome_write_as(rowtext *row, const scenario *s, outcome o, const char 
  * has happened, and may be "". */
 void outcome_write_none(rowtext *row, outcome o, const char *why);
 
+/* Returns the first of some lines of messages that is no warning, and ends it there. */
+const char *outcome_first_error(char *messages);
+
 /* Does this for values that make no scenario, with the first of the messages that is no warning; it
  * changes them. NULL: there are none. The row has no memory then, nor when memory was short: the
  * scenario may be valid. */

@@ -5,6 +5,7 @@
 #include "base/jsonput.h"
 #include "base/nearest.h"
 #include "base/plain.h"
+#include "base/standardfds.h"
 #include "cli/cli.h"
 
 #include <errno.h>
@@ -52,6 +53,7 @@ static int finish(int status);
 
 int main(int argc, char **argv)
 {
+    standardfds_hold();
     json_must_have_memory();
     plain_options(argc, argv);
     return finish(run_tool(argc, argv));

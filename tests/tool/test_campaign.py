@@ -362,6 +362,18 @@ def test_a_bad_value_of_an_option_is_bad_input(make, option):
     assert f"{option[0]} {option[1]}: expected" in message and "usage" not in message
 
 
+def test_closed_descriptors_get_no_rows(make):
+    file = make(MANY)
+    def start(ends, *words, status=0):
+        return run("sh", "-c", f'exec "$0" "$@" {ends}', CANWIRE, "campaign", "run", file, *words,
+                   cwd=file.parent, status=status)
+    told = start(">&-", status=1).stderr
+    assert "standard output: Bad file descriptor" in told
+    for name, ends in ("whole", ""), ("quiet", "<&- >&- 2>&-"):
+        start(ends, "--out", name)
+    assert (file.parent / "quiet").read_bytes() == (file.parent / "whole").read_bytes()
+
+
 def test_a_full_disk_is_told_once(make):
     with open("/dev/full", "w", encoding="ascii") as full:
         result = subprocess.run([CANWIRE, "campaign", "run", make(MANY), "--jobs", "1"],

@@ -403,6 +403,17 @@ def test_a_process_that_is_killed_costs_no_row(make):
     assert [row["outcome"] for row in rows_of((file.parent / "rows").read_text())] == ["passed"] * 3
 
 
+def test_two_runs_share_the_folders_of_their_rows(make):
+    file = make("{ node: engine, run: \"exec sleep 100\" }", more="until: 5ms\n",
+                vary="  - { set: seed, range: { from: 1, to: 6, step: 1 } }\n")
+    with contextlib.ExitStack() as stack:
+        all_runs = [stack.enter_context(subprocess.Popen(
+            [CANWIRE, "campaign", "run", file.name, "--out", f"rows{i}", "--work", "work",
+             "--jobs", "2"], cwd=file.parent)) for i in range(3)]
+        assert [one.wait(TIMEOUT_S) for one in all_runs] == [0, 0, 0]
+    assert not (file.parent / "work").exists()
+
+
 # ---- environment ---------------------------------------------------------------------------------
 
 def test_each_row_has_a_network_of_its_own(make):

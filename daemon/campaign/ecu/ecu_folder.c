@@ -18,6 +18,7 @@
 #define MODE 0777           /* of folders, less the umask */
 #define FILE_MODE 0666      /* of files, in the same way */
 #define TEMPORARY_MAX 40u   /* bytes of $TMPDIR that leave room for names of sockets */
+#define TRIES 8             /* to make the folder of a row, which another run may make, too */
 #define OPEN_MAX_FOLDERS 16 /* at a time, while one is removed */
 
 static bool fail(char why[ECU_WHY_MAX], const char *path)
@@ -50,40 +51,62 @@ void ecu_folder_path(char out[PATH_MAX], const char *work, uint64_t row)
 }
 
 /* Removes what an earlier run has left: a folder with the scenario of a row in it. */
-static bool clear(const char *path, char why[ECU_WHY_MAX])
+static void clear(const char *path)
 {
     char scenario[PATH_MAX + 16];
     struct stat found;
-    if (fstatat(AT_FDCWD, path, &found, AT_SYMLINK_NOFOLLOW) != 0)
-        return errno == ENOENT || fail(why, path);
     (void)snprintf(scenario, sizeof scenario, "%s/" ECU_SCENARIO, path);
-    if (S_ISDIR(found.st_mode) && fstatat(AT_FDCWD, scenario, &found, AT_SYMLINK_NOFOLLOW) == 0)
+    if (fstatat(AT_FDCWD, scenario, &found, AT_SYMLINK_NOFOLLOW) == 0)
         ecu_folder_remove(path);
-    return true;
 }
 
+/* Returns true when a folder is still the one with that name. */
+static bool has_name(int fd, const char *path)
+{
+    struct stat own, there;
+    return fstat(fd, &own) == 0 && fstatat(AT_FDCWD, path, &there, AT_SYMLINK_NOFOLLOW) == 0 &&
+           own.st_dev == there.st_dev && own.st_ino == there.st_ino;
+}
+
+/* Opens a folder and waits for its lock. Returns -1 without one; it may be gone by then. */
 static int open_folder(const char *path)
 {
     const int fd = open(path, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-    if (fd >= 0)
-        (void)flock(fd, LOCK_EX);
-    return fd;
+    if (fd < 0 || (flock(fd, LOCK_EX) == 0 && has_name(fd, path)))
+        return fd;
+    (void)close(fd);
+    return -1;
 }
 
-/* The folder is locked as long as somebody works in it: the keeper of an earlier try may still end
- * its programs and remove it. */
-static bool make_files(ecu_folder *f, char why[ECU_WHY_MAX])
+/* Makes an empty folder that is locked. Returns false with errno: another program may have been
+ * faster, or have removed the folder of all rows. */
+static bool try_files(ecu_folder *f, const char *work)
 {
-    const int before = open_folder(f->files);
-    const bool cleared = clear(f->files, why);
-    if (before >= 0)
-        (void)close(before);
-    if (!cleared)
+    if (mkdirat(AT_FDCWD, f->files, MODE) != 0) {
+        const int error = errno;
+        if (error == ENOENT)
+            (void)mkdirat(AT_FDCWD, work, MODE);
+        errno = error;
         return false;
-    if (mkdirat(AT_FDCWD, f->files, MODE) != 0)
-        return fail(why, f->files);
+    }
     f->fd = open_folder(f->files);
-    return f->fd >= 0 || fail(why, f->files);
+    return f->fd >= 0;
+}
+
+/* The folder is locked as long as somebody works in it. That may be another run of this row, or the
+ * keeper of an earlier try, which ends its programs. */
+static bool make_files(ecu_folder *f, const char *work, char why[ECU_WHY_MAX])
+{
+    bool good = false;
+    for (unsigned i = 0; i < TRIES && !good; i++) {
+        const int before = open_folder(f->files);
+        if (before >= 0)
+            clear(f->files);
+        good = try_files(f, work) || (i + 1 == TRIES && fail(why, f->files));
+        if (before >= 0)
+            (void)close(before);
+    }
+    return good;
 }
 
 static bool make_sockets(ecu_folder *f, char why[ECU_WHY_MAX])
@@ -104,7 +127,7 @@ bool ecu_folder_make(ecu_folder *f, const char *work, uint64_t row, char why[ECU
     f->fd = -1;
     f->sockets[0] = '\0';
     ecu_folder_path(f->files, work, row);
-    if (!make_files(f, why) || !make_sockets(f, why))
+    if (!make_files(f, work, why) || !make_sockets(f, why))
         return false;
     return symlinkat(f->sockets, f->fd, ECU_SOCKETS) == 0 || fail(why, f->files);
 }

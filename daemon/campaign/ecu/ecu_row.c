@@ -235,7 +235,7 @@ static outcome write_replay(one *o, rowtext *row)
         (void)fclose(out);
     outcome result = OUTCOME_BROKEN;
     if (!s)
-        outcome_write_none(row, result, messages ? messages : "out of memory");
+        outcome_write_none(row, result, messages ? outcome_first_error(messages) : "out of memory");
     else if (o->result.verdict == ECU_DONE)
         result = outcome_write(row, s);
     else
@@ -351,9 +351,9 @@ static outcome write_row(one *o, rowtext *row, bool has_journal)
     if (kept && has_journal)
         write_replay_command(o, row);
     write_repeat(o, row);
-    ecu_folder_close(&o->folder);
     if (made && !kept)
-        ecu_folder_remove(o->folder.files);
+        ecu_folder_remove(o->folder.files); /* while it is locked: another run may make it anew */
+    ecu_folder_close(&o->folder);
     return result;
 }
 
