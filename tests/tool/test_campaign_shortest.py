@@ -66,7 +66,7 @@ def fixture_rows(write, tmp_path):
         out = tmp_path / "rows.ndjson"
         run("sh", "-c", shlex.join([CANWIRE, "campaign", "run", "campaign.yaml", "--out",
                                     str(out)]) + " || test $? = 3", cwd=tmp_path)
-        return out, [json.loads(line) for line in out.read_text().splitlines()]
+        return out, [json.loads(line) for line in out.read_bytes().splitlines()]
     return rows
 
 
@@ -244,3 +244,51 @@ def test_a_row_whose_trial_takes_too_long_is_not_run_again(write, report):
     one, = found["scenarios"]
     assert one["class"] == "crashed" and not one["run_again"]
     assert found["scenarios_not_repeated"] == 0
+
+
+# ---- odd rows ------------------------------------------------------------------------------------
+
+ODD = """scenario:
+  bus: { name: b, bitrate: 500000 }
+  nodes:
+    - { name: a, traffic: [ { send: 123#00, every: 1ms, count: 3 } ] }
+    - { name: b }
+  faults: [ { name: hit, when: { frame: "123", count: 1 }, do: { drop: rx, at: [b] } } ]
+  expect: [ { name: "%s", delivered: { min: 3 }, to: b } ]
+vary: [ { set: faults.hit.when.count, values: [ 1, 2 ] } ]
+"""
+
+
+@pytest.mark.parametrize("name", [
+    r"Überlauf \u2014 # <b>&'", r"a\u2028bus: c", r"a\u2029bus: c", "line", "[x]: {y}"])
+def test_names_in_any_script_make_files_that_can_be_read(rows, report, tmp_path, name):
+    file, _ = rows(ODD % name)
+    wanted = yaml.safe_load(f'"{name}"')
+    one, = report(file)["scenarios"]
+    assert one["expectation"] == wanted
+    canwire("check", tmp_path / "short" / one["name"])
+    row = outcome(one["command"], tmp_path / "short")
+    assert [each["name"] for each in row["expectations"]["failed"]] == [wanted]
+
+
+def test_rows_of_a_scenario_that_has_changed_since_are_no_scenarios(rows, report, write):
+    file, _ = rows(ODD % "there")
+    write((ODD % "there").replace("drop: rx", 'flip: "crc[1]"'), "campaign.yaml")
+    found = report(file)
+    assert found["scenarios"] == [] and found["scenarios_not_repeated"] == 1
+
+
+def test_rows_of_two_campaigns_are_not_one_report(rows, write, tmp_path):
+    file, _ = rows(ODD % "there")
+    lines = file.read_text().splitlines(keepends=True)
+    write(ODD % "there", "other.yaml")
+    canwire_rows = "canwire campaign run other.yaml"
+    mixed = write(lines[0] + lines[1].replace("canwire campaign run campaign.yaml", canwire_rows),
+                  "mixed")
+    done = canwire("campaign", "report", mixed, status=1, cwd=tmp_path)
+    assert "mixed:2: it is of other.yaml, and the first row is of campaign.yaml" in done.stderr
+    # other folders do not matter, nor do names when the campaign is given
+    mixed.write_text(lines[0] + lines[1].replace("run campaign.yaml", "run x/campaign.yaml"))
+    canwire("campaign", "report", mixed, cwd=tmp_path)
+    mixed.write_text(lines[0] + lines[1].replace("run campaign.yaml", "run other.yaml"))
+    canwire("campaign", "report", mixed, "--campaign", "campaign.yaml", cwd=tmp_path)

@@ -133,6 +133,23 @@ static bool check_names(intake *in, const report_row *row)
                             "campaign");
 }
 
+static const char *last_part(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
+
+/* Parts may have been made in other folders, where the campaign has the same name. */
+static bool is_of_another(const intake *in, const row_source *own)
+{
+    const row_source *first = &in->report.source;
+    if (own->is_campaign != first->is_campaign)
+        return true;
+    if (!own->is_campaign)
+        return !row_source_equals(own, first);
+    return !in->campaign_file && strcmp(last_part(own->file), last_part(first->file)) != 0;
+}
+
 static bool check_command(intake *in, const report_row *row)
 {
     row_source own;
@@ -140,8 +157,7 @@ static bool check_command(intake *in, const report_row *row)
     bool good = row_source_read(&own, row);
     if (!good)
         (void)complain(in, "its `repeat` is no command that canwire has written");
-    else if (own.is_campaign != first->is_campaign ||
-             (!own.is_campaign && !row_source_equals(&own, first)))
+    else if (is_of_another(in, &own))
         good = complain(in, "it is of %s, and the first row is of %s", own.file, first->file);
     row_source_free(&own);
     return good;

@@ -5,6 +5,7 @@
 #include "cli/campaign/report_view.h"
 
 #include "base/decimal.h"
+#include "base/plain.h"
 #include "campaign/report/memory.h"
 #include "campaign/shellword.h"
 
@@ -163,23 +164,34 @@ const char *report_scenario_state(const shortest_scenario *one)
     return one->found.whole ? ", minimised" : "";
 }
 
+/* Names may have what ends a comment of YAML: ends of lines, which are U+2028 and U+2029, too. */
+static void keep_on_line(char *text)
+{
+    static const char *const ends[] = {"\xE2\x80\xA8", "\xE2\x80\xA9"};
+    plain_make(text, ' ');
+    for (size_t i = 0; i < sizeof ends / sizeof *ends; i++)
+        for (char *at = text; (at = strstr(at, ends[i]));)
+            memset(at, ' ', strlen(ends[i]));
+}
+
 char *report_scenario_text(const report *r, const shortest *s, size_t i)
 {
     const shortest_scenario *one = &s->list[i];
     char *name = report_scenario_name(s, i);
     char *command = report_scenario_command(s, i, name);
     char *why = report_scenario_why(one);
-    char *head = memory_print("# %s%s\n# %s %" PRIu64 " of %s%s\n# %s\n", class_name(one->class),
-                              why, r->source.is_campaign ? "row" : "seed", one->number,
-                              r->source.file, report_scenario_state(one), command);
-    for (char *at = head; *at; at++) /* names may have ends of lines */
-        if (*at == '\n' && at[1] != '\0' && strncmp(at + 1, "# ", 2) != 0)
-            *at = ' ';
-    char *text = memory_print("%s%s", head, one->found.text.main);
+    char *first = memory_print("%s%s", class_name(one->class), why);
+    char *second = memory_print("%s %" PRIu64 " of %s%s", r->source.is_campaign ? "row" : "seed",
+                                one->number, r->source.file, report_scenario_state(one));
+    keep_on_line(first);
+    keep_on_line(second);
+    char *text = memory_print("# %s\n# %s\n# %s\n%s", first, second, command,
+                              one->found.text.main);
     free(name);
     free(command);
     free(why);
-    free(head);
+    free(first);
+    free(second);
     return text;
 }
 
