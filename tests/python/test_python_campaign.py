@@ -94,6 +94,32 @@ def test_rows_that_make_no_scenario_are_rows(place):
     assert result.counts["invalid"] == len(result) / 2 and "could not be run:" in result.message
 
 
+ECUS = """scenario:
+  bus: { name: powertrain, bitrate: 500000 }
+  nodes: [ { name: engine }, { name: dash } ]
+until: 30ms
+virtual: on
+ecu:
+  - { node: engine, run: "cangen engine -g 10 -I 123 -L 2 -D i", ready: { frame: "123" } }
+  - { node: dash, run: "candump -n 1 dash; [ $CANWIRE_SEED != 2 ] || exit 4" }
+vary: [ { set: seed, range: { from: 1, to: 4, step: 1 } } ]
+"""
+
+
+def test_programs_at_nodes(place):
+    (place / "ecus.yaml").write_text(ECUS)
+    done = subprocess.run([CANWIRE, "campaign", "run", "ecus.yaml", "--shard", "1/1"], check=False,
+                          capture_output=True)
+    with futures.ThreadPoolExecutor(3) as executor:
+        result = canwire.campaign("ecus.yaml", executor, shards=3, out="rows.ndjson")
+    assert (place / "rows.ndjson").read_bytes() == done.stdout
+    rows = list(result)
+    assert [row["outcome"] for row in rows] == ["passed", "crashed", "passed", "passed"]
+    assert rows[1]["why"] == "dash: exit status 4"
+    assert "123" in (place / rows[1]["ecus"]["dash"]["log"]).read_text()
+    assert [path.name for path in (place / "ecus.yaml.d").iterdir()] == ["row-1"]
+
+
 def test_the_example_of_the_page(place, wanted):
     text = (ROOT / "config/campaign.md").read_text(encoding="utf-8")
     example, = (block for block in re.findall(r"```python\n(.*?)```", text, re.S)
