@@ -337,14 +337,17 @@ def test_a_partition_makes_both_halves_time_out_and_heals(car):
         assert (node["state"], node["tec"], node["rx_frames"]) == ("error-passive", 128, 0)
     assert c.engine.data() == ["123#01"] and c.gearbox.data() == ["200#02"]  # vcan's own echo
     c.shell.clear("cut")
-    wait_until(lambda: len(c.engine.data()) == len(c.gearbox.data()) == 2, "the frames")
+    for name in "engine", "gearbox":
+        c.shell.wait_node(name, lambda n: n["tx_frames"] == 1, "its frame")
     for name in "engine", "gearbox":  # down from 128 and what they cost each other on the way
         c.generate(name, 80)
     c.settle(sender="engine")
-    assert c.gearbox.data()[:2] == ["200#02", "123#01"]
-    assert c.engine.data()[:2] == ["123#01", "200#02"]
-    for dump in c.engine, c.gearbox:
-        assert len(dump.data()) == 2 + 2 * 80 + len([LAST])
+    for dump, own, other in (c.engine, "123#01", "200#02"), (c.gearbox, "200#02", "123#01"):
+        # Where the halves meet within frames, a bit of a frame may be the acknowledgement of
+        # another, which its node does not receive. It is seldom.
+        met = int(other in dump.data())
+        assert dump.data()[:1 + met] == [own, other][:1 + met]
+        assert len(dump.data()) == 1 + met + 2 * 80 + len([LAST])
         assert dump.errors()[:2] == lonely and BUSOFF not in dump.errors()
     for node in c.shell.nodes().values():
         assert node["state"] == "error-active" and node["tx_frames"] >= 81
