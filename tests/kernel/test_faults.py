@@ -343,7 +343,7 @@ def test_a_partition_makes_both_halves_time_out_and_heals(car):
         c.generate(name, 80)
     c.settle(sender="engine")
     for dump, own, other in (c.engine, "123#01", "200#02"), (c.gearbox, "200#02", "123#01"):
-        # Where the halves meet within frames, a bit of a frame may be the acknowledgement of
+        # When the halves meet within frames, a bit of a frame may be the acknowledgement of
         # another, which its node does not receive. It is seldom.
         met = int(other in dump.data())
         assert dump.data()[:1 + met] == [own, other][:1 + met]
