@@ -1409,6 +1409,11 @@ bool cw_bus_is_on_grid(const cw_bus *bus);
  * event may come up to a bit time of the bus earlier. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
+/* Returns how far the bus surely rests, at most to tick. All bits up to there are recessive, and no
+ * node is busy. Something may be due at the end of the last one. Returns cw_bus_now() when the next
+ * bit must be simulated to know. */
+uint64_t cw_bus_rests_until(cw_bus *bus, uint64_t tick);
+
 /* A test of frames that a node sends, by a caller. */
 typedef bool cw_frame_test(const void *user, unsigned node, const cw_frame *frame);
 

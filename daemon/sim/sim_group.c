@@ -7,6 +7,7 @@
 #include "base/plain.h"
 
 #define SLICE_TICKS (CW_CLOCK_HZ / 100u)
+#define COMMON_BIT_MAX (CW_CLOCK_HZ / 100u) /* ticks; bits of odd rates hardly ever meet */
 #define QUIET_LIMIT_S 10u /* of bus time without a tx or a release, as for one bus */
 
 static uint64_t least(uint64_t a, uint64_t b)
@@ -49,6 +50,7 @@ static cw_status send_frame(void *user, size_t bus, unsigned node, const cw_fram
 bool sim_group_open(sim_group *g, const rig *config)
 {
     static const meeting_calls calls = {.go = go, .look = look};
+    g->rest_from = CW_NEVER;
     g->meeting = (meeting){.calls = &calls, .user = g, .bus_count = config ? config->bus_count : 1};
     if (config)
         g->meeting.gateways = gateways_new(config, send_frame, g);
@@ -231,6 +233,67 @@ static void meet(sim_group *g, uint64_t tick)
     tell_reached(g);
 }
 
+/* ---- Rest ------------------------------------------------------------------------------------ */
+
+static uint64_t common_divisor(uint64_t a, uint64_t b)
+{
+    while (b > 0) {
+        const uint64_t rest = a % b;
+        a = b;
+        b = rest;
+    }
+    return a;
+}
+
+/* Returns the ticks after which bits of all buses begin together again; 0: too many. */
+static uint64_t common_bit(const sim_group *g)
+{
+    uint64_t common = 1;
+    for (size_t i = 0; i < g->count && common <= COMMON_BIT_MAX; i++) {
+        const uint64_t bit = cw_rate_ticks(g->runs[i]->config->rate, 1);
+        common = common / common_divisor(common, bit) * bit;
+    }
+    return common <= COMMON_BIT_MAX ? common : 0;
+}
+
+static uint64_t rests_until(const sim_group *g, uint64_t tick)
+{
+    for (size_t i = 0; i < g->count; i++)
+        tick = least(tick, sim_rests_until(g->runs[i], tick));
+    return tick;
+}
+
+/* Returns the ticks after which meetings of buses that rest repeat, since bits of all buses are
+ * where they were. 0: not known yet. A meeting near the end of a rest does not count: what ends the
+ * rest may have brought it forward. */
+static uint64_t rest_period(sim_group *g, uint64_t tick, uint64_t common)
+{
+    const bool rested = g->rest_from != CW_NEVER && tick + 2 * common <= g->rest_until;
+    g->rest_until = rests_until(g, quiet_end(g));
+    if (g->rest_until <= tick)
+        g->rest_from = CW_NEVER;
+    else if (!rested)
+        g->rest_from = tick;
+    if (g->rest_from == CW_NEVER || (tick - g->rest_from) % common != 0)
+        return 0;
+    return tick - g->rest_from;
+}
+
+/* Skips meetings in which nothing can happen, behind the one at a tick, with which the run has not
+ * ended. Some periods are left, so that what ends the rest comes as it does without a skip. */
+static void skip_meetings(sim_group *g, uint64_t tick)
+{
+    const uint64_t common = g->step ? 0 : common_bit(g);
+    const uint64_t period = common > 0 ? rest_period(g, tick, common) : 0;
+    const uint64_t periods = period > 0 ? (g->rest_until - tick) / period : 0;
+    if (periods < 4)
+        return;
+    tick += (periods - 3) * period;
+    for (size_t i = 0; i < g->count; i++)
+        sim_release_to(g->runs[i], tick);
+    tell_reached(g);
+}
+
 /* ---- The run --------------------------------------------------------------------------------- */
 
 void sim_group_go_to(sim_group *g, uint64_t tick)
@@ -299,10 +362,14 @@ static uint64_t go_on(sim_group *g)
 void sim_group_simulate(sim_group *g)
 {
     uint64_t tick = 0;
+    g->rest_from = CW_NEVER;
     /* an awaited event lowers `until` */
     while (!sim_group_failed(g) && tick < until_of(g) &&
-           !(until_of(g) == CW_NEVER && traffic_is_over(g)))
+           !(until_of(g) == CW_NEVER && traffic_is_over(g))) {
+        if (until_of(g) == CW_NEVER)
+            skip_meetings(g, tick);
         tick = go_on(g);
+    }
     const uint64_t until = until_of(g);
     if (until == CW_NEVER && tick == CW_NEVER)
         tell_quiet(g);

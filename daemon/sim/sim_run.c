@@ -404,11 +404,28 @@ static bool traffic_is_over(const sim_run *s)
     return nothing_comes(s) && cw_bus_recessive_bits(s->bus) >= END_RECESSIVE_BITS;
 }
 
-/* Advances bit by bit, so that the run ends in exactly the documented bit. */
+/* Returns how far the bus may go, at most to tick, before it must be asked again whether the
+ * traffic is over. That takes so many recessive bits in a row; behind them it stays as it is while
+ * the bus rests. Bits of a data rate are shorter than others. */
+static uint64_t sure_until(const sim_run *s, uint64_t tick)
+{
+    const uint64_t recessive = cw_bus_recessive_bits(s->bus);
+    if (s->step)
+        return cw_bus_now(s->bus);
+    if (recessive >= END_RECESSIVE_BITS)
+        return cw_bus_rests_until(s->bus, tick);
+    const uint64_t bits = s->config->dbitrate_bps > 0 ? 1 : END_RECESSIVE_BITS - recessive;
+    return least(cw_bus_tick_after(s->bus, bits), tick);
+}
+
+/* Looks at each bit that may be the last one: the run ends in exactly the documented bit. */
 static void run_out(sim_run *s)
 {
-    while (!is_over(s) && !traffic_is_over(s) && cw_bus_now(s->bus) < quiet_end(s))
-        advance(s, cw_bus_tick_after(s->bus, 1));
+    while (!is_over(s) && !traffic_is_over(s) && cw_bus_now(s->bus) < quiet_end(s)) {
+        const uint64_t bit = cw_bus_tick_after(s->bus, 1);
+        const uint64_t sure = sure_until(s, quiet_end(s) - 1);
+        advance(s, sure > bit ? sure : bit);
+    }
 }
 
 /* In a data phase the bus is off the grid while it is stepped. There nodes with equal clocks end
@@ -522,8 +539,18 @@ bool sim_owes_events(const sim_run *s, uint64_t tick)
            (cw_bus_inbox_first(s->bus) <= tick || sim_has_own_bits(s));
 }
 
+static bool releases_are_over(const sim_run *s)
+{
+    return release_next_tick(s->plan) == CW_NEVER && !release_is_fast(s->plan);
+}
+
 bool sim_traffic_is_over(const sim_run *s)
 {
-    return release_next_tick(s->plan) == CW_NEVER && !release_is_fast(s->plan) &&
-           traffic_is_over(s);
+    return releases_are_over(s) && traffic_is_over(s);
+}
+
+uint64_t sim_rests_until(const sim_run *s, uint64_t tick)
+{
+    const bool behind = cw_bus_recessive_bits(s->bus) >= END_RECESSIVE_BITS;
+    return behind && releases_are_over(s) ? sure_until(s, tick) : cw_bus_now(s->bus);
 }

@@ -120,6 +120,10 @@ bool sim_owes_events(const sim_run *s, uint64_t tick);
  * last release. */
 bool sim_finish(sim_run *s);
 
+/* Returns how far the bus surely rests behind its last release, at most to a tick. The traffic is
+ * over then if it is over now. Returns the present tick when nothing is sure. */
+uint64_t sim_rests_until(const sim_run *s, uint64_t tick);
+
 /* Returns true when no release is to come, no frame waits, and the end of the last one is over. */
 bool sim_traffic_is_over(const sim_run *s);
 

@@ -156,6 +156,14 @@ void cw_bus_set_watching(cw_bus *bus, bool watching)
         cw_wake_controllers(bus);
 }
 
+uint64_t cw_bus_rests_until(cw_bus *bus, uint64_t tick)
+{
+    if (tick <= cw_now(bus) || bus->pending || !cw_bus_idle(bus))
+        return cw_now(bus);
+    return cw_wire_tick(&bus->time, cw_is_off_grid(bus) ? cw_timed_rest_reach(bus, tick)
+                                                        : cw_run_reach(bus, CW_RECESSIVE, tick));
+}
+
 /* Events at the end of a bit show in that bit, so the last bit is left to be simulated. */
 uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
 {

@@ -11,9 +11,12 @@
 
 #define LEAST_BITS 4u /* fewer are not worth it */
 
-/* Returns true when the controller does nothing until something comes in. */
-static bool rests(const cw_mac *mac)
+/* Returns true when the controller does nothing until something comes in. waits: it has a frame. An
+ * offer that is over is dropped, with a report. */
+static bool rests(const cw_mac *mac, bool waits)
 {
+    if (mac->offered || (waits && cw_mac_can_start(mac)))
+        return false;
     return mac->phase == CW_MAC_IDLE || mac->phase == CW_MAC_OFF ||
            mac->phase == CW_MAC_BUS_OFF || mac->phase == CW_MAC_ASLEEP;
 }
@@ -39,8 +42,8 @@ static bool is_periodic(const cw_bus *bus, unsigned i)
 {
     const cw_cable *cable = &bus->timed.cable;
     const timed_node *n = &bus->timed.nodes[i];
-    return rests(&bus->nodes[i].mac) && !n->retimed && !n->pcs.synchronised &&
-           (!n->ahead || may_be_ahead(bus)) &&
+    return rests(&bus->nodes[i].mac, bus->waiting >> i & 1u) && !n->retimed &&
+           !n->pcs.synchronised && (!n->ahead || may_be_ahead(bus)) &&
            n->pcs.last_sample == CW_RECESSIVE && n->report.what == 0 &&
            n->sync_count == 0 && n->pcs.sample_at == cw_bit_timing_sample_at(&n->timing) &&
            n->pcs.end_at == cw_bit_timing_quanta(&n->timing) &&
@@ -50,7 +53,7 @@ static bool is_periodic(const cw_bus *bus, unsigned i)
 static bool all_rest(const cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;
-    if (!t->active || bus->waiting || t->cable.dominant || t->rings || t->touched ||
+    if (!t->active || t->cable.dominant || t->rings || t->touched ||
         t->disturbances.count || bus->rules.awake_count || bus->stepping || bus->watching)
         return false;
     for (unsigned i = 0; i < bus->node_count; i++)
@@ -113,11 +116,14 @@ unsigned cw_timed_place(cw_bus *bus, unsigned i, cw_span first, cw_span moment)
     return (unsigned)cw_least((uint64_t)sampled, UINT32_MAX);
 }
 
+uint64_t cw_timed_rest_reach(const cw_bus *bus, uint64_t tick)
+{
+    return all_rest(bus) ? reach(bus, tick) : 0;
+}
+
 bool cw_timed_rest_go(cw_bus *bus, uint64_t tick)
 {
-    if (!all_rest(bus))
-        return false;
-    const uint64_t bits = reach(bus, tick);
+    const uint64_t bits = cw_timed_rest_reach(bus, tick);
     if (bits < LEAST_BITS)
         return false;
     cw_timed_rebase(bus);

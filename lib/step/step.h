@@ -76,6 +76,9 @@ static inline bool cw_timed_may_leap(const cw_bus *bus)
     return phase < CW_MAC_FRAME || phase >= CW_MAC_INTERMISSION;
 }
 
+/* Returns the bit times up to a tick in which all nodes rest; 0: not all do. */
+uint64_t cw_timed_rest_reach(const cw_bus *bus, uint64_t tick);
+
 /* Goes through bit times up to a tick in which all nodes rest. Returns false, with nothing done,
  * when there are none, or few. */
 bool cw_timed_rest_go(cw_bus *bus, uint64_t tick);

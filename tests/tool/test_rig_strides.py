@@ -152,3 +152,19 @@ def test_a_bus_goes_on_beside_one_that_never_rests(tmp_path, step):
     result = sim(file, "--stats", "-", *step)
     assert "ended after 10 s" in result.stderr
     assert [bus["bus"]["frames"] for bus in json.loads(result.stdout)["buses"]] == [0, 0, 100]
+
+
+@pytest.mark.parametrize("rates", ((20000, 20000), (20000, 50000), (125000, 20000)))
+@pytest.mark.parametrize("restart", ("", ", restart-ms: 300"))
+def test_buses_that_wait_in_vain_end_as_in_small_steps(tmp_path, rates, restart):
+    """A node is bus-off with frames in its queue. Meetings that are skipped change nothing."""
+    traffic = "{ send: '123#11', every: 7ms, count: 12 }"
+    kill = ("faults: [ { name: k, when: { frame: '123' }, do: { flip: 'data[0.1]' } },"
+            " { name: r, when: { time: 3s }, do: { counters: n1, rec: 5 } } ]\n")
+    file = write_buses(tmp_path, ("a", rates[0], traffic, ""), ("b", rates[1], "", ""),
+                       gateways="  - { name: g, between: [ 'a:n1', 'b:n1' ], rules: [ {} ] }\n")
+    bus = file.with_name("a.yaml")
+    bus.write_text(bus.read_text().replace("name: n0,", f"name: n0{restart},") + kill)
+    fast, slow = (outcome(file, *step) for step in ([], ["--step"]))
+    assert fast == slow
+    assert fast[0]

@@ -1,0 +1,121 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_run_end.c - runs to the end of the traffic end as those bit by bit do, in few steps.
+ *
+ * Frames of a node that is bus-off stay in its queue, so such a run waits for 10 s of bus time.
+ */
+#include "sim/sim_run.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
+#define EVENTS_MAX 4096u
+#define BITS (20000u * 10u) /* of the wait */
+
+typedef struct end_case {
+    const char *name;
+    const char *text;
+    uint64_t work_max; /* steps of the bus, see cw_bus_work() */
+    bool waits;        /* for 10 s, in vain */
+} end_case;
+
+#define BUS(more) "bus: { name: b, bitrate: 20000" more " }\nnodes:\n"
+#define SENDS "traffic: [ { send: 123#00, every: 5ms, count: 20 } ] }\n"
+#define OTHERS "  - { name: b }\n  - { name: c }\n"
+#define KILL "faults:\n  - { name: k, when: { frame: 123 }, do: { flip: \"data[0.1]\" } }\n"
+
+static const end_case cases[] = {
+    {"all frames are sent", BUS("") "  - { name: a, " SENDS OTHERS, 1500, false},
+    {"bus-off", BUS("") "  - { name: a, " SENDS OTHERS KILL, 3000, true},
+    {"restarts", BUS("") "  - { name: a, restart-ms: 400, " SENDS OTHERS KILL, 60000, false},
+    {"a restart by a rule",
+     BUS("") "  - { name: a, " SENDS OTHERS "faults:\n"
+             "  - { name: k, when: { time: 20ms }, do: { bus-off: a } }\n"
+             "  - { name: r, when: { time: 7s }, do: { restart: a } }\n",
+     3000, false},
+    {"noise",
+     BUS("") "  - { name: a, " SENDS OTHERS KILL
+             "  - { name: n, when: { time: 0s }, do: { noise: 1e-4 } }\n",
+     9000, true},
+    {"clocks of their own",
+     BUS("") "  - { name: a, ppm: 90, " SENDS "  - { name: b, ppm: -90 }\n  - { name: c }\n" KILL,
+     BITS / 8, true},
+    {"a data rate",
+     BUS(", dbitrate: 40000") "  - { name: a, " SENDS "  - { name: b, traffic: [ { send: "
+                              "124##1001122, count: 3, every: 30ms } ] }\n  - { name: c }\n" KILL,
+     BITS / 8, true},
+    {"a node that sleeps has a frame",
+     BUS("") "  - { name: a, sleep: on, " SENDS OTHERS, 3000, false},
+};
+
+typedef struct course {
+    uint64_t end;
+    uint64_t work;
+    size_t count;
+    cw_event events[EVENTS_MAX];
+} course;
+
+static void note(void *user, const cw_event *event)
+{
+    course *c = user;
+    assert_true(c->count < EVENTS_MAX);
+    c->events[c->count++] = *event;
+}
+
+static void go(course *c, const cfg *config, bool step)
+{
+    const sim_sink sink = {.user = c, .event = note};
+    sim_run run;
+    assert_true(sim_open(&run, config, NULL));
+    run.step = step;
+    sim_add_sink(&run, &sink);
+    assert_true(sim_go(&run));
+    c->end = cw_bus_now(run.bus);
+    c->work = cw_bus_work(run.bus);
+    sim_close(&run);
+}
+
+static void check_events(const course *is, const course *should_be)
+{
+    assert_int_equal(is->count, should_be->count);
+    for (size_t i = 0; i < is->count; i++) {
+        assert_int_equal(is->events[i].tick, should_be->events[i].tick);
+        assert_int_equal(is->events[i].kind, should_be->events[i].kind);
+        assert_int_equal(is->events[i].nodes, should_be->events[i].nodes);
+    }
+}
+
+static void test_end(void **state)
+{
+    const end_case *t = *state;
+    const cfg_file file = {.name = "a.yaml", .text = t->text, .size = strlen(t->text)};
+    cfg *config = cfg_load_text(&file, stderr);
+    course *both = calloc(2, sizeof *both);
+    assert_non_null(config);
+    assert_non_null(both);
+    go(&both[0], config, false);
+    go(&both[1], config, true);
+    check_events(&both[0], &both[1]);
+    assert_int_equal(both[0].end, both[1].end);
+    assert_in_range(both[0].work, 1, t->work_max);
+    assert_true(t->waits == (both[0].end >= UINT64_C(10) * CW_CLOCK_HZ));
+    free(both);
+    cfg_free(config);
+}
+
+int main(void)
+{
+    struct CMUnitTest tests[COUNT(cases)];
+    for (size_t i = 0; i < COUNT(cases); i++)
+        tests[i] = (struct CMUnitTest){.name = cases[i].name,
+                                       .test_func = test_end,
+                                       .initial_state = (void *)(uintptr_t)&cases[i]};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
