@@ -398,7 +398,7 @@ def fixture_shortest(rows, write, tmp_path):
     write("(0.000100) can0 456#00\n", "drive.log")
     file, every = rows(CAMPAIGN, crowded())
     folder = tmp_path / "shortest"
-    return in_json(file, "--scenarios", folder), folder, every
+    return in_json(file, "--scenarios", folder, "--minimise", "1h"), folder, every
 
 
 def outcome(command, folder):

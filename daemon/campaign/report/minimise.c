@@ -112,7 +112,7 @@ static bool load(work *w, uint64_t without)
     if (task->campaign)
         variant_text_without(&text, task->campaign, task->choices, without);
     else
-        rowtext_put(&text, task->text);
+        text.no_memory = !buffer_append(&text.bytes, task->text, task->size);
     const bool good = !text.no_memory && bundle_load(&w->bundle, task->name,
                                                      buffer_first(&text.bytes),
                                                      buffer_length(&text.bytes));

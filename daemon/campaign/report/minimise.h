@@ -20,7 +20,8 @@ typedef struct minimise_task {
     const campaign *campaign; /* NULL: the text is a scenario */
     choice choices[CAMPAIGN_FACTORS_MAX]; /* of the row */
     const char *name;         /* of the scenario's file */
-    const char *text;         /* without a campaign */
+    const char *text;         /* without a campaign; it has no zero byte at its end */
+    size_t size;              /* of the text */
     bool has_until;
     cfg_time until;
     bool has_seed;

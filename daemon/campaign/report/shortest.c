@@ -153,6 +153,7 @@ static char *read_scenario(minimise_task *common, const row_source *source)
     diag_flush(&found, stderr);
     common->name = source->file;
     common->text = text;
+    common->size = size;
     common->has_until = source->until && !text_parse_time(&common->until, source->until);
     return text;
 }
