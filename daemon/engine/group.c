@@ -97,9 +97,9 @@ static meeting_outlook look(void *user, size_t bus)
     engine_group *g = user;
     engine *e = g->buses[bus];
     const gateways_bus place = {.gateways = g->meeting.gateways, .bus = bus};
-    meeting_outlook found = meeting_find(&place, e->now.bus, e->now.plan, e->config);
+    const meeting_outlook found = meeting_find(&place, e->now.bus, e->now.plan, e->config);
     if (e->stopping)
-        found.next = CW_NEVER;
+        return (meeting_outlook){.next = CW_NEVER, .reaction = found.reaction};
     return found;
 }
 

@@ -52,6 +52,7 @@ struct gateways {
     unsigned (*nodes)[2];     /* in the same way: the present places of its nodes */
     uint64_t set[RIG_BUSES_MAX]; /* of these nodes, by bus */
     uint64_t own[RIG_BUSES_MAX];  /* of these, the ones that get what they send */
+    uint32_t answering;           /* buses on which any frame may make nodes send, as a set */
     wish (*wishes)[CW_BASE_ID_MAX + 1]; /* in the same way: for data of base format, by their
                                            identifiers */
     gateways_way ways[RIG_BUSES_MAX * RIG_BUSES_MAX];
@@ -266,6 +267,12 @@ void gateways_hear_own(gateways *self, size_t bus, uint64_t nodes)
     self->own[bus] = nodes;
 }
 
+void gateways_answer(gateways *self, size_t bus, bool answers)
+{
+    const uint32_t one = UINT32_C(1) << bus;
+    self->answering = answers ? self->answering | one : self->answering & ~one;
+}
+
 static noted *add(gateways *self)
 {
     if (self->count == self->room) {
@@ -336,8 +343,9 @@ static void forward(gateways *self, const noted *n, uint64_t *given)
         return;
     }
     if (given && due < given[bus] &&
-        gateways_want(&(gateways_bus){.gateways = self, .bus = bus},
-                      self->nodes[n->gateway][far], &frame))
+        ((self->answering >> bus & 1u) ||
+         gateways_want(&(gateways_bus){.gateways = self, .bus = bus},
+                       self->nodes[n->gateway][far], &frame)))
         given[bus] = due;
     l->due[(l->first + l->waiting++) % l->rule->queue] = due;
     l->forwarded++;

@@ -56,13 +56,16 @@ bool gateways_want(const void *bus, unsigned node, const cw_frame *frame);
 /* Sets the nodes of gateways on a bus that get what they send. */
 void gateways_hear_own(gateways *self, size_t bus, uint64_t nodes);
 
+/* Sets whether any frame on a bus may make other nodes send. */
+void gateways_answer(gateways *self, size_t bus, bool answers);
+
 /* Takes an event of a bus. A frame is kept until gateways_meet(). Returns false without memory. */
 bool gateways_note(gateways *self, size_t bus, const cw_event *event);
 
 /* Passes on, in the order of time, the frames that gateways have received before a tick. No bus may
  * be beyond the tick at which it gets one, and none may tell about an earlier reception later.
- * given[BUS], if there is an array: the tick for which a bus gets its first frame that other
- * gateways carry on; else CW_NEVER. */
+ * given[BUS], if there is an array: when a bus gets its first frame that others carry on or answer;
+ * CW_NEVER: there is none. */
 void gateways_meet(gateways *self, uint64_t before, uint64_t given[RIG_BUSES_MAX]);
 
 /* Returns, for each bus, the tick of its first frame that has not been passed on, or CW_NEVER. */

@@ -15,6 +15,11 @@ static uint64_t least(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
+static uint64_t most(uint64_t a, uint64_t b)
+{
+    return a > b ? a : b;
+}
+
 /* Returns the first tick at which the bus expects an event. Off the grid, and where there is a data
  * rate, one may come up to a bit before it says. */
 static uint64_t next_event(const cw_bus *bus, const release_plan *plan, const cfg *config)
@@ -26,14 +31,19 @@ static uint64_t next_event(const cw_bus *bus, const release_plan *plan, const cf
     return least(next == CW_NEVER || next < bit ? next : next - bit, release_next_tick(plan));
 }
 
-uint64_t meeting_next(const cw_bus *bus, const release_plan *plan, const cfg *config)
+/* Returns a tick before which nobody receives a frame. It may be within the bit in progress. */
+static uint64_t next_reception(const cw_bus *bus, const release_plan *plan, const cfg *config)
 {
-    const uint64_t bit = cw_bus_tick_after(bus, 1);
-    uint64_t next = next_event(bus, plan, config);
+    const uint64_t next = next_event(bus, plan, config);
     /* rules, replies and fast replays send frames that the bus does not know yet */
     if (config->rule_count > 0 || config->reply_count > 0 || release_is_fast(plan))
-        next = least(next, cw_bus_tick_after(bus, FRAME_BITS_MIN));
-    return next > bit ? next : bit;
+        return least(next, cw_bus_tick_after(bus, FRAME_BITS_MIN));
+    return next;
+}
+
+uint64_t meeting_next(const cw_bus *bus, const release_plan *plan, const cfg *config)
+{
+    return most(next_reception(bus, plan, config), cw_bus_tick_after(bus, 1));
 }
 
 /* Tells the gateways of a bus which of their nodes hear what they send (M15). */
@@ -63,19 +73,17 @@ static bool is_end(const gateways_bus *place, uint64_t own, const cfg *config)
     return (nodes & (nodes - 1)) == 0 && own == 0 && !has_answers(config);
 }
 
-/* Returns the same as meeting_next(), for frames that gateways carry. */
+/* Returns the same as next_reception(), for frames that gateways carry. */
 static uint64_t next_carried(const gateways_bus *place, const cw_bus *bus, release_plan *plan,
                              const cfg *config, uint64_t reaction)
 {
     if (config->rule_count > 0 || config->reply_count > 0 || release_is_fast(plan))
-        return meeting_next(bus, plan, config);
+        return next_reception(bus, plan, config);
     const bool plain = cw_bus_is_on_grid(bus) && config->dbitrate_bps == 0;
     const uint64_t early = plain ? 0 : cw_rate_ticks(config->rate, 1);
-    const uint64_t soon = cw_bus_tick_after(bus, 1);
     uint64_t next = cw_bus_next_rx(bus, gateways_want, place);
     next = next == CW_NEVER || next < early ? next : next - early;
-    next = least(next, release_next_rx(plan, gateways_want, place, reaction));
-    return next > soon ? next : soon;
+    return least(next, release_next_rx(plan, gateways_want, place, reaction));
 }
 
 meeting_outlook meeting_find(const gateways_bus *place, const cw_bus *bus, release_plan *plan,
@@ -86,8 +94,12 @@ meeting_outlook meeting_find(const gateways_bus *place, const cw_bus *bus, relea
     if (!(gateways_feeds(place->gateways) >> place->bus & 1u))
         return (meeting_outlook){.next = CW_NEVER, .reaction = CW_NEVER};
     const uint64_t own = hear_own(place, bus);
+    gateways_answer(place->gateways, place->bus, has_answers(config));
     const uint64_t reaction = cw_rate_ticks(config->rate, bits);
-    return (meeting_outlook){.next = next_carried(place, bus, plan, config, reaction),
+    const uint64_t first = next_carried(place, bus, plan, config, reaction);
+    const uint64_t next = most(first, cw_bus_tick_after(bus, 1));
+    return (meeting_outlook){.next = next,
+                             .early = plain ? 0 : next - most(first, cw_bus_now(bus)),
                              .reaction = is_end(place, own, config) ? CW_NEVER : reaction};
 }
 
@@ -103,6 +115,16 @@ static uint64_t next_of(const meeting *m, size_t bus)
     return least(o->next, cw_after(m->limit[bus], o->reaction));
 }
 
+/* Returns a tick before which no further frame comes over a way. With too short a delay it may come
+ * before that, for a bus that waited longer would not let others go on. */
+static uint64_t comes_at(const meeting *m, const gateways_way *way)
+{
+    const meeting_outlook *o = &m->outlook[way->from];
+    const uint64_t own = o->next - least(o->early, way->delay);
+    const uint64_t next = least(own, cw_after(m->limit[way->from], o->reaction));
+    return cw_after(least(next, gateways_first(m->gateways)[way->from]), way->delay);
+}
+
 /* Lowers limits by the ways that begin at a set of buses. Returns the buses of which gateways may
  * get another frame earlier by that. */
 static uint32_t lower_limits(meeting *m, uint32_t from)
@@ -110,12 +132,10 @@ static uint32_t lower_limits(meeting *m, uint32_t from)
     size_t count;
     uint32_t earlier = 0;
     const gateways_way *ways = gateways_ways(m->gateways, &count);
-    const uint64_t *first = gateways_first(m->gateways);
     for (const gateways_way *way = ways; way < ways + count; way++) {
         if (!(from >> way->from & 1u))
             continue;
-        const uint64_t next = least(next_of(m, way->from), first[way->from]);
-        const uint64_t tick = cw_after(next, way->delay);
+        const uint64_t tick = comes_at(m, way);
         if (tick >= m->limit[way->to])
             continue;
         m->limit[way->to] = tick;

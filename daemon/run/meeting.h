@@ -14,7 +14,9 @@
 
 /* The frames that gateways may expect of a bus. */
 typedef struct meeting_outlook {
-    uint64_t next; /* before this tick they get no frame that they carry, when no frame is put in */
+    uint64_t next; /* a bit to come, before which the bus tells of no frame that they carry, when no
+                      frame is put in */
+    uint64_t early; /* ticks by which such a frame may have come before the end of that bit */
     uint64_t reaction; /* ticks in which they get none because of one that is put in; CW_NEVER: they
                           get none at all by that */
 } meeting_outlook;

@@ -141,6 +141,38 @@ def test_more_frames_than_a_bus_can_hold_are_lost_one_by_one(tmp_path):
     assert fast[1]["buses"][1]["bus"]["frames"] == sum(r["forwarded"] for r in forward["rules"])
 
 
+def test_an_answer_comes_back_in_time(tmp_path):
+    """No gateway carries on the remote frame that makes a mailbox of b send. Its answer goes back
+    to a, which has gone on meanwhile only as far as it may."""
+    file = write_buses(tmp_path, ("a", 125000, "{ send: '123#R2', every: 1300us, count: 20 }", ""),
+                       ("b", 500000, "", ", controller: { model: full, mailboxes: [ "
+                        "{ direction: rx }, { direction: tx, id: 123, reply: auto, data: 00FF }, "
+                        "{ direction: tx } ] }"),
+                       gateways="  - { name: g, between: [ 'a:n1', 'b:n0' ], "
+                                "rules: [ { filter: '123', delay: 1500us } ] }\n")
+    fast, slow = (outcome(file, "--until", "60ms", *step) for step in ([], ["--step"]))
+    assert fast == slow
+    assert fast[1]["gateways"][0]["backward"]["rules"][0]["forwarded"] > 10
+
+
+@pytest.mark.parametrize("delay", ["8us", "1003us"])
+def test_clocks_of_their_own_change_nothing_behind_a_delay_of_a_bit(tmp_path, delay):
+    """Frames are received before the bit ends in which their bus tells so."""
+    (tmp_path / "a.yaml").write_text(
+        "bus: { name: a, bitrate: 125000 }\nnodes:\n  - { name: n0, ppm: 150, traffic: [ "
+        "{ send: '123#A5', every: 997us, count: 60 } ] }\n  - { name: n1, rx-delay: 1us }\n")
+    (tmp_path / "b.yaml").write_text(
+        "bus: { name: b, bitrate: 1000000 }\nnodes:\n  - { name: n0, queue: 1 }\n"
+        "  - { name: n1, traffic: [ { send: '100#1122334455667788', every: 133us, count: 480 } ] "
+        "}\n")
+    (tmp_path / "rig.yaml").write_text(
+        "buses: [ a.yaml, b.yaml ]\ngateways:\n  - { name: g, between: [ 'a:n1', 'b:n0' ], "
+        f"rules: [ {{ delay: {delay} }} ] }}\n")
+    file = tmp_path / "rig.yaml"
+    fast, slow = (outcome(file, "--until", "70ms", *step) for step in ([], ["--step"]))
+    assert fast == slow
+
+
 @pytest.mark.parametrize("step", [[], ["--step"]])
 def test_a_bus_goes_on_beside_one_that_never_rests(tmp_path, step):
     """Nobody acknowledges the frame of a. The run ends 10 s after the last frame of c."""
