@@ -111,6 +111,14 @@ static void complain(const iface *in, const char *why)
                   (int)MESSAGE_TEXT_BYTES, why);
 }
 
+/* Filters come behind the hello. The frames of the time between have not passed them, and are lost:
+ * the program gets those that come when its call has returned. */
+static void begin_filtered(int fd, const conn_wants *wants)
+{
+    conn_set_filters(fd, wants);
+    conn_flush(fd);
+}
+
 int conn_start(int fd, const iface *in, const conn_wants *wants, unsigned number)
 {
     message answer;
@@ -121,7 +129,7 @@ int conn_start(int fd, const iface *in, const conn_wants *wants, unsigned number
         return conn_is_over(error) ? ENETDOWN : error;
     if (answer.head.type == MESSAGE_HELLO) {
         if (wants->filtered)
-            conn_set_filters(fd, wants);
+            begin_filtered(fd, wants);
         return 0;
     }
     if (!wants->quiet && (answer.error.code != EEXIST || !in->guest))

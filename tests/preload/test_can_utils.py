@@ -2,6 +2,7 @@
 """The programs of can-utils, as Debian has them, at nodes of a bus."""
 
 import re
+import sys
 
 from simtool import canwire
 from test_record import wait_until
@@ -39,6 +40,31 @@ def test_candump_with_filters_error_frames_and_several_interfaces(bus):
     canwire("inject", "./share.sock", "{ name: off, do: { bus-off: dash } }", cwd=r.folder)
     shown = "".join(lines(one, 2))
     assert "ERRORFRAME" in shown and "bus-off" in shown
+    r.stop()
+
+
+FILTERED = """
+import socket, struct
+for _ in range(50):
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as one:
+        one.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, struct.pack("=II", 0x123, 0x7FF))
+        one.bind(("dash",))
+        one.settimeout(0.005)
+        try:
+            print(one.recv(16))
+        except TimeoutError:
+            pass
+print("over")
+"""
+
+
+def test_a_socket_with_a_filter_gets_nothing_else_from_its_bind_on(bus):
+    """On a bus that is full of other frames."""
+    r = bus()
+    canwire("inject", "./share.sock", "{ name: full, do: { babble: 100#11, as: idle } }",
+            cwd=r.folder)
+    done = r.run("dash", sys.executable, "-c", FILTERED)
+    assert done.stdout == "over\n"
     r.stop()
 
 
