@@ -13,8 +13,8 @@ void standardfds_hold(void)
     for (int fd = STDIN_FILENO; fd <= STDERR_FILENO; fd++) {
         if (fcntl(fd, F_GETFD) >= 0 || errno != EBADF)
             continue;
-        const int held =
-            open("/dev/null", (fd == STDIN_FILENO ? O_WRONLY : O_RDONLY) | O_CLOEXEC);
+        const int held = open("/dev/null", (fd == STDIN_FILENO ? O_WRONLY : O_RDONLY) |
+                                           O_NOFOLLOW | O_CLOEXEC);
         if (held > STDERR_FILENO)
             (void)close(held);
     }
