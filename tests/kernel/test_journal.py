@@ -165,7 +165,7 @@ def at_rest(night):
 def test_a_burst_that_fills_the_inbox_runs_again(launch, ecus, tmp_path):
     night = Night(launch, tmp_path, bus(NODES[:3]), kinds=["tx,fault"])  # all would be too much
     night.daemon.process.send_signal(signal.SIGSTOP)
-    # 4096 frames fit into the inbox; their events, of 65 bytes each, wait for a client, however slow
+    # 4096 frames fit into the inbox; their events, of 65 bytes each, wait for the slowest client
     for n in range(BURST):
         for ecu, number in zip(ecus, (0x100, 0x200, 0x300)):
             ecu.send(Frame.parse(f"{number:03X}#{n % 256:02X}"))
