@@ -14,6 +14,14 @@
 
 #define FIRST_ROWS 5u
 
+/* Returns true, with a message, when a part of a text is missing. */
+static bool lacks_memory(const rowtext *text)
+{
+    if (text->no_memory)
+        fputs("canwire campaign: out of memory\n", stderr);
+    return text->no_memory;
+}
+
 /* ---- Plan ------------------------------------------------------------------------------------ */
 
 static void print_factors(const campaign *c)
@@ -39,21 +47,30 @@ static void print_factors(const campaign *c)
     }
 }
 
-static void print_rows(const campaign *c)
+static bool print_value(const factor *f, const choice *chosen)
 {
+    rowtext value = {.no_memory = false};
+    sample_value(&value, f, chosen);
+    const bool good = !lacks_memory(&value);
+    if (good)
+        plain_print(stdout, " %s=%.*s", f->name, (int)buffer_length(&value.bytes),
+                    buffer_first(&value.bytes));
+    rowtext_free(&value);
+    return good;
+}
+
+static bool print_rows(const campaign *c)
+{
+    bool good = true;
     for (uint64_t i = 0; i < c->rows && i < FIRST_ROWS; i++) {
         choice choices[CAMPAIGN_FACTORS_MAX];
         printf("row %" PRIu64 ":", i);
         sample_choose(choices, c, i);
-        for (size_t f = 0; f < c->factor_count; f++) {
-            rowtext value = {.no_memory = false};
-            sample_value(&value, &c->factors[f], &choices[f]);
-            plain_print(stdout, " %s=%.*s", c->factors[f].name,
-                        (int)buffer_length(&value.bytes), buffer_first(&value.bytes));
-            rowtext_free(&value);
-        }
+        for (size_t f = 0; good && f < c->factor_count; f++)
+            good = print_value(&c->factors[f], &choices[f]);
         puts("");
     }
+    return good;
 }
 
 /* Tells how long rows with programs take: nobody knows before they run. */
@@ -70,8 +87,10 @@ static void print_real_time(const campaign *c, unsigned processes)
 int campaign_plan(const campaign *c, unsigned jobs)
 {
     print_factors(c);
-    print_rows(c);
+    const bool good = print_rows(c);
     (void)fflush(stdout);
+    if (!good)
+        return CLI_BAD_INPUT;
     const unsigned processes = jobs > 0 ? jobs : pool_jobs_default();
     if (c->ecus.count == 0)
         return estimate_print(c, processes) ? CLI_OK : CLI_BAD_INPUT;
@@ -93,7 +112,9 @@ int campaign_show(const campaign *c, uint64_t number)
     }
     sample_choose(choices, c, number);
     variant_text(&text, c, choices);
-    (void)fwrite(buffer_first(&text.bytes), 1, buffer_length(&text.bytes), stdout);
+    const bool good = !lacks_memory(&text);
+    if (good)
+        (void)fwrite(buffer_first(&text.bytes), 1, buffer_length(&text.bytes), stdout);
     rowtext_free(&text);
-    return text.no_memory ? CLI_BAD_INPUT : CLI_OK;
+    return good ? CLI_OK : CLI_BAD_INPUT;
 }
