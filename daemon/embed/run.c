@@ -4,17 +4,13 @@
  */
 #include "embed/embed.h"
 
+#include "base/least.h"
 #include "base/number.h"
 
 #include <assert.h>
 #include <string.h>
 
 #define SLICE_TICKS (CW_CLOCK_HZ / 100u) /* of a rig, whose gateways keep frames meanwhile */
-
-static uint64_t least(uint64_t a, uint64_t b)
-{
-    return a < b ? a : b;
-}
 
 /* ---- Awaited events -------------------------------------------------------------------------- */
 

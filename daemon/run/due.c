@@ -4,12 +4,9 @@
  */
 #include "run/due.h"
 
-#define FRAME_BITS_MIN 44u /* SOF to EOF, of an empty frame without stuff bits */
+#include "base/least.h"
 
-static uint64_t least(uint64_t a, uint64_t b)
-{
-    return a < b ? a : b;
-}
+#define FRAME_BITS_MIN 44u /* SOF to EOF, of an empty frame without stuff bits */
 
 /* Returns the tick of a reception (M7): receivers have a frame at the end of its last bit but one.
  * Its bits begin with the first whole bit. */

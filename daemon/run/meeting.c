@@ -4,21 +4,12 @@
  */
 #include "run/meeting.h"
 
+#include "base/least.h"
 #include "run/due.h"
 
 #define FRAME_BITS_MIN 25 /* nominal bits of any frame, SOF to its reception, at any data rate */
 #define CLASSICAL_BITS_MIN 43
 #define JOINED_BITS 3 /* of a frame that joins the SOF of another one (M6) */
-
-static uint64_t least(uint64_t a, uint64_t b)
-{
-    return a < b ? a : b;
-}
-
-static uint64_t most(uint64_t a, uint64_t b)
-{
-    return a > b ? a : b;
-}
 
 /* Returns the first tick at which the bus expects an event. Off the grid, and where there is a data
  * rate, one may come up to a bit before it says. */

@@ -4,16 +4,12 @@
  */
 #include "sim/sim_group.h"
 
+#include "base/least.h"
 #include "base/plain.h"
 
 #define SLICE_TICKS (CW_CLOCK_HZ / 100u)
 #define COMMON_BIT_MAX (CW_CLOCK_HZ / 100u) /* ticks; bits of odd rates hardly ever meet */
 #define QUIET_LIMIT_S 10u /* of bus time without a tx or a release, as for one bus */
-
-static uint64_t least(uint64_t a, uint64_t b)
-{
-    return a < b ? a : b;
-}
 
 static uint64_t until_of(const sim_group *g)
 {

@@ -4,6 +4,7 @@
  */
 #include "sim/sim_run.h"
 
+#include "base/least.h"
 #include "base/plain.h"
 #include "run/bus_make.h"
 
@@ -194,11 +195,6 @@ void sim_pass_on(sim_run *s, const cw_event *event)
     pass_on_events(s);
     if (event)
         pass_on(s, event);
-}
-
-static uint64_t least(uint64_t a, uint64_t b)
-{
-    return a < b ? a : b;
 }
 
 /* A run that is careful from a tick on is expected to end there. */

@@ -11,6 +11,7 @@
 #include "cli/sim/sim_rig.h"
 
 #include "base/jsonput.h"
+#include "base/least.h"
 #include "base/plain.h"
 #include "cli/cli.h"
 #include "cli/gateways_text.h"
@@ -113,11 +114,6 @@ static void write_event(sim_rig *s, const rig_bus *b, kept *k)
                             text_ticks_ns(k->event.tick));
     free(k->line);
     free(k->logged);
-}
-
-static uint64_t least(uint64_t a, uint64_t b)
-{
-    return a < b ? a : b;
 }
 
 /* Returns the bus with the next event, or NULL when there is none before a tick. */
