@@ -265,8 +265,8 @@ static int await_restarting(bool *begun)
     return 0;
 }
 
-/* Without a bus calls wait in real time. Ports may go a little later than time, and no thread looks
- * at them: the wait then ends now and then. */
+/* Without a bus calls wait in real time. Ports may go a little later than time. They are not among
+ * the caller's descriptors, and no thread looks at them: a wait for them ends now and then. */
 static int wait_really(const vtime_wait *wait, bool has_ports)
 {
     int64_t left_ns = wait->until_ns == VTIME_NEVER ? VTIME_NEVER
@@ -286,7 +286,7 @@ int vtime_turn(const vtime_wait *wait, const vtime_wait *own, bool *turned)
     if (waits || (state == VTIME_ON && owner != getpid()))
         return EINTR;
     if (state == VTIME_LOST)
-        return wait_really(wait, own->wants != 0);
+        return wait_really(wait, (wait->wants | own->wants) != 0);
     waits = true;
     say(TIMING_WAIT, wait->wants | own->wants,
         wait->until_ns < own->until_ns ? wait->until_ns : own->until_ns);

@@ -11,6 +11,7 @@ import time
 
 import pytest
 
+from compiled import compiled
 from simtool import (CANWIRE, CANWIRED, ROOT, TIMEOUT_S, canwire, events, kill_all, listens,
                      stop_canwired)
 from test_record import wait_until
@@ -28,13 +29,14 @@ nodes:
 
 
 class Virtual:
-    def __init__(self, folder, programs=1, more="", engine=""):
+    def __init__(self, folder, programs=1, more="", engine="", environment=None):
         folder.mkdir(exist_ok=True)
         self.folder, self.log, self.started = folder, folder / "stderr", []
         (folder / "bus.yaml").write_text(BUS.format(programs=programs, more=more, engine=engine))
         with self.log.open("w") as log:
             self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml", "--journal", "journal"],
-                                            cwd=folder, stderr=log)
+                                            cwd=folder, stderr=log,
+                                            env={**os.environ, **(environment or {})})
         wait_until(lambda: listens(folder / "slow.sock") or self.process.poll() is not None,
                    "the bus")
 
@@ -348,6 +350,24 @@ def test_a_program_that_waits_goes_on_when_the_bus_goes(bus, code, said, number)
     b.process.send_signal(number)
     b.process.wait(TIMEOUT_S)
     assert said in b.end(waiter)
+
+
+@pytest.mark.parametrize("call", ["b.recv()", "b.socket.recv(72)"])
+def test_a_port_that_goes_later_than_time_ends_a_wait(bus, call, tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    b = bus(programs=2, environment={"LD_PRELOAD": str(compiled("late_end.so")),
+                                     "LATE_END": str(pipe)})
+    code = READ.replace("b.recv()", call).replace("can.CanError", "(can.CanError, OSError)")
+    waiter = b.begin("engine", sys.executable, "-c", code)
+    holder = b.begin("dash", sys.executable, "-c", HOLD)
+    assert waiter.stdout.readline() == "waits\n" and holder.stdout.readline() == "holds\n"
+    b.process.send_signal(signal.SIGTERM)
+    with pipe.open("rb"):  # canwired is about to close the port
+        time.sleep(0.2)  # the program has seen the end of time, or it sees both, which must do, too
+    with pipe.open("wb"):
+        pass
+    assert "Network is down" in b.end(waiter)
 
 
 # ---- What is refused -----------------------------------------------------------------------------

@@ -12,6 +12,7 @@ LIBRARY = ("-shared", "-fPIC")
 SOURCES = {  # and its options
     "frozen_clock.so": ("tests/kernel/frozen_clock.c", *LIBRARY),
     "suspended_clock.so": ("tests/kernel/suspended_clock.c", *LIBRARY),
+    "late_end.so": ("tests/preload/late_end.c", *LIBRARY),
     "small-ecu": ("tests/tool/small_ecu.c",),
     "socketcan-calls": ("tests/preload/calls.c", "-pthread"),
 }
