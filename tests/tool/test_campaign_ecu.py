@@ -347,6 +347,18 @@ def test_files_of_others_stay(make):
     assert mine.read_text() == "precious"
 
 
+@pytest.mark.parametrize("left", [[], [".sockets"], [".sockets", "scenario.yaml", "engine"]])
+def test_what_another_run_has_begun_is_taken_over(make, left):
+    """It has made the folder of the row, has not yet locked it, and ends."""
+    file = make(ECU)
+    row = file.parent / "campaign.yaml.d/row-0"
+    row.mkdir(parents=True)
+    for name in left:
+        (row / name).symlink_to("nowhere")
+    assert campaign(file)[0]["outcome"] == "passed"
+    assert not row.parent.exists()
+
+
 # ---- nothing is left -----------------------------------------------------------------------------
 
 DAEMON = "{ node: engine, run: \"setsid sleep 1000 & sleep 1000 & echo up; COMMAND\", ready: up }"

@@ -4,6 +4,7 @@
  */
 #include "campaign/ecu/ecu_folder.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
@@ -18,7 +19,7 @@
 #define MODE 0777           /* of folders, less the umask */
 #define FILE_MODE 0666      /* of files, in the same way */
 #define TEMPORARY_MAX 40u   /* bytes of $TMPDIR that leave room for names of sockets */
-#define TRIES 8             /* to make the folder of a row, which another run may make, too */
+#define TRIES 1000          /* to get the folder of a row, which other runs make and remove, too */
 #define OPEN_MAX_FOLDERS 16 /* at a time, while one is removed */
 
 static bool fail(char why[ECU_WHY_MAX], const char *path)
@@ -38,6 +39,11 @@ static int remove_one(const char *path, const struct stat *found, int type, stru
     return 0;
 }
 
+static int remove_inner(const char *path, const struct stat *found, int type, struct FTW *place)
+{
+    return place->level > 0 ? remove_one(path, found, type, place) : 0;
+}
+
 void ecu_folder_remove(const char *path)
 {
     (void)nftw(path, remove_one, OPEN_MAX_FOLDERS, FTW_DEPTH | FTW_PHYS);
@@ -48,16 +54,6 @@ void ecu_folder_remove(const char *path)
 void ecu_folder_path(char out[PATH_MAX], const char *work, uint64_t row)
 {
     (void)snprintf(out, PATH_MAX, "%.*s/row-%" PRIu64, PATH_MAX - 64, work, row);
-}
-
-/* Removes what an earlier run has left: a folder with the scenario of a row in it. */
-static void clear(const char *path)
-{
-    char scenario[PATH_MAX + 16];
-    struct stat found;
-    (void)snprintf(scenario, sizeof scenario, "%s/" ECU_SCENARIO, path);
-    if (fstatat(AT_FDCWD, scenario, &found, AT_SYMLINK_NOFOLLOW) == 0)
-        ecu_folder_remove(path);
 }
 
 /* Returns true when a folder is still the one with that name. */
@@ -78,35 +74,67 @@ static int open_folder(const char *path)
     return -1;
 }
 
-/* Makes an empty folder that is locked. Returns false with errno: another program may have been
- * faster, or have removed the folder of all rows. */
-static bool try_files(ecu_folder *f, const char *work)
+static bool has(int fd, const char *name)
 {
-    if (mkdirat(AT_FDCWD, f->files, MODE) != 0) {
-        const int error = errno;
-        if (error == ENOENT)
-            (void)mkdirat(AT_FDCWD, work, MODE);
-        errno = error;
-        return false;
-    }
-    f->fd = open_folder(f->files);
-    return f->fd >= 0;
+    struct stat found;
+    return fstatat(fd, name, &found, AT_SYMLINK_NOFOLLOW) == 0;
+}
+
+static bool is_empty(int fd)
+{
+    const int copy = openat(fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    DIR *folder = copy >= 0 ? fdopendir(copy) : NULL;
+    unsigned entries = 0;
+    while (folder && entries <= 2 && readdir(folder)) /* "." and ".." */
+        entries++;
+    if (folder)
+        (void)closedir(folder);
+    else if (copy >= 0)
+        (void)close(copy);
+    return folder && entries <= 2;
+}
+
+/* Takes a folder that is locked. Files that an earlier run has left go; the first of them is the
+ * link to the sockets, the next one the scenario. A folder with other files stays as it is. */
+static bool take(int fd, const char *path)
+{
+    if (has(fd, ECU_SCENARIO) || has(fd, ECU_SOCKETS))
+        (void)nftw(path, remove_inner, OPEN_MAX_FOLDERS, FTW_DEPTH | FTW_PHYS);
+    return is_empty(fd);
+}
+
+/* Makes the folder of the row, and that of all rows, which another run may have removed. Returns an
+ * errno, also when it is there. */
+static int make(const char *path, const char *work)
+{
+    errno = EEXIST;
+    if (mkdirat(AT_FDCWD, path, MODE) == 0 || errno != ENOENT)
+        return errno;
+    (void)mkdirat(AT_FDCWD, work, MODE);
+    return ENOENT;
 }
 
 /* The folder is locked as long as somebody works in it. That may be another run of this row, or the
- * keeper of an earlier try, which ends its programs. */
+ * keeper of an earlier try, which ends its programs. It is taken by its lock, not by making it: the
+ * lock is what one run alone can have. Each run that ends removes it, so those that wait look for
+ * it again. */
 static bool make_files(ecu_folder *f, const char *work, char why[ECU_WHY_MAX])
 {
-    bool good = false;
-    for (unsigned i = 0; i < TRIES && !good; i++) {
-        const int before = open_folder(f->files);
-        if (before >= 0)
-            clear(f->files);
-        good = try_files(f, work) || (i + 1 == TRIES && fail(why, f->files));
-        if (before >= 0)
-            (void)close(before);
+    for (unsigned i = 0; i < TRIES; i++) {
+        const int error = make(f->files, work);
+        const int fd = open_folder(f->files);
+        errno = error;
+        if (fd < 0)
+            continue;
+        if (take(fd, f->files)) {
+            f->fd = fd;
+            return true;
+        }
+        (void)close(fd);
+        errno = EEXIST;
+        break;
     }
-    return good;
+    return fail(why, f->files);
 }
 
 static bool make_sockets(ecu_folder *f, char why[ECU_WHY_MAX])

@@ -24,6 +24,7 @@
 
 #define MODE 0777      /* of folders, less the umask */
 #define EXTRA_MS 60000 /* for begin and end of a row */
+#define TRIES 1000     /* to make a folder that others remove */
 #define CONTROL_MAX 40u /* bytes of the name of the bus that are looked at */
 
 struct ecu_rows {
@@ -86,11 +87,18 @@ static bool find_programs(ecu_rows *e)
     return true;
 }
 
+/* Another run of the same rows may remove the folder between the two calls, when it ends. */
 static bool make_work(ecu_rows *e)
 {
-    if (mkdirat(AT_FDCWD, e->shown, MODE) != 0 && errno != EEXIST)
-        return complain(e->shown, strerror(errno));
-    return realpath(e->shown, e->work) || complain(e->shown, strerror(errno));
+    for (unsigned i = 0; i < TRIES; i++) {
+        if (mkdirat(AT_FDCWD, e->shown, MODE) != 0 && errno != EEXIST)
+            break;
+        if (realpath(e->shown, e->work))
+            return true;
+        if (errno != ENOENT)
+            break;
+    }
+    return complain(e->shown, strerror(errno));
 }
 
 static void find_network(ecu_rows *e)
