@@ -23,7 +23,7 @@ import threading
 import pytest
 
 from failing import WORKERS, Calls, Try, build_library, plan, run_all
-from simtool import CANWIRE, CANWIRED, ROOT, TIMEOUT_S, kill_all, listens
+from simtool import CANWIRE, CANWIRED, ROOT, TIMEOUT_S, canwire, kill_all, listens
 from test_journal import lines as journal_lines
 from test_record import wait_until
 
@@ -267,8 +267,10 @@ control: day.sock
 nodes:
   - { name: engine }
   - { name: load, traffic: [ { send: 123#DEADBEEF, every: 5ms } ] }
+  - { name: gone }
 faults:
   - { name: crc, when: { manual: yes }, do: { bus-off: engine } }
+  - { name: end, when: { time: 0s }, do: { bus-off: gone } }
 """
 RULE = "{ name: mine, when: { manual: yes }, do: { bus-off: load } }"
 EVENTS = b"""{"t":0.001000000,"node":"load","event":"tx","frame":"123#DEADBEEF"}
@@ -331,6 +333,8 @@ def fixture_real(tmp_path_factory):
         process = subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=folder, stderr=errors)
     try:
         wait_until(lambda: listens(folder / "day.sock"), "the control socket")
+        wait_until(lambda: '"bus-off"' in canwire("status", "./day.sock", "--json",
+                                                  cwd=folder).stdout, "a node that is bus-off")
         yield folder / "day.sock"
     finally:
         kill_all([process])
@@ -340,7 +344,7 @@ def fixture_real(tmp_path_factory):
     (["status", "BUS"], []), (["status", "BUS", "--json"], []), (["faults", "BUS"], []),
     (["faults", "BUS", "--json"], []), (["set", "BUS", "load", "restart-ms=100"], []),
     (["inject", "BUS", RULE], []), (["inject", "BUS", "other.yaml"], []),
-    (["fire", "BUS", "crc"], []), (["clear", "BUS", "crc"], []), (["restart", "BUS", "engine"], []),
+    (["fire", "BUS", "crc"], []), (["clear", "BUS", "crc"], []), (["restart", "BUS", "gone"], []),
     (["reload", "BUS"], []), (["watch", "BUS"], []), (["watch", "BUS", "--text", "tx,state"], []),
     (["record", "BUS", "a.log"], ["a.log"]), (["record", "BUS", "a.pcapng"], ["a.pcapng"]),
 ], ids=lambda words: " ".join(words[:3:2]))
