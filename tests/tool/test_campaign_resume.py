@@ -97,6 +97,28 @@ def test_a_changed_last_row(torn, tmp_path):
     assert "it has other rows" in campaign("run", file, "--out", out, "--resume", status=1).stderr
 
 
+@pytest.mark.parametrize("rows, step", [(65, 64), (1000, 64), (1025, 128), (1152, 128)])
+def test_a_changed_row_among_many(make, tmp_path, rows, step):
+    """Each step-th row is made again."""
+    file, out = make(MANY.replace("to: 2", "to: 3")), tmp_path / "rows.ndjson"
+    part = tmp_path / "rows.ndjson.part"
+    campaign("run", file, "--out", out)
+    lines = out.read_text().splitlines(True)[:rows]
+    out.unlink()
+
+    for changed in range(step, rows, step):
+        part.write_text("".join([*lines[:changed],
+                                 lines[changed].replace('"faults":', '"faults":7'),
+                                 *lines[changed + 1:]]))
+        message = campaign("run", file, "--out", out, "--resume", status=1).stderr
+        assert f"row {changed} is another one when it is made again" in message
+    part.write_text("".join(lines))
+    made = len({*range(0, rows, step), rows - 1})
+    message = campaign("run", file, "--out", out, "--resume").stderr
+    assert f"{rows} rows are there; the first and the last one" in message
+    assert made == 2 or f"and {made - 2} between, made again, are the same" in message
+
+
 def test_crashes_are_not_made_again(make, tmp_path):
     """They may be those of another machine; the last row that has a result is."""
     file, out = make(FEW), tmp_path / "rows.ndjson"

@@ -34,6 +34,29 @@ static void keep(resume_row *row, uint64_t number, const char *line, size_t leng
         row->line.no_memory = true;
 }
 
+/* Leaves out every second row of those that are spread. */
+static void thin_out(resume *r)
+{
+    for (unsigned i = 1; 2 * i < r->spread_count; i++) {
+        const resume_row row = r->spread[i];
+        r->spread[i] = r->spread[2 * i];
+        r->spread[2 * i] = row;
+    }
+    r->spread_count = (r->spread_count + 1) / 2;
+    r->step *= 2;
+}
+
+/* Keeps each step-th row. How many there will be is not known. */
+static void spread(resume *r, uint64_t number, const char *line, size_t length)
+{
+    if (r->step == 0)
+        r->step = RESUME_STEP;
+    if (r->spread_count == RESUME_SPREAD && r->repeatable % r->step == 0)
+        thin_out(r);
+    if (r->repeatable % r->step == 0)
+        keep(&r->spread[r->spread_count++], number, line, length);
+}
+
 /* A crash and a time-out may be those of the machine. */
 static bool can_repeat(outcome o)
 {
@@ -62,8 +85,9 @@ static void count_row(resume *r, outcome o, const char *line, size_t length)
     r->tally.count[o]++;
     if (!can_repeat(o) || r->campaign->ecus.count > 0) /* real time differs from run to run */
         return;
-    const bool first = buffer_length(&r->checked[0].line.bytes) == 0;
-    keep(&r->checked[first ? 0 : 1], number, line, length);
+    spread(r, number, line, length);
+    if (r->repeatable++ > 0)
+        keep(&r->last, number, line, length);
 }
 
 bool resume_take(resume *r, const char *line, size_t length)
@@ -131,24 +155,44 @@ static bool repeat(const resume *r, const resume_row *row, const char *file)
     return false;
 }
 
+/* Returns the row that is made again behind those that are spread, NULL: there is none. */
+static const resume_row *last_of(const resume *r)
+{
+    const bool is_spread = r->spread_count == 0 || r->repeatable == 1 ||
+                           r->spread[r->spread_count - 1].number == r->last.number;
+    return is_spread ? NULL : &r->last;
+}
+
+static void tell(const resume *r, unsigned made, const char *file)
+{
+    plain_print(stderr, "canwire campaign: %s: %" PRIu64 " row%s there", file, r->there,
+                r->there == 1 ? " is" : "s are");
+    if (made == 1)
+        fputs("; made again, it is the same", stderr);
+    if (made == 2)
+        fputs("; the first and the last one, made again, are the same", stderr);
+    if (made > 2)
+        fprintf(stderr, "; the first and the last one and %u between, made again, are the same",
+                made - 2);
+    fputc('\n', stderr);
+}
+
 bool resume_check(resume *r, const char *file)
 {
-    unsigned count = 0;
-    for (; count < 2 && buffer_length(&r->checked[count].line.bytes) > 0; count++)
-        if (!repeat(r, &r->checked[count], file))
+    const resume_row *last = last_of(r);
+    for (unsigned i = 0; i < r->spread_count; i++)
+        if (!repeat(r, &r->spread[i], file))
             return false;
-    if (r->there == 0)
-        return true;
-    plain_print(stderr, "canwire campaign: %s: %" PRIu64 " row%s there%s\n", file, r->there,
-                r->there == 1 ? " is" : "s are",
-                count == 0   ? ""
-                : count == 1 ? "; made again, it is the same"
-                             : "; the first and the last one, made again, are the same");
+    if (last && !repeat(r, last, file))
+        return false;
+    if (r->there > 0)
+        tell(r, r->spread_count + (last ? 1 : 0), file);
     return true;
 }
 
 void resume_free(resume *r)
 {
-    for (unsigned i = 0; i < 2; i++)
-        rowtext_free(&r->checked[i].line);
+    for (unsigned i = 0; i < RESUME_SPREAD; i++)
+        rowtext_free(&r->spread[i].line);
+    rowtext_free(&r->last.line);
 }

@@ -3,13 +3,17 @@
  * resume.h - the rows that an earlier run has left: are they those of this campaign?
  *
  * Each row must have the number and the values of the campaign. That says nothing about the
- * scenario, its profiles and its logs. So the first and the last row are made again.
+ * scenario, its profiles and its logs. So the first and the last row are made again, and of many
+ * rows some that are evenly spread among them.
  */
 #ifndef CANWIRE_CLI_CAMPAIGN_RESUME_H
 #define CANWIRE_CLI_CAMPAIGN_RESUME_H
 
 #include "campaign/runner.h"
 #include "campaign/tally.h"
+
+#define RESUME_SPREAD 16u /* rows that are made again, and the last one */
+#define RESUME_STEP 64u   /* rows from one of them to the next, at least */
 
 typedef struct resume_row {
     uint64_t number;
@@ -25,7 +29,11 @@ typedef struct resume {
     uint64_t there; /* of these, rows that there are */
     uint64_t bad;   /* the first row of these that could not be run; UINT64_MAX: none */
     tally tally;
-    resume_row checked[2]; /* the first row and the last one that can be made again */
+    uint64_t repeatable;   /* of the rows that there are, those that can be made again */
+    uint64_t step;         /* of these, those from one of spread[] to the next */
+    unsigned spread_count;
+    resume_row spread[RESUME_SPREAD];
+    resume_row last;       /* that can be made again; none when it is the first one, too */
 } resume;
 
 /* Takes the next row that is there. Returns false when it is another one. */
