@@ -12,6 +12,15 @@ from simtool import CANWIRE
 os.environ.setdefault("CANWIRE_SIM_LIBRARY", str(Path(CANWIRE).with_name("libcanwire-sim.so")))
 
 
+def pytest_addoption(parser):
+    parser.addoption("--backwards", action="store_true",
+                     help="run the last test first: finds those that need what others leave")
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("backwards"):
+        items.reverse()
+
 
 @pytest.fixture(name="write")
 def fixture_write(tmp_path):
