@@ -46,6 +46,87 @@ static bool follows(const rig *r, const hop *h, const hop *last)
     return hears(r, &last->gateway->ends[1 - last->end], &h->gateway->ends[h->end]);
 }
 
+/* ---- What lets frames pass ------------------------------------------------------------------- */
+
+/* A frame must match one filter of each gate that is there. */
+typedef enum gate {
+    GATE_RULE,
+    GATE_FILTER,   /* of the node that receives */
+    GATE_RECEIVE,  /* its mailboxes */
+    GATE_TRANSMIT, /* those of the node that sends */
+    GATES
+} gate;
+
+static const cw_filter *filter_of_box(const cfg_controller *c, cw_mailbox_use use, unsigned number)
+{
+    for (unsigned i = 0; i < c->mailbox_count; i++)
+        if (c->mailboxes[i].use == use && number-- == 0)
+            return &c->mailboxes[i].filter;
+    return NULL;
+}
+
+static const cfg_controller *controller_at(const rig *r, const hop *h, bool sends)
+{
+    return &node_at(r, &h->gateway->ends[sends ? 1 - h->end : h->end])->controller;
+}
+
+/* Returns true when a gate lets all frames pass. */
+static bool is_open(const rig *r, const hop *h, gate g)
+{
+    const cfg_controller *in = controller_at(r, h, false);
+    if (g == GATE_RULE)
+        return h->rule->filter_count == 0;
+    if (g == GATE_FILTER)
+        return in->filter_count == 0;
+    if (g == GATE_RECEIVE)
+        return in->mailbox_count == 0 || in->receive_fifo;
+    return controller_at(r, h, true)->mailbox_count == 0;
+}
+
+/* Returns a filter of a gate, numbered from 0; NULL behind the last one. */
+static const cw_filter *filter_at(const rig *r, const hop *h, gate g, unsigned number)
+{
+    const cfg_controller *in = controller_at(r, h, false);
+    if (g == GATE_RULE)
+        return number < h->rule->filter_count ? &h->rule->filters[number] : NULL;
+    if (g == GATE_FILTER)
+        return number < in->filter_count ? &in->filters[number] : NULL;
+    if (g == GATE_RECEIVE)
+        return filter_of_box(in, CW_MAILBOX_RECEIVE, number);
+    return filter_of_box(controller_at(r, h, true), CW_MAILBOX_TRANSMIT, number);
+}
+
+static bool same_filter(const cw_filter *a, const cw_filter *b)
+{
+    return a->value == b->value && a->mask == b->mask && a->inverted == b->inverted;
+}
+
+/* The same for filters that are not equal to an earlier one: mailboxes often are alike. */
+static const cw_filter *next_filter(const rig *r, const hop *h, gate g, unsigned *number)
+{
+    const cw_filter *found;
+    while ((found = filter_at(r, h, g, *number))) {
+        unsigned i = 0;
+        while (!same_filter(filter_at(r, h, g, i), found))
+            i++;
+        if (i == *number)
+            break;
+        ++*number;
+    }
+    return found;
+}
+
+static bool lets_pass(const rig *r, const hop *h, gate g, const cw_frame *frame)
+{
+    const cw_filter *filter;
+    if (is_open(r, h, g))
+        return true;
+    for (unsigned i = 0; (filter = filter_at(r, h, g, i)); i++)
+        if (cw_frame_matches(frame, filter, 1))
+            return true;
+    return false;
+}
+
 /* ---- Frames whose identifier is set ---------------------------------------------------------- */
 
 typedef struct visit {
@@ -89,13 +170,15 @@ static bool hand_over(const rig *r, visit *next, const rig_gateway *gateway, uns
     const cfg_node *in = node_at(r, &gateway->ends[end]);
     const cfg_node *out = node_at(r, &gateway->ends[1 - end]);
     const rig_rule *rule = rig_find_rule(gateway, end, frame);
-    if (!rule || !cw_frame_matches(frame, in->controller.filters, in->controller.filter_count))
-        return false;
     next->hop = (hop){.gateway = gateway, .rule = rule, .end = end};
+    if (!rule || !lets_pass(r, &next->hop, GATE_FILTER, frame) ||
+        !lets_pass(r, &next->hop, GATE_RECEIVE, frame))
+        return false;
     next->frame = *frame;
     if (rule->has_id)
         next->frame = frame_of(rule->id | (frame->flags & CW_FRAME_REMOTE ? CW_FILTER_REMOTE : 0));
-    return !(cfg_is_old(in) && cw_frame_can_id(frame) & CW_FILTER_EXTENDED) &&
+    return lets_pass(r, &next->hop, GATE_TRANSMIT, &next->frame) &&
+           !(cfg_is_old(in) && cw_frame_can_id(frame) & CW_FILTER_EXTENDED) &&
            !(cfg_is_old(out) && cw_frame_can_id(&next->frame) & CW_FILTER_EXTENDED);
 }
 
@@ -166,13 +249,12 @@ typedef struct frames {
     unsigned excluded; /* the first ones of search.excluded */
 } frames;
 
-/* A place in the list of all rules with all their filters, and those of the nodes. */
+/* A place in the list of all rules with all combinations of filters, one of each gate. */
 typedef struct cursor {
     size_t gateway;
     unsigned end;
     size_t rule;
-    unsigned filter;
-    unsigned accepted;
+    unsigned filter[GATES];
 } cursor;
 
 typedef struct search {
@@ -270,31 +352,53 @@ static bool pass_nodes(search *s, frames *set, const hop *h)
     return !old || match(s, set, &base);
 }
 
-/* Takes the hop at a cursor, and its filters; NULL for none. The cursor goes on. Returns false
- * behind the last one. */
-static bool take_hop(const search *s, hop *out, const cw_filter *filters[2], cursor *at)
+/* Goes to the next combination of filters, or to the next rule. */
+static void go_to_next(const rig *r, const hop *h, cursor *at, bool has_more)
+{
+    for (unsigned g = GATES; has_more && g-- > 0; at->filter[g] = 0) {
+        at->filter[g]++;
+        if (!is_open(r, h, g) && next_filter(r, h, g, &at->filter[g]))
+            return;
+    }
+    *at = (cursor){.gateway = at->gateway, .end = at->end, .rule = at->rule + 1};
+}
+
+/* Finds the filters at a cursor; NULL: of an open gate. Returns false when a gate lets no frame
+ * pass. */
+static bool find_filters(const rig *r, const hop *h, const cw_filter *filters[GATES],
+                         const cursor *at)
+{
+    for (unsigned g = 0; g < GATES; g++) {
+        filters[g] = is_open(r, h, g) ? NULL : filter_at(r, h, g, at->filter[g]);
+        if (!filters[g] && !is_open(r, h, g))
+            return false;
+    }
+    return true;
+}
+
+/* Returns true when a rule keeps the identifier, and its gateway hears the last one of the way. */
+static bool can_go(const search *s, const hop *h)
+{
+    return !h->rule->has_id && (h->rule->direction >> h->end & 1u) &&
+           (s->count == 0 || follows(s->rig, h, &s->way[s->count - 1]));
+}
+
+/* Takes the next hop that can go on from the end of the way, and its filters. The cursor goes on.
+ * Returns false behind the last one. */
+static bool take_hop(const search *s, hop *out, const cw_filter *filters[GATES], cursor *at)
 {
     while (at->gateway < s->rig->gateway_count) {
         const rig_gateway *gateway = &s->rig->gateways[at->gateway];
-        const rig_rule *rule = &gateway->rules[at->rule];
         if (at->end == 2) {
             *at = (cursor){.gateway = at->gateway + 1};
-            continue;
-        }
-        const cfg_controller *host = &node_at(s->rig, &gateway->ends[at->end])->controller;
-        if (at->rule == gateway->rule_count) {
+        } else if (at->rule == gateway->rule_count) {
             *at = (cursor){.gateway = at->gateway, .end = at->end + 1};
-        } else if (at->filter > 0 && at->filter >= rule->filter_count) {
-            *at = (cursor){.gateway = at->gateway, .end = at->end, .rule = at->rule + 1};
-        } else if (at->accepted > 0 && at->accepted >= host->filter_count) {
-            at->accepted = 0;
-            at->filter++;
         } else {
-            *out = (hop){.gateway = gateway, .rule = rule, .end = at->end};
-            filters[0] = rule->filter_count > 0 ? &rule->filters[at->filter] : NULL;
-            filters[1] = host->filter_count > 0 ? &host->filters[at->accepted] : NULL;
-            at->accepted++;
-            return true;
+            *out = (hop){.gateway = gateway, .rule = &gateway->rules[at->rule], .end = at->end};
+            const bool good = can_go(s, out) && find_filters(s->rig, out, filters, at);
+            go_to_next(s->rig, out, at, good);
+            if (good)
+                return true;
         }
     }
     return false;
@@ -310,21 +414,20 @@ static bool is_on_way(const search *s, const hop *h)
 
 /* Goes over a hop, if any of the frames can. Returns true when that closes a loop. A loop that does
  * not begin with the first hop is found from its own begin. */
-static bool go_over(search *s, const hop *h, const cw_filter *const filters[2])
+static bool go_over(search *s, const hop *h, const cw_filter *const filters[GATES])
 {
     frames set = s->sets[s->count];
     const hop *first = &s->way[0];
-    if (h->rule->has_id || !(h->rule->direction >> h->end & 1u) ||
-        (s->count > 0 && !follows(s->rig, h, &s->way[s->count - 1])))
-        return false;
     if (s->count > 0 && h->gateway == first->gateway && h->end == first->end) {
         cw_filter known = set.known;
         return h->rule == first->rule && complete(s, &known, set.excluded);
     }
     if (is_on_way(s, h) || s->count == RIG_LOOP_MAX || !pass_nodes(s, &set, h) ||
-        !pass_earlier_rules(s, &set, h) || (filters[0] && !match(s, &set, filters[0])) ||
-        (filters[1] && !match(s, &set, filters[1])))
+        !pass_earlier_rules(s, &set, h))
         return false;
+    for (unsigned g = 0; g < GATES; g++)
+        if (filters[g] && !match(s, &set, filters[g]))
+            return false;
     s->way[s->count++] = *h;
     s->sets[s->count] = set;
     s->next[s->count] = (cursor){.gateway = 0};
@@ -339,7 +442,7 @@ static bool find_way(search *s, const cw_filter *begin)
     s->next[0] = (cursor){.gateway = 0};
     while (s->steps++ < STEPS_MAX) {
         hop h;
-        const cw_filter *filters[2];
+        const cw_filter *filters[GATES];
         if (take_hop(s, &h, filters, &s->next[s->count])) {
             if (go_over(s, &h, filters))
                 return true;

@@ -19,7 +19,7 @@ typedef struct rig_loop {
 } rig_loop;
 
 /* Returns true when frames go round, and describes one such loop, of at most RIG_LOOP_MAX gateways.
- * It looks at the rules, and at the filters, the kind and the loopback of the nodes. */
+ * It looks at the rules, and at the filters, mailboxes, kind and loopback of the nodes. */
 bool rig_find_loop(rig_loop *loop, const rig *self);
 
 #endif

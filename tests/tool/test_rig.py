@@ -169,6 +169,26 @@ def test_a_loop_of_two_gateways_is_told(tmp_path, first, second, loop):
     # and so does what its controller sends
     ("{ filter: '00000123', direction: forward }", "{ direction: backward }", "kind: 2.0B-passive",
      False),
+    # mailboxes count: those of the node that receives
+    *[("{ filter: '123', direction: forward }", "{ direction: backward }",
+       f"controller: {{ model: full, mailboxes: [ {boxes}, {{ direction: tx }} ] }}", loop)
+      for boxes, loop in [("{ direction: rx, id: '100:700' }", True),
+                          ("{ direction: rx, id: '200:700' }, { direction: rx, id: '~123' }", False),
+                          ("{ direction: tx }", False)]],
+    # ... and of the one that sends
+    *[("{ filter: '123', direction: backward }", "{ direction: forward }",
+       f"controller: {{ model: full, mailboxes: [ {boxes} ] }}", loop)
+      for boxes, loop in [("{ direction: tx, id: '100:700' }", True),
+                          ("{ direction: tx, id: '321' }", False),
+                          ("{ direction: tx, id: '321' }, { direction: tx, id: '123' }", True),
+                          ("{ direction: tx, id: '123', reply: auto }", False)]],
+    # ... also of frames whose identifier a rule sets
+    *[("{ filter: '100', direction: forward }", "{ id: '100', direction: backward }",
+       f"controller: {{ model: full, mailboxes: [ {{ direction: rx, id: '{number}' }} ] }}", loop)
+      for number, loop in [("100", True), ("101", False)]],
+    *[("{ filter: '100', direction: backward }", "{ id: '100', direction: forward }",
+       f"controller: {{ model: full, mailboxes: [ {{ direction: tx, id: '{number}' }} ] }}", loop)
+      for number, loop in [("100", True), ("101", False)]],
     # in loopback it sends none
     ("{ filter: '123', direction: forward }", "{ direction: backward }", "loopback: on", False),
 ])
