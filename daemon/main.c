@@ -5,6 +5,7 @@
 #include "base/jsonput.h"
 #include "base/log.h"
 #include "base/plain.h"
+#include "base/standardfds.h"
 #include "config/files.h"
 #include "engine/engine.h"
 #include "engine/group.h"
@@ -521,6 +522,7 @@ int main(int argc, char **argv)
     static process p;
     options o;
     cfg *config = NULL;
+    standardfds_hold();
     json_must_have_memory();
     plain_options(argc, argv);
     int status = parse_options(&o, argc, argv);

@@ -4,6 +4,7 @@
  */
 #include "base/log.h"
 #include "base/plain.h"
+#include "base/standardfds.h"
 #include "config/config.h"
 #include "config/rig.h"
 #include "usb/adapters.h"
@@ -165,6 +166,7 @@ static bool open_vhci(vhci *files)
 int main(int argc, char **argv)
 {
     vhci files;
+    standardfds_hold();
     log_set_program("canwire-usb");
     settings s = {.user = default_user()};
     const int status = read_options(&s, argc, argv);

@@ -212,6 +212,21 @@ def test_a_reader_of_the_messages_that_is_gone_does_not_end_it(canwired, tmp_pat
     assert '"end":' in (tmp_path / "day.journal").read_text()
 
 
+def test_messages_go_nowhere_when_there_is_no_standard_error(tmp_path):
+    """And not to a file or socket that has got its number."""
+    (tmp_path / "bus.yaml").write_text(BUS)
+    words = f"exec {CANWIRED} -c bus.yaml --journal day.journal <&- >&- 2>&-"
+    with subprocess.Popen(["sh", "-c", words], cwd=tmp_path) as process:
+        wait_until(lambda: subprocess.run([CANWIRE, "reload", "./day.sock"], cwd=tmp_path,
+                                          capture_output=True, check=False).returncode == 0,
+                   "a reload")
+        folder = Path(f"/proc/{process.pid}/fd")
+        assert [os.readlink(folder / name) for name in "012"] == ["/dev/null"] * 3
+        process.send_signal(signal.SIGTERM)
+    assert process.returncode == 0
+    assert '"end":' in (tmp_path / "day.journal").read_text()
+
+
 def test_a_reader_of_events_that_is_gone_ends_the_tool_quietly(canwired):
     bus = canwired()
     with subprocess.Popen([CANWIRE, "watch", "./day.sock"], cwd=bus.folder, stdout=subprocess.PIPE,
