@@ -96,24 +96,16 @@ static const cw_filter *filter_at(const rig *r, const hop *h, gate g, unsigned n
     return filter_of_box(controller_at(r, h, true), CW_MAILBOX_TRANSMIT, number);
 }
 
-static bool same_filter(const cw_filter *a, const cw_filter *b)
+/* Returns true when a gate has the same filter before that one: mailboxes often are alike. */
+static bool is_known_filter(const rig *r, const hop *h, gate g, unsigned number)
 {
-    return a->value == b->value && a->mask == b->mask && a->inverted == b->inverted;
-}
-
-/* The same for filters that are not equal to an earlier one: mailboxes often are alike. */
-static const cw_filter *next_filter(const rig *r, const hop *h, gate g, unsigned *number)
-{
-    const cw_filter *found;
-    while ((found = filter_at(r, h, g, *number))) {
-        unsigned i = 0;
-        while (!same_filter(filter_at(r, h, g, i), found))
-            i++;
-        if (i == *number)
-            break;
-        ++*number;
+    const cw_filter *b = filter_at(r, h, g, number);
+    for (unsigned i = 0; i < number; i++) {
+        const cw_filter *a = filter_at(r, h, g, i);
+        if (a && b && a->value == b->value && a->mask == b->mask && a->inverted == b->inverted)
+            return true;
     }
-    return found;
+    return false;
 }
 
 static bool lets_pass(const rig *r, const hop *h, gate g, const cw_frame *frame)
@@ -355,10 +347,15 @@ static bool pass_nodes(search *s, frames *set, const hop *h)
 /* Goes to the next combination of filters, or to the next rule. */
 static void go_to_next(const rig *r, const hop *h, cursor *at, bool has_more)
 {
-    for (unsigned g = GATES; has_more && g-- > 0; at->filter[g] = 0) {
-        at->filter[g]++;
-        if (!is_open(r, h, g) && next_filter(r, h, g, &at->filter[g]))
+    for (unsigned i = 0; has_more && i < GATES; i++) {
+        const gate g = GATES - 1 - i;
+        unsigned *number = &at->filter[g];
+        ++*number;
+        while (is_known_filter(r, h, g, *number))
+            ++*number;
+        if (!is_open(r, h, g) && filter_at(r, h, g, *number))
             return;
+        *number = 0;
     }
     *at = (cursor){.gateway = at->gateway, .end = at->end, .rule = at->rule + 1};
 }

@@ -172,9 +172,10 @@ def test_a_loop_of_two_gateways_is_told(tmp_path, first, second, loop):
     # mailboxes count: those of the node that receives
     *[("{ filter: '123', direction: forward }", "{ direction: backward }",
        f"controller: {{ model: full, mailboxes: [ {boxes}, {{ direction: tx }} ] }}", loop)
-      for boxes, loop in [("{ direction: rx, id: '100:700' }", True),
-                          ("{ direction: rx, id: '200:700' }, { direction: rx, id: '~123' }", False),
-                          ("{ direction: tx }", False)]],
+      for boxes, loop in [
+          ("{ direction: rx, id: '100:700' }", True),
+          ("{ direction: rx, id: '200:700' }, { direction: rx, id: '~123' }", False),
+          ("{ direction: tx }", False)]],
     # ... and of the one that sends
     *[("{ filter: '123', direction: backward }", "{ direction: forward }",
        f"controller: {{ model: full, mailboxes: [ {boxes} ] }}", loop)

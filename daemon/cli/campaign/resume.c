@@ -46,7 +46,7 @@ static void thin_out(resume *r)
     r->step *= 2;
 }
 
-/* Keeps each step-th row. How many there will be is not known. */
+/* Keeps each step-th row. Their number is not known before the last one has come. */
 static void spread(resume *r, uint64_t number, const char *line, size_t length)
 {
     if (r->step == 0)
