@@ -2,6 +2,7 @@
 """Fixtures of the tests that need no CAN in the kernel."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,10 @@ from simtool import CANWIRE
 
 # the package canwire of the checkout finds the library that has just been built
 os.environ.setdefault("CANWIRE_SIM_LIBRARY", str(Path(CANWIRE).with_name("libcanwire-sim.so")))
+
+# a shell starts jobs in the background without Ctrl-C, which some tests send
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser):
