@@ -270,6 +270,7 @@ nodes:
   - { name: gone }
 faults:
   - { name: crc, when: { manual: yes }, do: { bus-off: engine } }
+  - { name: spare, when: { manual: yes }, do: { bus-off: engine } }
   - { name: end, when: { time: 0s }, do: { bus-off: gone } }
 """
 RULE = "{ name: mine, when: { manual: yes }, do: { bus-off: load } }"
@@ -282,7 +283,8 @@ EVENTS = b"""{"t":0.001000000,"node":"load","event":"tx","frame":"123#DEADBEEF"}
 
 class Bus(threading.Thread):
     """A control socket that answers as a canwired did the first time. A watch gets EVENTS, and then
-    the bus has ended. Each client finds it in the same state."""
+    the bus has ended. Each client finds it in the same state. The nodes and rules that one test
+    changes are for that test alone, as the tests have no order."""
 
     answers = {}
 
@@ -344,7 +346,7 @@ def fixture_real(tmp_path_factory):
     (["status", "BUS"], []), (["status", "BUS", "--json"], []), (["faults", "BUS"], []),
     (["faults", "BUS", "--json"], []), (["set", "BUS", "load", "restart-ms=100"], []),
     (["inject", "BUS", RULE], []), (["inject", "BUS", "other.yaml"], []),
-    (["fire", "BUS", "crc"], []), (["clear", "BUS", "crc"], []), (["restart", "BUS", "gone"], []),
+    (["fire", "BUS", "crc"], []), (["clear", "BUS", "spare"], []), (["restart", "BUS", "gone"], []),
     (["reload", "BUS"], []), (["watch", "BUS"], []), (["watch", "BUS", "--text", "tx,state"], []),
     (["record", "BUS", "a.log"], ["a.log"]), (["record", "BUS", "a.pcapng"], ["a.pcapng"]),
 ], ids=lambda words: " ".join(words[:3:2]))
