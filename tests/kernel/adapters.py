@@ -65,8 +65,10 @@ class Rig:
         return text
 
     def wait_for(self, *interfaces):
+        """Waits until all have their names. Before, the kernel may have given a name to another
+        adapter."""
         def there_or_dead():
-            return all(map(exists, interfaces)) or self.adapters.poll() is not None
+            return all(map(has_its_name, interfaces)) or self.adapters.poll() is not None
 
         wait_until(there_or_dead, interfaces)
         assert self.adapters.poll() is None, self.log()
@@ -89,6 +91,22 @@ class Rig:
 
 def exists(interface):
     return Path(f"/sys/class/net/{interface}").exists()
+
+
+def usb_of(interface):
+    return Path(f"/sys/class/net/{interface}/device").resolve().parent
+
+
+def serial(interface):
+    """The serial number of an adapter is the name that it is to have."""
+    return (usb_of(interface) / "serial").read_text().strip()
+
+
+def has_its_name(interface):
+    try:
+        return serial(interface) == interface
+    except OSError:  # it is not there, or is just getting a name
+        return False
 
 
 def details(interface):

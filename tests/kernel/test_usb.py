@@ -22,7 +22,7 @@ import pytest
 
 from adapters import (CANWIRE_USB, Rig, batch, can_info, counter, details, exists,
                       fixture_quiet_kernel,  # pylint: disable=unused-import
-                      ip, lines_up, node, run, state, tx_packets, up)
+                      ip, lines_up, node, run, serial, state, tx_packets, up, usb_of)
 from busclient import Client
 from canbits import ERROR, FD, Frame
 from conftest import (PATIENCE_S, RECEIVE_BUFFER_BYTES, ROOT, SO_RCVBUFFORCE, listeners,
@@ -528,14 +528,6 @@ def files_of(processes):
     return [len(os.listdir(f"/proc/{process}/fd")) for process in processes]
 
 
-def serial(name):
-    return (usb_of(name) / "serial").read_text().strip()
-
-
-def usb_of(name):
-    return Path(f"/sys/class/net/{name}/device").resolve().parent
-
-
 def test_a_device_that_is_suspended_and_its_driver_bound_again(pair, ends):
     """The driver keeps its device awake. Without the driver it is suspended, and it is resumed for
     the driver, which makes an interface with the first name that is free."""
@@ -668,8 +660,7 @@ def test_namespaces_and_many_adapters():
     try:
         rig.wait_for(*names)
         wait_until(lambda: "can0" in ip("netns exec engine ip -o link show"), "can0 of the engine")
-        for i, name in enumerate(names):
-            assert serial(name) == name, i
+        assert [serial(name) for name in names] == names
         ip("netns exec engine ip link set can0 type can bitrate 500000")
         ip("netns exec engine ip link set can0 up")
         wait_until(lambda: rig.node("own")["link"] == "up", "the node on the bus")
