@@ -366,8 +366,9 @@ static bool find_filters(const rig *r, const hop *h, const cw_filter *filters[GA
                          const cursor *at)
 {
     for (unsigned g = 0; g < GATES; g++) {
-        filters[g] = is_open(r, h, g) ? NULL : filter_at(r, h, g, at->filter[g]);
-        if (!filters[g] && !is_open(r, h, g))
+        const bool open = is_open(r, h, g);
+        filters[g] = open ? NULL : filter_at(r, h, g, at->filter[g]);
+        if (!open && !filters[g])
             return false;
     }
     return true;
