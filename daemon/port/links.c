@@ -19,6 +19,10 @@
 #define REPLY_BYTES 65536u  /* the kernel sends no larger part of a dump */
 #define ERROR_BYTES 200u
 
+/* The indexes of peers in other namespaces, beyond those that a kernel gives by itself. */
+#define INDEX_FIRST (1 << 20)
+#define INDEX_TRIES 4096
+
 struct links {
     int fd;
     uint32_t sequence;
@@ -300,11 +304,21 @@ int links_make_vcan(links *l, const char *name, unsigned mtu)
     return ask(l, &r, NULL, NULL);
 }
 
+static int find_index(links *l, int index)
+{
+    request r = make_request(RTM_GETLINK, NLM_F_ACK);
+    r.info.ifi_index = index;
+    return ask(l, &r, NULL, NULL);
+}
+
 /* Makes a pair. The kernel sets only the first one up, since the second does not exist then. So the
- * peer is the first. The second is in this namespace, where it can be set up later. */
-int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd, unsigned mtu)
+ * peer is the first. The second is in this namespace, where it can be set up later. index: of the
+ * peer, 0: the kernel chooses. */
+static int make_pair(links *l, const char *name, const char *peer, int netns_fd, int index,
+                     unsigned mtu)
 {
     request r = make_new(peer, mtu);
+    r.info.ifi_index = index;
     if (netns_fd >= 0)
         put(&r, IFLA_NET_NS_FD, &netns_fd, sizeof netns_fd);
     nesting info = begin(&r, IFLA_LINKINFO);
@@ -319,6 +333,23 @@ int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd,
     end(&r, data);
     end(&r, info);
     return ask(l, &r, NULL, NULL);
+}
+
+/* For another namespace the request has an index. Without one the kernel takes an interface of the
+ * peer's name in this namespace for the new one. The index has to be free here and there. */
+int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd, unsigned mtu)
+{
+    if (netns_fd < 0)
+        return make_pair(l, name, peer, netns_fd, 0, mtu);
+    int number = EBUSY;
+    for (int i = 0; number == EBUSY && i < INDEX_TRIES; i++) {
+        const int here = find_index(l, INDEX_FIRST + i);
+        if (here == ENODEV)
+            number = make_pair(l, name, peer, netns_fd, INDEX_FIRST + i, mtu);
+        else if (here != 0)
+            return here;
+    }
+    return number == EBUSY ? fail(l, EBUSY) : number;
 }
 
 /* Returns a request that sets an existing interface up or down. */

@@ -125,6 +125,22 @@ def test_peers_come_into_their_namespaces_and_carry_frames(rig, netns, canwired)
     assert set(links("ecu1")) == {"lo"}
 
 
+def test_interfaces_here_are_not_in_the_way_of_peers_elsewhere(rig, netns):
+    """A rig with hardware has a can0. Indexes may be in use here, or there."""
+    netns("ecu1", "ecu2")
+    ip("link add can0 type vcan", "link add can1 index 1048576 type vcan")
+    subprocess.run(["ip", "-n", "ecu1", "link", "add", "other", "index", "1048577", "type", "vcan"],
+                   check=True)
+    assert "made v0: can0 in ecu1\nmade v1: can0 in ecu2\n" in rig("up", PEERS)
+    for name, where in (("can0", "ecu1"), ("can0", "ecu2"), ("v3", None)):
+        link = links(where)[name]
+        assert (kind(link), is_up(link)) == ("vxcan", True)
+    assert kind(links()["can0"]) == "vcan"
+    assert rig("up") == ""
+    rig("down")
+    assert set(links()) == {"lo", "can0", "can1"} and set(links("ecu1")) == {"lo", "other"}
+
+
 def test_programs_that_write_can_fd_get_an_error(rig, netns):
     netns("ecu1", "ecu2")
     rig("up", PEERS)
