@@ -188,7 +188,7 @@ typedef struct cfg_node {
     uint8_t modes;       /* CW_MODE_* */
     bool berr_reporting; /* CW_MODE_BERR_REPORTING is among the modes */
     cw_order order;
-    uint16_t queue; /* default 16; 1024 where the port is an interface */
+    uint16_t queue; /* default 16; 1024 with a port, but for usb */
     cfg_when_full when_full;
     cfg_clients clients;
     uint16_t warning_limit;

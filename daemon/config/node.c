@@ -19,9 +19,10 @@
 #define USB_SOCKETS "/run/canwire/"
 #define USB_FRAMES 10u /* that the driver peak_usb has under way */
 #define QUEUE_DEFAULT 16u
-/* The default queue of a node on an interface, where nothing delays a program. Kernel ISO-TP writes
- * all 586 frames of 4095 bytes at once, and J1939's transport protocol 255. */
-#define QUEUE_DEFAULT_INTERFACE 1024u
+/* The default queue of a node with a port, but for usb, whose driver has one. Kernel ISO-TP writes
+ * all 586 frames of 4095 bytes at once, J1939's transport protocol 255, and programs that do not
+ * wait, such as scanners of CANopen, a frame for each node. */
+#define QUEUE_DEFAULT_PORT 1024u
 #define WARNING_LIMIT_DEFAULT 96u
 #define CLIENTS_DEFAULT 16u
 
@@ -520,6 +521,14 @@ bool cfg_is_usb(const cfg_node *node)
     return node->port && portname_parse(node->port).kind == PORTNAME_USB;
 }
 
+/* Gives a node the defaults of one with a port. */
+static void give_room(const cfg_walk *walk, cfg_node *node, cfg_when_full when_full)
+{
+    if (!walk->default_queue)
+        node->queue = QUEUE_DEFAULT_PORT;
+    node->when_full = walk->default_when_full ? walk->defaults.when_full : when_full;
+}
+
 static void read_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_walk *walk = self->user;
@@ -531,13 +540,8 @@ static void read_port(schema *self, const schema_key *key, yaml_node_t *value, v
         return;
     }
     node->port = read_port_name(self, key, value, node);
-    bool interface = portname_is_interface(node->port);
-    if (interface && !walk->default_queue)
-        node->queue = QUEUE_DEFAULT_INTERFACE;
-    if (walk->default_when_full)
-        node->when_full = walk->defaults.when_full;
-    else if (!interface)
-        node->when_full = CFG_WHEN_FULL_WAIT;
+    give_room(walk, node, portname_is_interface(node->port) ? CFG_WHEN_FULL_DROP
+                                                            : CFG_WHEN_FULL_WAIT);
     check_interface(self, key, value, node->port, NULL);
 }
 
@@ -548,8 +552,7 @@ static void read_guest_port(schema *self, const schema_key *key, yaml_node_t *va
 
     node->port_place = cfg_place_of(value);
     node->port = read_socket(self, key, value);
-    if (!walk->default_when_full)
-        node->when_full = CFG_WHEN_FULL_WAIT;
+    give_room(walk, node, CFG_WHEN_FULL_WAIT);
 }
 
 static void read_when_full(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -20,7 +20,10 @@ typedef struct conn_wants {
     bool quiet; /* a refusal is not told */
 } conn_wants;
 
-/* Connects a new socket of type SOCK_SEQPACKET. number: of the name of a guest, 1 for its own one;
+/* Makes a socket of type SOCK_SEQPACKET with room for frames. flags: of socket(). */
+int conn_socket(int flags);
+
+/* Connects such a socket. number: of the name of a guest, 1 for its own one;
  * NAME-2, NAME-3 and so on for further ones. Returns 0 or an errno. */
 int conn_start(int fd, const iface *in, const conn_wants *wants, unsigned number);
 

@@ -5,6 +5,7 @@
 #include "preload/create.h"
 
 #include "preload/bcm.h"
+#include "preload/conn.h"
 #include "preload/pump.h"
 #include "preload/raw.h"
 #include "preload/real.h"
@@ -64,7 +65,7 @@ int create_socket(int type, int protocol)
         return fail(EPROTOTYPE);
     if (protocol == CAN_BCM)
         return create_bcm(flags);
-    return keep(real()->socket(AF_UNIX, SOCK_SEQPACKET | flags, 0), CANSOCK_RAW);
+    return keep(conn_socket(flags), CANSOCK_RAW);
 }
 
 /* ---- The end --------------------------------------------------------------------------------- */

@@ -46,7 +46,7 @@ static const relay_user relayed = {.frame = pass_on, .wants = copy_wants};
 /* Puts a new socket without connection under the descriptors: a port has refused the old one. */
 static void renew(cansock *s)
 {
-    const int fd = real()->socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0);
+    const int fd = conn_socket(SOCK_CLOEXEC);
     table_lock();
     if (fd >= 0)
         table_replace(s, fd);

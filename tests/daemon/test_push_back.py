@@ -18,6 +18,7 @@ from collections import defaultdict
 import pytest
 
 from busrig import BusRig, rig_fixture
+from simtool import kill_all
 from test_record import wait_until
 
 PATIENCE_S = 120
@@ -25,6 +26,7 @@ FRAME = struct.Struct("=IBxxB8s")  # struct can_frame
 ERROR = 0x20000000
 BUS = """bus: {{ name: push, bitrate: {bitrate} }}
 control: push.sock
+defaults: {{ queue: 16 }}
 {more}
 nodes:
   - {{ name: engine, port: "unix:engine.sock"{engine} }}
@@ -106,6 +108,34 @@ class Rig(BusRig):
 
 
 fixture_rig = rig_fixture(Rig)
+
+
+class Room(BusRig):
+    CONTROL = "room.sock"
+    TEXT = """bus: {{ name: room, bitrate: 500000 }}
+control: room.sock
+{defaults}
+guests: {{ count: 1, port: "unix:guests.sock" }}
+nodes:
+  - {{ name: unix, port: "unix:unix.sock" }}
+  - {{ name: set, port: "unix:set.sock", queue: 5 }}
+  - {{ name: usb, port: {{ usb: can0, socket: usb.sock }} }}
+  - {{ name: none }}
+"""
+
+
+@pytest.mark.parametrize("defaults, port, other", [
+    ("", 1024, 16), ("defaults: { queue: 20 }", 20, 20)])
+def test_ports_have_room_for_bursts(tmp_path, defaults, port, other):
+    """Scanners and transport protocols write many frames at once. The driver of usb has a queue."""
+    r = Room(tmp_path, defaults=defaults)
+    try:
+        nodes = r.nodes()
+        queues = {name: node["settings"]["queue"] for name, node in nodes.items()}
+        assert queues == {"guest-1": port, "unix": port, "set": 5, "usb": other, "none": other}
+        assert (nodes["unix"]["when_full"], nodes["guest-1"]["when_full"]) == ("wait", "wait")
+    finally:
+        kill_all([r.process])
 
 
 def numbered(identifiers, count, seed=1):

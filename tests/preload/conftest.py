@@ -58,8 +58,8 @@ class Bus:
     def begin(self, node, *program, **more):
         """Starts a program, which is ended with the test."""
         self.programs.append(subprocess.Popen(
-            self.words(node, *program), cwd=self.folder, text=True, stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **more))
+            self.words(node, *program), cwd=self.folder, text=True, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, **{"stdin": subprocess.DEVNULL, **more}))
         return self.programs[-1]
 
     def client(self, node="dash", *words, **more):

@@ -114,7 +114,7 @@ def test_candump_writes_its_log(bus):
 
 def test_cansequence_loses_nothing_against_a_full_queue(bus):
     """The sender waits where the kernel's vcan would not make it wait."""
-    r = bus()
+    r = bus(engine=", queue: 16")
     dash = r.client("dash")
     sends = r.begin("engine", "cansequence", "engine", "-p", "--loop=600")
     numbers = [dash.receive().data[0] for _ in range(600)]

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """python-can's `socketcan` interface, unchanged, at nodes of a bus."""
 
+import signal
+import subprocess
 import sys
 
 import pytest
@@ -25,4 +27,34 @@ def test_error_frames(bus):
     assert running.stdout.readline() == "ready\n"
     canwire("inject", "./share.sock", "{ name: off, do: { bus-off: engine } }", cwd=r.folder)
     assert (running.communicate(timeout=60)[0], running.returncode) == ("", 0)
+    r.stop()
+
+
+SCANNER = """
+import sys, canopen
+network = canopen.Network()
+network.connect(interface="socketcan", channel="can0")
+print("ready", flush=True)
+sys.stdin.readline()
+network.scanner.search()
+print("all written", flush=True)
+network.disconnect()
+"""
+
+
+def test_a_scanner_of_canopen_does_not_wait(bus):
+    """It writes 127 frames at once, here while canwired gets no processor, and reads no error."""
+    r = bus()
+    scanner = r.begin("engine=can0", sys.executable, "-c", SCANNER, stdin=subprocess.PIPE)
+    assert scanner.stdout.readline() == "ready\n"
+    r.process.send_signal(signal.SIGSTOP)
+    try:
+        scanner.stdin.write("go\n")
+        scanner.stdin.flush()
+        said = scanner.stdout.readline()
+    finally:
+        r.process.send_signal(signal.SIGCONT)
+    assert said == "all written\n", said + scanner.stdout.read()
+    assert scanner.wait(60) == 0
+    assert r.nodes()["engine"]["tx_frames"] == 127
     r.stop()
