@@ -8,8 +8,6 @@ CC ?= cc
 HOSTCC ?= cc
 BUILD ?= build/$(VARIANT)
 PREFIX ?= /usr/local
-SYSCONFDIR ?= /etc
-UNITDIR ?= $(PREFIX)/lib/systemd/system
 GEN := build/gen
 
 WARNINGS := -Wall -Wextra -Werror -Wconversion -Wsign-conversion -Wshadow -Wswitch-enum \

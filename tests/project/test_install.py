@@ -6,12 +6,14 @@ import pathlib
 import re
 import stat
 import subprocess
+import tempfile
 
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+NOBODY = 65534
 MUST = [  # of each kind
-    "/bin/canwire", "/sbin/canwired", "/sbin/canwire-usb", "/lib/canwire/libcanwire-socketcan.so",
+    "/bin/canwire", "/bin/canwired", "/bin/canwire-usb", "/lib/canwire/libcanwire-socketcan.so",
     "/lib/canwire/libcanwire-sim.so", "/include/canwire-sim.h",
     "/lib/systemd/system/canwired@.service",
     "/lib/systemd/system/canwire-vcan@.service", "/lib/systemd/system/canwired@.socket",
@@ -87,13 +89,14 @@ def test_everything_is_where_it_belongs(make, prefix):
     make("install", prefix)
     files = {f"/{name}" for name, (_, content) in tree(make.root).items() if content is not None}
     assert [path for path in MUST if prefix + path not in files] == []
-    assert (make.root / "etc/canwire").is_dir()
+    conf = {"/usr": "/etc"}.get(prefix, f"{prefix}/etc")
+    assert (make.root / f"{conf[1:]}/canwire").is_dir()
     for unit in (make.root / prefix[1:] / "lib/systemd/system").iterdir():
         text = unit.read_text()
         assert not re.search("@[A-Z]", text), unit
         programs = re.findall(r"^Exec\w+=(/\S+)", text, re.MULTILINE)
         assert (programs or unit.suffix == ".socket") and set(programs) <= files, unit
-        assert "/etc/canwire/%i.yaml" in text or unit.suffix == ".socket"
+        assert f"{conf}/canwire/%i.yaml" in text or unit.suffix == ".socket"
         pages = re.findall(r"man:(\S+)\((\d)\)", text)
         assert pages and {f"{prefix}/share/man/man{n}/{page}.{n}" for page, n in pages} <= files
     extcap, = (f for f in files if f.endswith("/wireshark/extcap/canwire"))
@@ -107,10 +110,71 @@ def test_everything_is_where_it_belongs(make, prefix):
 def test_folders_can_be_chosen(make):
     make("install", "/usr", SYSCONFDIR="/conf", UNITDIR="/units", EXTCAPDIR="/sharks")
     text = (make.root / "units/canwired@.service").read_text()
-    assert "/usr/sbin/canwired -c /conf/canwire/%i.yaml" in text
+    assert "/usr/bin/canwired -c /conf/canwire/%i.yaml" in text
     assert (make.root / "conf/canwire").is_dir()
     assert (make.root / "sharks/canwire").is_file()
     assert not (make.root / "etc").exists()
+
+
+def test_the_earlier_places_lead_to_the_programs(make):
+    """An earlier version had them in sbin; it may be that one that is replaced."""
+    old = make.root / "usr/sbin/canwired"
+    old.parent.mkdir(parents=True)
+    old.write_text("earlier")
+    make("install")
+    for name in ("canwired", "canwire-usb"):
+        link = make.root / "usr/sbin" / name
+        assert os.readlink(link) == f"../bin/{name}" and link.is_file()
+        assert not (make.root / "usr/bin" / name).is_symlink()
+
+
+def test_one_folder_of_both_names_has_the_programs(make):
+    (make.root / "usr/bin").mkdir(parents=True)
+    (make.root / "usr/sbin").symlink_to("bin")
+    make("install")
+    for name in ("canwired", "canwire-usb"):
+        path = make.root / "usr/bin" / name
+        assert path.is_file() and not path.is_symlink()
+
+
+@pytest.fixture(name="home")
+def fixture_home():
+    """The home of a user without rights. That of pytest is for root alone."""
+    with tempfile.TemporaryDirectory() as folder:
+        if os.geteuid() == 0:
+            os.chown(folder, NOBODY, NOBODY)
+        yield pathlib.Path(folder)
+
+
+def as_user(home, *command):
+    """Runs a command as that user."""
+    user = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("MAKE")}
+    return subprocess.run([*(user if os.geteuid() == 0 else []), *command], cwd=ROOT, text=True,
+                          capture_output=True, check=False, env={**environment, "HOME": str(home)})
+
+
+@pytest.mark.parametrize("prefix", ["~/x", "{home}/x"])
+def test_a_user_installs_for_himself(home, prefix):
+    """All of it is below the prefix, and what is there runs."""
+    done = as_user(home, "make", "-s", "install", f"PREFIX={prefix.format(home=home)}")
+    assert done.returncode == 0, done.stderr
+    assert f"the programs are in {home}/x/bin, not in PATH" in done.stderr
+    assert f"the units read {home}/x/etc/canwire" in done.stderr
+    assert [path.name for path in home.iterdir()] == ["x"]
+    files = {str(path.relative_to(home / "x")) for path in (home / "x").rglob("*")}
+    assert [path for path in MUST if path[1:] not in files] == []
+    for program in ("canwire", "canwired", "canwire-usb", "canwire-restbus"):
+        found = as_user(home, home / "x/bin" / program, "--help")
+        assert (found.returncode, found.stderr) == (0, ""), program
+    as_user(home, "make", "-s", "uninstall", f"PREFIX={home}/x")
+    assert list(home.iterdir()) == []
+
+
+def test_a_prefix_with_blanks_is_refused(home):
+    done = as_user(home, "make", "-s", "install", "PREFIX=~/a b")
+    assert done.returncode != 0 and "no paths with blanks" in done.stderr
+    assert list(home.iterdir()) == []
 
 
 def test_installing_again_changes_nothing_and_forgets_nothing(make):
@@ -141,7 +205,7 @@ def test_configurations_stay(make):
     assert set(tree(make.root)) == {"etc", "etc/canwire", "etc/canwire/rig.yaml"}
 
 
-@pytest.mark.parametrize("program", ["bin/canwire", "sbin/canwired", "sbin/canwire-usb"])
+@pytest.mark.parametrize("program", ["bin/canwire", "bin/canwired", "bin/canwire-usb"])
 def test_programs_are_hardened(make, program):
     """As those of Debian's packages: what readelf says of what is installed."""
     make("install")

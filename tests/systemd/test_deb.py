@@ -72,7 +72,7 @@ def test_it_is_installed_used_and_purged_without_a_trace(package):
     assert RMEM_MAX.read_text() == "8388608\n"
     assert len(files) > 40 and [f for f in files if not f.is_file()] == []
     assert Path("/etc/canwire").is_dir() and Path("/run/canwire").is_dir()
-    assert run("which", "canwire", "canwired").split() == ["/usr/bin/canwire", "/usr/sbin/canwired"]
+    assert run("which", "canwire", "canwired").split() == ["/usr/bin/canwire", "/usr/bin/canwired"]
     assert "LD_PRELOAD=/usr/bin/../lib/canwire/libcanwire-socketcan.so" in run_at_a_node("env")
     assert "canwire" in accounts()[0] and "canwire" in accounts()[1]
     use_python()
@@ -143,5 +143,5 @@ def use():
     assert bus.carries()
     assert bus.status()["bus"]["name"] == "pack"
     assert os.stat(bus.socket).st_gid == grp.getgrnam("canwire").gr_gid
-    assert "/usr/sbin/canwired" in bus.show("ExecStart")
+    assert "/usr/bin/canwired" in bus.show("ExecStart")
     return bus

@@ -14,7 +14,8 @@ ACCOUNTS = ("/lib/sysusers.d/canwire.conf", "/lib/tmpfiles.d/canwire.conf")
 
 
 def install_files(what):
-    places = {"PREFIX": str(PREFIX), "UNITDIR": "/etc/systemd/system"}
+    places = {"PREFIX": str(PREFIX), "UNITDIR": "/etc/systemd/system",
+              "SYSCONFDIR": "/etc"}
     done = subprocess.run([ROOT / "scripts/install-files", what], capture_output=True, text=True,
                           check=False, env=os.environ | places)
     assert done.returncode == 0, done.stderr
@@ -38,5 +39,5 @@ def test_what_is_installed_elsewhere_runs(elsewhere):  # pylint: disable=unused-
     bus.start()
     assert bus.carries()
     process = Path(f"/proc/{bus.pid()}")
-    assert (process.owner(), os.readlink(process / "exe")) == ("canwire", f"{PREFIX}/sbin/canwired")
+    assert (process.owner(), os.readlink(process / "exe")) == ("canwire", f"{PREFIX}/bin/canwired")
     bus.close()

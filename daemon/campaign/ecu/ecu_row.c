@@ -74,15 +74,13 @@ static bool find_folder(char out[PATH_MAX], const char *file)
 
 static bool find_programs(ecu_rows *e)
 {
-    static const char *const places[] = {"canwired", "../sbin/canwired"};
     const ssize_t length = readlink("/proc/self/exe", e->tool, sizeof e->tool - 1);
     e->tool[length > 0 ? length : 0] = '\0';
     const char *slash = strrchr(e->tool, '/');
     const int folder = slash ? (int)(slash - e->tool) : 0;
-    for (size_t i = 0; i < sizeof places / sizeof *places; i++)
-        if (snprintf(e->canwired, sizeof e->canwired, "%.*s/%s", folder, e->tool, places[i]) > 0 &&
-            faccessat(AT_FDCWD, e->canwired, X_OK, 0) == 0)
-            return true;
+    if (snprintf(e->canwired, sizeof e->canwired, "%.*s/canwired", folder, e->tool) > 0 &&
+        faccessat(AT_FDCWD, e->canwired, X_OK, 0) == 0)
+        return true;
     (void)snprintf(e->canwired, sizeof e->canwired, "canwired"); /* of PATH */
     return true;
 }

@@ -38,8 +38,10 @@ def packages():
         import cantools
         import yaml
     except ImportError as missing:
+        apart = "" if sys.prefix != sys.base_prefix else (
+            "python3 -m venv ~/.canwire && . ~/.canwire/bin/activate && ")
         raise Problem(f"the Python package {missing.name} is missing; install it with "
-                      f"'pip install cantools pyyaml'") from None
+                      f"'{apart}pip install cantools pyyaml'") from None
     return cantools, yaml
 
 
