@@ -6,6 +6,7 @@
 
 #include "base/jsonput.h"
 #include "base/plain.h"
+#include "base/wall.h"
 #include "cli/cli.h"
 
 #include <errno.h>
@@ -15,10 +16,13 @@
 #include <sys/socket.h>
 #include <sys/time.h>
 #include <sys/un.h>
+#include <time.h>
 #include <unistd.h>
 
 #define FOLDER_DEFAULT "/run/canwire"
 #define PATIENCE_S 30 /* for a reply, without another one */
+
+#define PAUSE_NS 10000000L /* between two looks for a bus that is just starting */
 
 #define MESSAGE_BYTES 16384 /* of a message; a longer one is cut */
 
@@ -29,6 +33,8 @@ static void print_line(const char *text)
 
 static void (*teller)(const char *text) = print_line;
 static int reply_patience_s = PATIENCE_S;
+static uint64_t wait_ns;   /* for buses that are just starting */
+static int64_t wait_began; /* 0: not yet */
 
 void client_set_teller(void (*tell)(const char *text))
 {
@@ -38,6 +44,24 @@ void client_set_teller(void (*tell)(const char *text))
 void client_set_patience(int seconds)
 {
     reply_patience_s = seconds;
+}
+
+void client_set_wait(uint64_t ns)
+{
+    wait_ns = ns;
+}
+
+bool client_wait(int error)
+{
+    const struct timespec pause = {.tv_nsec = PAUSE_NS};
+    if ((error != ENOENT && error != ECONNREFUSED) || wait_ns == 0)
+        return false;
+    if (wait_began == 0)
+        wait_began = wall_ns();
+    if ((uint64_t)(wall_ns() - wait_began) >= wait_ns)
+        return false;
+    (void)nanosleep(&pause, NULL);
+    return true;
 }
 
 /* Makes a text printable: texts of a bus, and names in them, may contain any characters. */
@@ -109,6 +133,14 @@ static void set_patience(int fd, int seconds)
     (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
 }
 
+static int connect_to(client *c, const struct sockaddr_un *address)
+{
+    while (connect(c->fd, (const struct sockaddr *)address, sizeof *address) != 0)
+        if (!client_wait(errno))
+            return errno;
+    return 0;
+}
+
 bool client_open(client *c, const char *bus)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
@@ -118,8 +150,9 @@ bool client_open(client *c, const char *bus)
     c->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
     if (c->fd >= 0)
         set_patience(c->fd, reply_patience_s);
-    if (c->fd < 0 || connect(c->fd, (const struct sockaddr *)&address, sizeof address) != 0) {
-        complain_unreachable(c, address.sun_path, errno);
+    const int error = c->fd < 0 ? errno : connect_to(c, &address);
+    if (error != 0) {
+        complain_unreachable(c, address.sun_path, error);
         client_close(c);
         return false;
     }

@@ -8,6 +8,7 @@
 #include <jansson.h>
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 #include <stdio.h>
 
 typedef struct client {
@@ -27,6 +28,14 @@ void client_set_teller(void (*tell)(const char *text));
 
 /* Lets clients that are opened from now on wait that long for replies. */
 void client_set_patience(int seconds);
+
+/* Lets the program wait that long, in all its calls together, for buses that are just starting. By
+ * default it does not. */
+void client_set_wait(uint64_t ns);
+
+/* Pauses for a moment after a bus was not there, and returns true to look again. Returns false
+ * after a failure of another kind, and when that time is over. */
+bool client_wait(int error);
 
 /* Connects to a bus: its name, or the path of its socket, which contains a '/'. The name must live
  * longer. Returns false after a message. */

@@ -4,17 +4,22 @@
  */
 #include "cli/command.h"
 
+#include "base/number.h"
 #include "base/plain.h"
+#include "cli/client.h"
 
 #include <getopt.h>
 #include <stdio.h>
+#include <string.h>
 
+#define WAIT_DEFAULT_NS UINT64_C(2000000000)
 #define OPTION_BASE 256 /* first value of our options for getopt, beyond all letters */
 
 static void print_help(const command *c)
 {
     printf("usage: %s\n\n%s"
-           "  -h, --help   this text\n"
+           "      --wait T     for a bus that is just starting; default 2s\n"
+           "  -h, --help       this text\n"
            "\n"
            "BUS is the name of a bus, whose socket is /run/canwire/BUS.sock, or the path of its\n"
            "socket, with a '/'. Exit status: 0, 1 refused or not reachable, or a value or a file\n"
@@ -28,19 +33,36 @@ static int refuse(const command *c)
     return CLI_USAGE;
 }
 
-static void fill_in(struct option known[COMMAND_FLAGS_MAX + 2], const command *c)
+static void fill_in(struct option known[COMMAND_FLAGS_MAX + 3], const command *c)
 {
     int i;
     for (i = 0; c->options[i].name; i++)
         known[i] = (struct option){c->options[i].name,
                                    c->options[i].text ? required_argument : no_argument, NULL,
                                    OPTION_BASE + i};
+    known[i++] = (struct option){"wait", required_argument, NULL, 'w'};
     known[i++] = (struct option){"help", no_argument, NULL, 'h'};
     known[i] = (struct option){NULL, 0, NULL, 0};
 }
 
+static bool take_wait(const command *c, const char *text)
+{
+    const char *name = c->usage + strlen("canwire ");
+    cfg_time time = {.ns = 0};
+    const char *wrong = text_parse_time(&time, text);
+    if (!wrong && time.bits > 0)
+        wrong = "expected a time such as 10s, not bits";
+    if (wrong)
+        plain_print(stderr, "canwire %.*s: --wait %s: %s\n", (int)strcspn(name, " "), name, text,
+                    wrong);
+    client_set_wait(time.ns);
+    return !wrong;
+}
+
 static bool take_option(const command *c, int value)
 {
+    if (value == 'w')
+        return take_wait(c, optarg);
     const command_option *option = &c->options[value - OPTION_BASE];
     if (option->text)
         return option->text(c->user, optarg);
@@ -50,16 +72,17 @@ static bool take_option(const command *c, int value)
 
 int command_parse(const command *c, int *first, int argc, char **argv)
 {
-    struct option known[COMMAND_FLAGS_MAX + 2];
+    struct option known[COMMAND_FLAGS_MAX + 3];
     int value;
     fill_in(known, c);
+    client_set_wait(WAIT_DEFAULT_NS);
     optind = 0; /* starts anew after earlier calls of getopt */
     while ((value = getopt_long(argc, argv, c->options_first ? "+h" : "h", known, NULL)) != -1) {
         if (value == 'h') {
             print_help(c);
             return CLI_OK;
         }
-        if (value < OPTION_BASE)
+        if (value == '?')
             return refuse(c);
         if (!take_option(c, value))
             return CLI_BAD_INPUT;

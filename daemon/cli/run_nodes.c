@@ -17,6 +17,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -78,6 +79,33 @@ static bool resolve(const search *s, char out[RUN_PATH_BYTES], const char *path)
     return size <= RUN_PATH_BYTES;
 }
 
+/* Looks for the listener of a port, which is no client: a socket of another type is refused with
+ * EPROTOTYPE. Returns 0 or an errno. */
+static int find_listener(const char *path)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    (void)snprintf(address.sun_path, sizeof address.sun_path, "%s", path);
+    const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (fd < 0)
+        return errno;
+    const int error = connect(fd, (const struct sockaddr *)&address, sizeof address) ? errno : 0;
+    (void)close(fd);
+    return error == EPROTOTYPE ? 0 : error;
+}
+
+/* Waits for the port of a bus that is just starting. */
+static bool await_port(const search *s)
+{
+    char why[NAMES_MAX + 64];
+    int error;
+    do
+        error = find_listener(s->node->path);
+    while (client_wait(error));
+    (void)snprintf(why, sizeof why, "%.120s: %s%s", s->node->path, strerror(error),
+                   error == ENOENT || error == ECONNREFUSED ? " (does canwired run?)" : "");
+    return error == 0 || refuse(s, why);
+}
+
 /* Takes the path of the port of the node that was found. */
 static bool take(search *s)
 {
@@ -98,11 +126,7 @@ static bool take(search *s)
     n->guest = s->found.guest;
     if (!resolve(s, n->path, port.path) || (s->time && !resolve(s, n->time, s->time)))
         return refuse(s, "the path of its port is too long from here");
-    struct stat there;
-    if (stat(n->path, &there) == 0)
-        return true;
-    (void)snprintf(why, sizeof why, "%.120s: %s (does canwired run?)", n->path, strerror(errno));
-    return refuse(s, why);
+    return await_port(s);
 }
 
 /* ---- The status ------------------------------------------------------------------------------ */

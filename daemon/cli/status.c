@@ -49,6 +49,7 @@ static int show_one(const char *bus, bool json)
 static bool ask_all(json_t *list, const glob_t *found)
 {
     bool good = true;
+    client_set_wait(0); /* what is there may be left by a canwired that has been killed */
     for (size_t i = 0; i < found->gl_pathc; i++) {
         json_t *status = ask(found->gl_pathv[i]);
         good = good && status;

@@ -61,18 +61,20 @@ _canwire_options() {
         "$tool" "$1" --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help
         ;;
     analyse) echo --simulate --error-every --error-rate --json --help ;;
-    status | faults) echo --json --help ;;
-    watch) echo --json --text --help ;;
-    top) echo --interval --once --help ;;
-    record) echo --format --size --files --help ;;
+    status | faults) echo --json --wait --help ;;
+    watch) echo --json --text --wait --help ;;
+    top) echo --interval --once --wait --help ;;
+    record) echo --format --size --files --wait --help ;;
     extcap)
         echo --extcap-interfaces --extcap-interface --extcap-dlts --extcap-config --capture --fifo \
             --frames-only --extcap-capture-filter --extcap-version --help
         ;;
-    inject) echo --with --help ;;
-    clear) echo --injected --help ;;
-    reload) echo --config --pid --help ;;
-    run) echo --bus --as --interface --virtual --help ;;
+    inject) echo --with --wait --help ;;
+    clear) echo --injected --wait --help ;;
+    reload) echo --config --pid --wait --help ;;
+    run) echo --bus --as --interface --virtual --wait --help
+        ;;
+    fire | restart | set) echo --wait --help ;;
     *) echo --help ;;
     esac
 }
@@ -100,7 +102,7 @@ _canwire_place() {
         --format | --size | --files | --with | --until | --simulate | --error-every | \
             --error-rate | --until-event | --seed | --seeds | --jobs | --from | --to | --events | \
             --log | --pcapng | --stats | --vcd | --svg | --junit | --journal | --config | --pid | \
-            --bus | --as | --interface | --interval | --out | --shard | --only | --work | \
+            --bus | --as | --interface | --interval | --wait | --out | --shard | --only | --work | \
             --campaign | --ftti | --confidence) continue ;;
         esac
         [[ $word == -* || $word == = || ${COMP_WORDS[i - 1]} == = ]] && continue

@@ -89,6 +89,8 @@ VALUES = [
     ("analyse", "--error-rate", "lots", "such as 1e-5"),
     ("inject", "--with", "rate", "KEY=VALUE"),
     ("reload", "--pid", "0", "the number of a process"),
+    *[(name, "--wait", "soon", "10ms") for name, words in COMMANDS.items() if BUS in words],
+    ("run", "--wait", "5bit", "expected a time such as 10s, not bits"),
 ]
 
 # The options that only `canwire campaign report` has.
@@ -182,7 +184,7 @@ def test_a_bad_file_is_status_one_and_has_its_place(words, write, call):
 
 @pytest.mark.parametrize("name", [n for n, w in COMMANDS.items() if w[0] == BUS])
 def test_a_bus_that_is_not_there_is_status_one(call, name):
-    error = call(name, *COMMANDS[name], status=1).stderr
+    error = call(name, "--wait", "0", *COMMANDS[name], status=1).stderr
     assert error.startswith("canwire: bus ./none.sock: ") and "usage" not in error
 
 
@@ -358,7 +360,7 @@ def test_clear_says_how_many_rules_there_were(odd_bus, tmp_path, words, rules, t
 def test_why_a_bus_cannot_be_reached(call, tmp_path, bus, message):
     with socket.socket(socket.AF_UNIX) as gone:
         gone.bind(str(tmp_path / "odd.sock"))
-    assert call("status", bus, status=1).stderr == f"canwire: bus {bus}: {message}\n"
+    assert call("status", bus, "--wait", "0", status=1).stderr == f"canwire: bus {bus}: {message}\n"
 
 
 def test_no_bus_at_all(tmp_path):

@@ -354,7 +354,7 @@ static bool take_interval(void *user, const char *text)
     return !wrong;
 }
 
-/* Begins the named buses, all of which must run. */
+/* Begins the named buses, all of which must run. Later the screen waits for none. */
 static bool begin(top *t, char **names, unsigned count)
 {
     t->buses = calloc(count, sizeof *t->buses);
@@ -365,6 +365,7 @@ static bool begin(top *t, char **names, unsigned count)
         if (!top_bus_ask(&t->buses[i]))
             return false;
     }
+    client_set_wait(0);
     return t->buses != NULL;
 }
 
