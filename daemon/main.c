@@ -12,6 +12,7 @@
 #include "run/journal.h"
 #include "run/journal_keep.h"
 #include "serve/activation.h"
+#include "serve/background.h"
 #include "serve/notify.h"
 #include "serve/service.h"
 #include "serve/watchdog.h"
@@ -40,6 +41,7 @@ typedef struct process {
     ev_timer status;
     ev_async nudge; /* see check_nudges() */
     unsigned seconds; /* seconds without it */
+    int ready;        /* for background_ready(), or -1 */
     bool failed;
 } process;
 
@@ -47,9 +49,10 @@ typedef struct options {
     const char *config;
     const char *journal; /* or NULL */
     unsigned journal_files;
+    bool background;
 } options;
 
-static const char usage[] = "usage: canwired -c FILE [--journal F [--journal-files N]]\n";
+static const char usage[] = "usage: canwired -c FILE [--background] [--journal F [--journal-files N]]\n";
 
 static const char help[] =
     "\n"
@@ -58,6 +61,9 @@ static const char help[] =
     "rig of several buses. SIGHUP reads FILE again, or the files of all buses.\n"
     "\n"
     "  -c, --config FILE       configuration (see canwire check)\n"
+    "      --background        comes back when the bus is ready, with status 0 and the number of\n"
+    "                          its process, or when it cannot start; messages still go to\n"
+    "                          standard error\n"
     "      --journal F         write down all that is done to the bus, for canwire sim --journal\n"
     "      --journal-files N   how many journals are kept, F, F.1 ...: 2 to 1000, default 5\n"
     "  -h, --help              this text\n"
@@ -327,8 +333,10 @@ static bool run(process *p, const options *o)
     report_status(p);
     notify_ready(p->host.notifier);
     watchdog_start(&p->watchdog, p->host.loop, engines, p->host.count, p->host.notifier);
-    if (!engines_have_failed(p)) /* ev_break() has no effect on a loop that has not started */
+    if (!engines_have_failed(p)) { /* ev_break() has no effect on a loop that has not started */
+        background_ready(p->ready);
         ev_run(p->host.loop, 0);
+    }
     log_gateways(p);
     for (size_t i = 0; i < p->host.count; i++)
         service_report_end(p->host.buses[i]);
@@ -379,6 +387,7 @@ static bool read_journal_files(options *o, const char *text)
 static int parse_options(options *o, int argc, char **argv)
 {
     static const struct option known[] = {{"config", required_argument, NULL, 'c'},
+                                          {"background", no_argument, NULL, 'b'},
                                           {"journal", required_argument, NULL, 'j'},
                                           {"journal-files", required_argument, NULL, 'k'},
                                           {"help", no_argument, NULL, 'h'},
@@ -391,6 +400,9 @@ static int parse_options(options *o, int argc, char **argv)
         switch (c) {
         case 'c':
             o->config = optarg;
+            break;
+        case 'b':
+            o->background = true;
             break;
         case 'j':
             o->journal = optarg;
@@ -519,7 +531,7 @@ static int give_up(process *p, cfg *config)
 
 int main(int argc, char **argv)
 {
-    static process p;
+    static process p = {.ready = -1};
     options o;
     cfg *config = NULL;
     standardfds_hold();
@@ -530,6 +542,8 @@ int main(int argc, char **argv)
         return status;
     /* A log without a reader, or a lost LCM server, must not end the program. */
     (void)signal(SIGPIPE, SIG_IGN);
+    if (o.background && (status = background_start(&p.ready)) >= 0)
+        return status;
     if (o.journal) /* the keeper examines all of these, however many it keeps */
         fileuses_add(&p.host.files, &(fileuse){.what = "--journal", .path = o.journal,
                                                .written = true, .older = JOURNAL_FILES_MAX});

@@ -207,7 +207,7 @@ _canwired() {
     local current=${COMP_WORDS[COMP_CWORD]}
     case ${COMP_WORDS[COMP_CWORD - 1]} in
     -c | --config | --journal) _canwire_files ;;
-    *) _canwire_words "-c --config --journal --journal-files --help --version" ;;
+    *) _canwire_words "-c --config --background --journal --journal-files --help --version" ;;
     esac
 }
 
