@@ -298,11 +298,17 @@ static void look_into_file(schema *self, const yaml_node_t *at, const cfg_traffi
             schema_complain_elsewhere(self, at, problem);
         return;
     }
-    for (unsigned i = 0; i < LOOK_ENTRIES && result == TRACE_RECORD && record.kind != TRACE_FRAME;
-         i++)
+    trace_record first = {.kind = TRACE_OTHER}; /* frame without a time: its line may be torn */
+    bool found = false;
+    for (unsigned i = 0; i < LOOK_ENTRIES && result == TRACE_RECORD && !found; i++) {
         result = trace_next(reader, &record);
-    if (result == TRACE_RECORD && record.kind == TRACE_FRAME && !record.timed && !traffic->fast) {
-        trace_complain(problem, reader, &record, TRACE_NO_TIME);
+        const bool frame = result == TRACE_RECORD && record.kind == TRACE_FRAME;
+        found = frame && (record.timed || traffic->fast);
+        if (frame && first.kind == TRACE_OTHER)
+            first = record;
+    }
+    if (result != TRACE_BAD && first.kind == TRACE_FRAME && !found) {
+        trace_complain(problem, reader, &first, TRACE_NO_TIME);
         schema_complain_elsewhere(self, at, problem);
     }
     if (result == TRACE_BAD)

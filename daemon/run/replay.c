@@ -18,6 +18,7 @@
 typedef struct tally {
     uint64_t count;
     uint64_t first; /* place of the first one */
+    uint64_t bytes; /* of those that are not whole */
 } tally;
 
 struct replay {
@@ -33,6 +34,10 @@ struct replay {
     uint64_t matched;                 /* frames of this pass */
     tally left_out[TRACE_KIND_COUNT]; /* of the first pass */
     tally stepped_back;
+    tally untimed;   /* frames without a time stamp that are left out */
+    tally cut;       /* the last frame, without the end of its line */
+    bool whole;      /* there is an entry that is whole: the file is a recording */
+    bool stamped;    /* a frame has a time stamp */
     bool heard; /* an entry has the selected interface */
     bool more;  /* there are more other interfaces than are kept */
     unsigned other_count;
@@ -41,11 +46,13 @@ struct replay {
                              read */
     trace_ahead *ahead;   /* or NULL */
     uint64_t position;    /* in the file, up to which entries have been taken */
-    char problem[TRACE_PROBLEM_MAX]; /* of an entry, not of the reader; or empty */
+    bool failed;          /* for `problem`, which is of an entry and not of the reader */
+    char problem[TRACE_PROBLEM_MAX];
 };
 
 static const char *const kind_names[TRACE_KIND_COUNT][2] = {
     [TRACE_FRAME] = {"frame", "frames"},
+    [TRACE_DAMAGED] = {"damaged entry", "damaged entries"},
     [TRACE_ERROR_FRAME] = {"error frame", "error frames"},
     [TRACE_FD_FRAME] = {"CAN FD frame", "CAN FD frames"},
     [TRACE_XL_FRAME] = {"CAN XL frame", "CAN XL frames"},
@@ -101,6 +108,7 @@ static void count(const replay *r, tally *t, const trace_record *record)
         return;
     if (t->count++ == 0)
         t->first = record->place;
+    t->bytes += record->bytes;
 }
 
 /* Returns the time since the first entry of the file. */
@@ -176,6 +184,9 @@ static replay_step end_pass(replay *r)
 {
     const cfg_time *gap = &r->traffic->gap;
     bool again = r->matched > 0 && r->passes + 1 < r->traffic->count;
+    r->failed = r->untimed.count > 0 && !r->stamped;
+    if (r->failed)
+        return REPLAY_FAILED;
     r->passes++;
     if (!again)
         return REPLAY_OVER;
@@ -198,6 +209,15 @@ static trace_result next_entry(replay *r, trace_record *record)
     return result;
 }
 
+/* Leaves out a frame without a time: its line may be torn. Where none has a time, all was recorded
+ * without, which end_pass() refuses. */
+static void leave_untimed(replay *r, const trace_record *record)
+{
+    if (r->untimed.count == 0)
+        trace_complain(r->problem, r->reader, record, TRACE_NO_TIME);
+    count(r, &r->untimed, record);
+}
+
 /* Reads one entry. REPLAY_PAUSE: the entry is not sent. */
 static replay_step step(replay *r, cw_frame *frame, uint64_t *tick)
 {
@@ -209,6 +229,7 @@ static replay_step step(replay *r, cw_frame *frame, uint64_t *tick)
         return result == TRACE_END ? end_pass(r) : REPLAY_FAILED;
     if (record.timed)
         *tick = tick_of(r, elapsed_ns(r, &record));
+    r->whole = r->whole || record.kind != TRACE_DAMAGED;
     bool here = is_on_channel(r, &record);
     const bool carried = is_carried(r, &record);
     if (!carried && record.kind != TRACE_MARK && here)
@@ -216,9 +237,12 @@ static replay_step step(replay *r, cw_frame *frame, uint64_t *tick)
     if (!carried || !here || !is_wanted(r, &record))
         return REPLAY_PAUSE;
     if (!record.timed && !r->traffic->fast) {
-        trace_complain(r->problem, r->reader, &record, TRACE_NO_TIME);
-        return REPLAY_FAILED;
+        leave_untimed(r, &record);
+        return REPLAY_PAUSE;
     }
+    if (record.cut)
+        count(r, &r->cut, &record);
+    r->stamped = r->stamped || record.timed;
     r->matched++;
     *frame = record.frame;
     return REPLAY_FRAME;
@@ -255,17 +279,38 @@ void replay_set_traffic(replay *r, const cfg_traffic *traffic)
 
 const char *replay_problem(const replay *r)
 {
-    return r->problem[0] ? r->problem : trace_problem(r->reader);
+    return r->failed ? r->problem : trace_problem(r->reader);
 }
 
-/* Adds "12 error frames (the first in line 7)". */
+/* Adds "12 error frames (the first at line 7)". */
 static void add_tally(const replay *r, FILE *out, const char *begin, const char *const names[2],
-                      const tally *t)
+                      const tally *t, const char *why)
 {
     char place[PLACE_MAX];
     trace_print_place(place, r->reader, t->first);
-    fprintf(out, "%s%" PRIu64 " %s (%s%s)", begin, t->count, names[t->count > 1],
-            t->count > 1 ? "the first at " : "", place);
+    fprintf(out, "%s%" PRIu64 " %s", begin, t->count, names[t->count > 1]);
+    if (t->bytes > 0)
+        fprintf(out, " of %" PRIu64 " bytes", t->bytes);
+    fprintf(out, " (%s%s%s%s)", t->count > 1 ? "the first at " : "", place, why ? ": " : "",
+            why ? why : "");
+}
+
+/* Adds what was left out. Returns true when there is any. */
+static bool add_left_out(const replay *r, FILE *out)
+{
+    static const char *const untimed[2] = {"frame without a time", "frames without a time"};
+    bool any = false;
+    for (unsigned kind = TRACE_DAMAGED; kind < TRACE_KIND_COUNT; kind++) {
+        if (r->left_out[kind].count == 0 || (kind == TRACE_DAMAGED && !r->whole))
+            continue;
+        add_tally(r, out, any ? ", " : "left out: ", kind_names[kind], &r->left_out[kind],
+                  kind == TRACE_DAMAGED ? trace_damage(r->reader) : NULL);
+        any = true;
+    }
+    if (r->untimed.count == 0 || !r->stamped)
+        return any;
+    add_tally(r, out, any ? ", " : "left out: ", untimed, &r->untimed, NULL);
+    return true;
 }
 
 /* Reports that the file lacks the selected interface. */
@@ -281,20 +326,20 @@ bool replay_note(const replay *r, bool known, char note[REPLAY_NOTE_MAX])
 {
     static const char *const steps[2] = {"entry that steps back in time",
                                          "entries that step back in time"};
+    static const char *const ends[2] = {"frame whose line has no end and may be cut", ""};
     bool any = false;
     FILE *out = fmemopen(note, REPLAY_NOTE_MAX, "w");
     note[0] = '\0';
     if (!out)
         return false;
     fprintf(out, "%s: ", r->traffic->file);
-    for (unsigned kind = TRACE_ERROR_FRAME; !known && kind < TRACE_KIND_COUNT; kind++) {
-        if (r->left_out[kind].count == 0)
-            continue;
-        add_tally(r, out, any ? ", " : "left out: ", kind_names[kind], &r->left_out[kind]);
+    any = !known && add_left_out(r, out);
+    if (!known && r->cut.count > 0) {
+        add_tally(r, out, any ? "; " : "", ends, &r->cut, NULL);
         any = true;
     }
     if (!known && r->stepped_back.count > 0 && !r->traffic->fast) {
-        add_tally(r, out, any ? "; " : "", steps, &r->stepped_back);
+        add_tally(r, out, any ? "; " : "", steps, &r->stepped_back, NULL);
         fputs(", sent at once (if candump -t d made it, say 'format: candump-delta')", out);
         any = true;
     }

@@ -20,11 +20,16 @@ typedef struct trace_input {
     const char *file;
     int fd;
     bool at_end;  /* the file has nothing behind the buffer */
+    bool failed;  /* TRACE_BAD stays: the file cannot be read, or is no recording */
     size_t first; /* of the bytes that are not handed out yet */
     size_t filled;
     uint64_t offset; /* of the byte at `first` in the file */
+    uint64_t entry;  /* offset of the present line, block or packet */
     uint64_t line;   /* of `text`, from 1 */
-    char *text;      /* the present line, without its end */
+    bool amid;       /* the line of `text` goes on behind it */
+    bool cut;        /* the file ends behind `text`, without the end of a line */
+    char *text;      /* the present line, without its end; it also ends at bytes 0 */
+    size_t place;    /* characters of `problem` that say where it is */
     char problem[TRACE_PROBLEM_MAX];
     unsigned char buffer[TRACE_BUFFER + 1];
 } trace_input;
@@ -36,8 +41,15 @@ typedef struct trace_input {
 bool trace_has_bom(const unsigned char *bytes, size_t count);
 
 /* Reads the next line into in->text, without a byte order mark in the first one. Returns
- * TRACE_RECORD when there is a line. */
+ * TRACE_RECORD when there is a line. TRACE_BAD: too long a line, or up to bytes 0 in it. A crash
+ * leaves such bytes; what a recorder has appended to them is read as a line of its own. */
 trace_result trace_line(trace_input *in);
+
+/* Goes to the end of a line that was too long, or behind the bytes 0 in it. */
+void trace_end_line(trace_input *in);
+
+/* Moves to a byte of the file. */
+trace_result trace_seek(trace_input *in, uint64_t offset);
 
 /* Returns the next bytes, at most TRACE_BUFFER, all or none. They stay valid until the next call.
  * TRACE_END: the file ends before them; TRACE_BAD: the file ends among them. */
@@ -49,11 +61,13 @@ trace_result trace_skip(trace_input *in, uint64_t count);
 /* Shows the next bytes without taking them. Returns their number, at most count. */
 size_t trace_peek(trace_input *in, const unsigned char **bytes, size_t count);
 
-/* Complain at a place in in->text, or at a byte of the file. They always return TRACE_BAD. */
+/* Complain at a place in in->text, or at a byte of the file. They always return TRACE_BAD; the
+ * reader goes on with the next entry. */
 trace_result trace_bad_text(trace_input *in, const char *at, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 trace_result trace_bad_byte(trace_input *in, uint64_t offset, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
+trace_result trace_bad_end(trace_input *in); /* the file ends amid the present entry */
 
 /* Returns the first character behind blanks and tabs. */
 const char *trace_blanks(const char *text);
@@ -93,6 +107,7 @@ typedef struct pcap_interface {
     uint8_t resolution; /* if_tsresol */
     uint32_t snap_length;
     int64_t offset_s;
+    bool unusable; /* its block is not whole, and neither are its packets */
     char name[TRACE_CHANNEL_MAX];
 } pcap_interface;
 
@@ -107,5 +122,9 @@ typedef struct pcap_state {
 trace_result candump_next(trace_input *in, candump_state *state, trace_record *record);
 trace_result asc_next(trace_input *in, asc_state *state, trace_record *record);
 trace_result pcapng_next(trace_input *in, pcap_state *state, trace_record *record);
+
+/* Goes on behind the present entry, which is not whole: to the next one that is, or to the end of
+ * the file. */
+trace_result pcapng_recover(trace_input *in, const pcap_state *state);
 
 #endif

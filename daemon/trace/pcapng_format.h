@@ -41,5 +41,7 @@
 #define CAN_ESI 0x02u
 #define CAN_FDF 0x04u
 #define CAN_XLF 0x80u
+#define CAN_XL_HEAD 12u /* its length is in bytes 6 and 7, the lower one first */
+#define CAN_XL_BYTES_MAX (CAN_XL_HEAD + 2048u)
 
 #endif

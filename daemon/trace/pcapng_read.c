@@ -14,6 +14,7 @@
 #include <string.h>
 
 #define BLOCK_MAX (16u * 1024u * 1024u)
+#define BLOCK_LEAST (BLOCK_HEAD + BLOCK_FOOT)
 #define IDB_READ_MAX 8192u /* bytes of it that are read */
 
 #define RESOLUTION_DEFAULT 6u /* 10^-6 s */
@@ -35,10 +36,15 @@ static uint32_t big32(const unsigned char *b)
     return (uint32_t)b[0] << 24 | (uint32_t)b[1] << 16 | (uint32_t)b[2] << 8 | b[3];
 }
 
-static uint32_t get32(const pcap_state *s, const unsigned char *b)
+static uint32_t ordered32(bool big_endian, const unsigned char *b)
 {
     uint32_t big = big32(b);
-    return s->big_endian ? big : __builtin_bswap32(big);
+    return big_endian ? big : __builtin_bswap32(big);
+}
+
+static uint32_t get32(const pcap_state *s, const unsigned char *b)
+{
+    return ordered32(s->big_endian, b);
 }
 
 static uint16_t get16(const pcap_state *s, const unsigned char *b)
@@ -57,9 +63,14 @@ static uint64_t get64(const pcap_state *s, const unsigned char *b)
 static trace_result need(trace_input *in, const unsigned char **bytes, size_t count)
 {
     trace_result result = trace_bytes(in, bytes, count);
-    if (result == TRACE_END)
-        return trace_bad_byte(in, in->offset, "the file ends here, too early");
-    return result;
+    return result == TRACE_END ? trace_bad_end(in) : result;
+}
+
+/* Refuses the file as a whole. */
+static trace_result refuse(trace_input *in)
+{
+    in->failed = true;
+    return TRACE_BAD;
 }
 
 /* ---- Time ------------------------------------------------------------------------------------ */
@@ -232,21 +243,152 @@ static trace_result read_interface(trace_input *in, pcap_state *s, uint64_t plac
 {
     const unsigned char *b;
     uint32_t count = body < IDB_READ_MAX ? body : IDB_READ_MAX;
-    if (body < 8)
-        return trace_bad_byte(in, place, "an interface block that is too short");
     if (s->interface_count == TRACE_INTERFACES_MAX)
         return trace_bad_byte(in, place, "more than %u interfaces", TRACE_INTERFACES_MAX);
+    const unsigned number = s->interface_count++;
+    pcap_interface *i = &s->interfaces[number];
+    i->unusable = true;
+    if (body < 8)
+        return trace_bad_byte(in, place, "an interface block that is too short");
     if (need(in, &b, count) != TRACE_RECORD)
         return TRACE_BAD;
-    pcap_interface *i = &s->interfaces[s->interface_count];
     *i = (pcap_interface){
         .link_type = get16(s, b), .snap_length = get32(s, b + 4), .resolution = RESOLUTION_DEFAULT};
-    (void)snprintf(i->name, sizeof i->name, "%u", s->interface_count++);
+    (void)snprintf(i->name, sizeof i->name, "%u", number);
     read_options(s, i, b + 8, count - 8);
-    if (!interface_valid(i))
+    i->unusable = !interface_valid(i);
+    if (i->unusable)
         return trace_bad_byte(in, place,
                               "time stamps of this interface have an unknown resolution");
     return trace_skip(in, body - count);
+}
+
+/* ---- What is not whole ----------------------------------------------------------------------- */
+
+/* Returns true for a number that may be the length of a block. */
+static bool is_length(uint32_t length)
+{
+    return length >= BLOCK_LEAST && length % 4 == 0 && length <= BLOCK_MAX;
+}
+
+static uint32_t packet_max(const pcap_state *s)
+{
+    return s->interfaces[0].link_type == LINKTYPE_CAN_SOCKETCAN ? CAN_XL_BYTES_MAX : BLOCK_MAX;
+}
+
+/* Returns true for the head of a packet, which has content. */
+static bool is_packet(const pcap_state *s, const unsigned char *head)
+{
+    const uint32_t captured = get32(s, head + 8);
+    const uint32_t fractions = s->interfaces[0].resolution == 9 ? 1000000000u : 1000000u;
+    return captured > 0 && captured <= packet_max(s) && captured <= get32(s, head + 12) &&
+           get32(s, head + 4) < fractions;
+}
+
+/* Returns the bytes of a whole block that may begin here; 0 for other bytes. */
+static uint32_t whole_block(const pcap_state *s, const unsigned char *b, size_t there)
+{
+    if (there < BLOCK_LEAST)
+        return 0;
+    const bool section = big32(b) == BLOCK_SHB;
+    const bool big = section ? big32(b + BLOCK_HEAD) == BYTE_ORDER_MAGIC : s->big_endian;
+    const uint32_t type = ordered32(big, b);
+    const uint32_t length = ordered32(big, b + 4);
+    const bool known = (type >= BLOCK_IDB && type <= BLOCK_EPB) || type == BLOCK_DSB ||
+                       (section && ordered32(big, b + BLOCK_HEAD) == BYTE_ORDER_MAGIC);
+    if (!known || !is_length(length) || length > there)
+        return 0;
+    return ordered32(big, b + length - BLOCK_FOOT) == length ? length : 0;
+}
+
+/* Returns true when these bytes may be the head of a packet and, as far as they go, of a CAN frame
+ * in it. */
+static bool may_be_packet(const pcap_state *s, const unsigned char *b, size_t there)
+{
+    if (there < PCAP_PACKET_HEAD || !is_packet(s, b))
+        return false;
+    if (there < PCAP_PACKET_HEAD + CAN_HEAD || s->interfaces[0].link_type != LINKTYPE_CAN_SOCKETCAN)
+        return true;
+    const unsigned char *frame = b + PCAP_PACKET_HEAD;
+    const uint32_t captured = get32(s, b + 8);
+    const unsigned length = frame[4];
+    if (length & CAN_XLF)
+        return captured == CAN_XL_HEAD + (uint32_t)(frame[7] << 8 | frame[6]);
+    return length <= CW_FRAME_DATA_MAX && captured <= CAN_FD_BYTES_MAX &&
+           (captured >= CAN_HEAD + length || (big32(frame) & CAN_REMOTE));
+}
+
+/* Returns the bytes of a whole packet that may begin here, which another one or the end of the file
+ * follows; 0 for other bytes. */
+static uint32_t whole_packet(const pcap_state *s, const unsigned char *b, size_t there)
+{
+    if (!may_be_packet(s, b, there) || there - PCAP_PACKET_HEAD < get32(s, b + 8))
+        return 0;
+    const uint32_t length = PCAP_PACKET_HEAD + get32(s, b + 8);
+    return there == length || may_be_packet(s, b + length, there - length) ? length : 0;
+}
+
+/* Takes bytes up to those that may be a whole entry, or all. Only the buffer is searched for its
+ * end, so that a longer one is passed over. */
+static trace_result search(trace_input *in, const pcap_state *s)
+{
+    for (;;) {
+        const unsigned char *b;
+        const size_t there = trace_peek(in, &b, TRACE_BUFFER);
+        const size_t end = there == TRACE_BUFFER ? there / 2 : there;
+        size_t i = 0;
+        if (in->failed)
+            return TRACE_BAD;
+        while (i < end && (s->classic ? whole_packet(s, b + i, there - i)
+                                      : whole_block(s, b + i, there - i)) == 0)
+            i++;
+        if (trace_skip(in, i) != TRACE_RECORD)
+            return TRACE_BAD;
+        if (i < end || there == 0)
+            return TRACE_RECORD;
+    }
+}
+
+/* Returns true for what may follow an entry. */
+static bool may_follow(const pcap_state *s, const unsigned char *b, size_t there)
+{
+    if (s->classic)
+        return there < PCAP_PACKET_HEAD || may_be_packet(s, b, there);
+    return there < BLOCK_HEAD || big32(b) == BLOCK_SHB || is_length(get32(s, b + 4));
+}
+
+/* Returns true when an entry lacks bytes, so that the next one begins in it. Often nothing else tells
+ * so: entries have equal lengths. */
+static bool lacks_bytes(trace_input *in, const pcap_state *s)
+{
+    const unsigned char *b;
+    const uint64_t end = in->offset;
+    const size_t there = trace_peek(in, &b, PCAP_PACKET_HEAD + CAN_HEAD);
+    if (may_follow(s, b, there))
+        return false;
+    if (trace_seek(in, in->entry + BLOCK_HEAD) != TRACE_RECORD || search(in, s) != TRACE_RECORD)
+        return true;
+    const bool lacks = in->offset < end;
+    return trace_seek(in, end) != TRACE_RECORD || lacks;
+}
+
+static trace_result bad_gap(trace_input *in)
+{
+    return trace_bad_byte(in, in->entry, "bytes are missing: the next entry begins amid this one");
+}
+
+/* An entry may have its length, but lack bytes, so that the next one begins in it. */
+trace_result pcapng_recover(trace_input *in, const pcap_state *s)
+{
+    const unsigned char *b;
+    if (trace_seek(in, in->entry) != TRACE_RECORD)
+        return TRACE_BAD;
+    const size_t there = trace_peek(in, &b, TRACE_BUFFER);
+    const uint32_t length = s->classic ? whole_packet(s, b, there) : whole_block(s, b, there);
+    const uint64_t end = in->entry + length;
+    if (in->failed || trace_skip(in, there > 0) != TRACE_RECORD || search(in, s) != TRACE_RECORD)
+        return TRACE_BAD;
+    return length > 0 && in->offset > end ? trace_seek(in, end) : TRACE_RECORD;
 }
 
 /* ---- Blocks ---------------------------------------------------------------------------------- */
@@ -274,7 +416,7 @@ static trace_result read_enhanced(trace_input *in, pcap_state *s, trace_record *
     uint32_t number = type == BLOCK_PB ? get16(s, b) : get32(s, b);
     packet p = {.place = place, .captured = get32(s, b + 12)};
     uint64_t count = (uint64_t)get32(s, b + 4) << 32 | get32(s, b + 8);
-    if (number >= s->interface_count)
+    if (number >= s->interface_count || s->interfaces[number].unusable)
         return trace_bad_byte(in, place,
                               "a packet of interface %" PRIu32 ", which is not described", number);
     if (p.captured > body - 20)
@@ -292,7 +434,7 @@ static trace_result read_simple(trace_input *in, pcap_state *s, trace_record *r,
                                 uint32_t body)
 {
     const unsigned char *b;
-    if (body < 4 || s->interface_count == 0)
+    if (body < 4 || s->interface_count == 0 || s->interfaces[0].unusable)
         return trace_bad_byte(in, place,
                               body < 4 ? "a packet block that is too short"
                                        : "a packet before any interface is described");
@@ -328,7 +470,7 @@ static trace_result read_body(trace_input *in, pcap_state *s, trace_record *r, b
 static trace_result read_block(trace_input *in, pcap_state *s, trace_record *r, bool *reported)
 {
     const unsigned char *b;
-    uint64_t place = in->offset;
+    uint64_t place = in->entry = in->offset;
     trace_result result = trace_bytes(in, &b, BLOCK_HEAD);
     if (result != TRACE_RECORD)
         return result;
@@ -339,7 +481,7 @@ static trace_result read_block(trace_input *in, pcap_state *s, trace_record *r, 
         return TRACE_BAD;
     uint32_t type = get32(s, head);
     uint32_t length = get32(s, head + 4);
-    if (length < BLOCK_HEAD + BLOCK_FOOT || length % 4 != 0 || length > BLOCK_MAX)
+    if (!is_length(length))
         return trace_bad_byte(in, place,
                               "a block of %" PRIu32 " bytes: multiples of 4 from 12 to "
                               "%u are allowed",
@@ -353,7 +495,7 @@ static trace_result read_block(trace_input *in, pcap_state *s, trace_record *r, 
         return trace_bad_byte(in, place,
                               "the two lengths of this block differ: %" PRIu32 " and %" PRIu32,
                               length, get32(s, b));
-    return TRACE_RECORD;
+    return lacks_bytes(in, s) ? bad_gap(in) : TRACE_RECORD;
 }
 
 /* ---- pcap ------------------------------------------------------------------------------------ */
@@ -362,7 +504,7 @@ static trace_result read_classic_head(trace_input *in, pcap_state *s)
 {
     const unsigned char *b;
     if (need(in, &b, PCAP_HEAD) != TRACE_RECORD)
-        return TRACE_BAD;
+        return refuse(in);
     bool ns = big32(b) == PCAP_NS || big32(b) == __builtin_bswap32(PCAP_NS);
     s->big_endian = big32(b) == PCAP_NS || big32(b) == PCAP_US;
     s->interfaces[0] = (pcap_interface){.link_type = (uint16_t)(get32(s, b + 20) & 0xFFFFu),
@@ -374,20 +516,21 @@ static trace_result read_classic_head(trace_input *in, pcap_state *s)
 static trace_result read_classic(trace_input *in, pcap_state *s, trace_record *r)
 {
     const unsigned char *b;
-    packet p = {.place = in->offset, .link_type = s->interfaces[0].link_type};
+    packet p = {.place = in->entry = in->offset, .link_type = s->interfaces[0].link_type};
     trace_result result = trace_bytes(in, &b, PCAP_PACKET_HEAD);
     if (result != TRACE_RECORD)
         return result;
     uint64_t scale = s->interfaces[0].resolution == 9 ? NS_PER_S : 1000000u;
     uint64_t count = get32(s, b) * scale + get32(s, b + 4);
     p.captured = get32(s, b + 8);
-    if (p.captured > BLOCK_MAX)
-        return trace_bad_byte(in, p.place, "a packet of %" PRIu32 " bytes: at most %u are allowed",
-                              p.captured, BLOCK_MAX);
+    if (!is_packet(s, b))
+        return trace_bad_byte(in, p.place, "a packet of %" PRIu32 " bytes of %" PRIu32
+                              ": 1 to %u are allowed", p.captured, get32(s, b + 12), packet_max(s));
     trace_set_channel(r, "0", 1);
     if (stamp(in, r, &p, &s->interfaces[0], count) != TRACE_RECORD)
         return TRACE_BAD;
-    return read_packet(in, r, &p, p.captured);
+    result = read_packet(in, r, &p, p.captured);
+    return result == TRACE_RECORD && lacks_bytes(in, s) ? bad_gap(in) : result;
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */
@@ -398,16 +541,17 @@ static trace_result begin(trace_input *in, pcap_state *s)
     size_t count = trace_peek(in, &b, BLOCK_HEAD + 4);
     uint32_t magic = count >= 4 ? big32(b) : 0;
     s->begun = true;
-    if (in->problem[0] != '\0')
+    if (in->failed)
         return TRACE_BAD;
     if (magic == PCAP_US || magic == PCAP_NS || magic == __builtin_bswap32(PCAP_US) ||
         magic == __builtin_bswap32(PCAP_NS)) {
         s->classic = true;
         return read_classic_head(in, s);
     }
-    if (magic != BLOCK_SHB || count < BLOCK_HEAD + 4)
-        return trace_bad_byte(in, 0, "this is neither pcapng nor pcap");
-    return TRACE_RECORD;
+    if (magic == BLOCK_SHB && count == BLOCK_HEAD + 4)
+        return TRACE_RECORD;
+    (void)trace_bad_byte(in, 0, "this is neither pcapng nor pcap");
+    return refuse(in);
 }
 
 trace_result pcapng_next(trace_input *in, pcap_state *state, trace_record *record)

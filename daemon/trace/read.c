@@ -19,6 +19,10 @@ struct trace_reader {
     trace_format format;
     uint64_t size;
     char *file;
+    uint64_t damaged; /* entries of this pass */
+    uint64_t whole;   /* frames of any kind */
+    size_t damage_place;            /* characters of `damage` that say where it is */
+    char damage[TRACE_PROBLEM_MAX]; /* of the first one; it does not change any more */
     union {
         candump_state candump;
         asc_state asc;
@@ -88,6 +92,8 @@ void trace_close(trace_reader *reader)
 static void start(trace_reader *reader)
 {
     memset(&reader->state, 0, sizeof reader->state);
+    reader->damaged = 0;
+    reader->whole = 0;
     if (reader->format == TRACE_CANDUMP_DELTA)
         reader->state.candump.delta = true;
 }
@@ -95,15 +101,10 @@ static void start(trace_reader *reader)
 bool trace_rewind(trace_reader *reader)
 {
     trace_input *in = &reader->input;
-    if (lseek(in->fd, 0, SEEK_SET) != 0) {
-        (void)snprintf(in->problem, sizeof in->problem, "%s: %s", in->file, strerror(errno));
+    if (trace_seek(in, 0) != TRACE_RECORD)
         return false;
-    }
-    in->at_end = false;
-    in->first = 0;
-    in->filled = 0;
-    in->offset = 0;
     in->line = 0;
+    in->amid = false;
     start(reader);
     return true;
 }
@@ -143,24 +144,34 @@ static bool is_asc(const char *line)
            strncmp(line, "//", 2) == 0;
 }
 
-/* Returns the first line with content, as a text, as far as it was read; NULL when there is
- * none. */
-static char *first_line(char *text)
+/* Detects the format of a text by its first line that has one: lines before it may be torn. A text
+ * without content is the recording of a silent bus. */
+static trace_format detect_text(char *text, size_t count)
 {
-    char *rest = text;
-    for (char *line = strtok_r(text, "\r\n", &rest); line; line = strtok_r(NULL, "\r\n", &rest))
-        if (*trace_blanks(line) != '\0')
-            return line;
-    return NULL;
+    static const char ends[] = "\r\n";
+    bool any = false;
+    for (size_t i = 0, length; i < count; i += length + 1) {
+        char *line = text + i;
+        length = strcspn(line, ends); /* also ends at a byte 0 */
+        line[length] = '\0';
+        if (is_candump(line))
+            return TRACE_CANDUMP;
+        if (is_asc(line))
+            return TRACE_ASC;
+        any = any || *trace_blanks(line) != '\0';
+    }
+    return any ? TRACE_DETECT : TRACE_CANDUMP;
 }
 
-/* Detects the format. The recording of a silent bus may be empty. */
+/* Detects the format, behind bytes 0 of a crash. */
 static trace_format detect(trace_input *in)
 {
     const unsigned char *bytes;
     char text[DETECT_BYTES + 1];
-    size_t count = trace_peek(in, &bytes, DETECT_BYTES);
-    if (in->problem[0] != '\0')
+    size_t zeros = 0;
+    size_t count = trace_peek(in, &bytes, TRACE_BUFFER);
+    trace_format found = TRACE_DETECT;
+    if (in->failed)
         return TRACE_DETECT;
     if (is_capture(bytes, count))
         return TRACE_PCAPNG;
@@ -168,14 +179,16 @@ static trace_format detect(trace_input *in)
         bytes += TRACE_BOM_BYTES;
         count -= TRACE_BOM_BYTES;
     }
+    while (zeros < count && bytes[zeros] == 0)
+        zeros++;
+    count = count - zeros < DETECT_BYTES ? count - zeros : DETECT_BYTES;
     if (count > 0)
-        memcpy(text, bytes, count);
+        memcpy(text, bytes + zeros, count);
     text[count] = '\0';
-    const char *line = strlen(text) == count ? first_line(text) : "";
-    if (!line || is_candump(line))
-        return TRACE_CANDUMP;
-    if (is_asc(line))
-        return TRACE_ASC;
+    if (count > 0 || zeros == 0)
+        found = detect_text(text, count);
+    if (found != TRACE_DETECT)
+        return found;
     in->line = 1;
     in->text = "";
     (void)trace_bad_text(in, in->text,
@@ -202,19 +215,68 @@ static trace_result next_entry(trace_reader *reader, trace_record *record)
     return TRACE_END;
 }
 
+/* Refuses a file without a whole frame, for the first entry that is not whole. */
+static trace_result refuse(trace_reader *reader)
+{
+    trace_input *in = &reader->input;
+    memcpy(in->problem, reader->damage, sizeof in->problem);
+    in->failed = true;
+    return TRACE_BAD;
+}
+
+/* Makes a record of an entry that is not whole, and goes on behind it. */
+static trace_result pass_over(trace_reader *reader, trace_record *record)
+{
+    trace_input *in = &reader->input;
+    const bool capture = reader->format == TRACE_PCAPNG;
+    *record = (trace_record){.kind = TRACE_DAMAGED, .place = capture ? in->entry : in->line};
+    if (reader->damage[0] == '\0') {
+        memcpy(reader->damage, in->problem, sizeof reader->damage);
+        reader->damage_place = in->place;
+    }
+    if (++reader->damaged == TRACE_DAMAGED_MAX && reader->whole == 0)
+        return refuse(reader);
+    if (capture && pcapng_recover(in, &reader->state.pcap) != TRACE_RECORD)
+        return TRACE_BAD;
+    if (!capture)
+        trace_end_line(in);
+    record->bytes = in->offset - in->entry;
+    return TRACE_RECORD;
+}
+
+static bool is_frame(const trace_record *record)
+{
+    return record->kind != TRACE_OTHER && record->kind != TRACE_MARK;
+}
+
 trace_result trace_next(trace_reader *reader, trace_record *record)
 {
-    const trace_input *in = &reader->input;
+    trace_input *in = &reader->input;
     *record = (trace_record){.kind = TRACE_FRAME};
-    trace_result result = next_entry(reader, record);
-    if (result == TRACE_RECORD && reader->format != TRACE_PCAPNG)
+    trace_result result = in->failed ? TRACE_BAD : next_entry(reader, record);
+    if (result == TRACE_RECORD && in->cut && !is_frame(record))
+        result = trace_bad_text(in, in->text, "cut off: the line has no end");
+    if (result == TRACE_RECORD)
+        reader->whole += is_frame(record);
+    if (result == TRACE_BAD && !in->failed)
+        result = pass_over(reader, record);
+    if (result == TRACE_END && reader->damaged > 0 && reader->whole == 0)
+        return refuse(reader);
+    if (result == TRACE_RECORD && reader->format != TRACE_PCAPNG) {
         record->column = (unsigned)(trace_blanks(in->text) - in->text) + 1;
+        record->cut = in->cut;
+    }
     return result;
 }
 
 const char *trace_problem(const trace_reader *reader)
 {
     return reader->input.problem;
+}
+
+const char *trace_damage(const trace_reader *reader)
+{
+    return reader->damage + reader->damage_place;
 }
 
 /* Uses only members of the reader that do not change while it reads. */

@@ -3,7 +3,9 @@
  * read.h - reads recordings of CAN traffic, entry by entry: candump, Vector ASC, pcapng.
  *
  * A file is never loaded as a whole; memory is bounded. Every entry is handed out, including those
- * that cannot go onto a classical bus, so that the caller can report each.
+ * that cannot go onto a classical bus and those that are not whole, so that the caller can report
+ * each. A file is no recording when it has an entry that is not whole, and no frame that is: up to
+ * its end, or among its first TRACE_DAMAGED_MAX such entries.
  */
 #ifndef CANWIRE_TRACE_READ_H
 #define CANWIRE_TRACE_READ_H
@@ -12,6 +14,7 @@
 
 #define TRACE_CHANNEL_MAX 32  /* bytes of the name of a channel with its final 0 */
 #define TRACE_PROBLEM_MAX 600 /* bytes of a message with its final 0 */
+#define TRACE_DAMAGED_MAX 1000u
 
 typedef enum trace_format {
     TRACE_DETECT = 0,    /* by the content of the file */
@@ -23,6 +26,7 @@ typedef enum trace_format {
 
 typedef enum trace_kind {
     TRACE_FRAME = 0,   /* a classical frame, valid as cw_frame_valid() says */
+    TRACE_DAMAGED, /* it is not whole: cut, torn, or bytes that nobody wrote, see trace_damage() */
     TRACE_ERROR_FRAME, /* an error on the bus that a driver or a tool noted */
     TRACE_FD_FRAME,    /* a CAN FD frame, valid in the same way */
     TRACE_XL_FRAME,
@@ -35,7 +39,9 @@ typedef struct trace_record {
     trace_kind kind;
     bool timed;                      /* it has a time stamp */
     uint64_t time_ns;                /* since an epoch of the file; may step back */
+    bool cut;                        /* the file ends behind it without the end of its line */
     uint64_t place;                  /* line from 1; in pcapng: byte from 0 */
+    uint64_t bytes;                  /* of TRACE_DAMAGED, up to the next entry */
     unsigned column;                 /* of the first word of its line, from 1; in pcapng: 0 */
     char channel[TRACE_CHANNEL_MAX]; /* interface or number of the channel; "" when it has none */
     cw_frame frame;                  /* TRACE_FRAME and TRACE_FD_FRAME */
@@ -44,7 +50,7 @@ typedef struct trace_record {
 typedef enum trace_result {
     TRACE_RECORD = 0,
     TRACE_END, /* of the file */
-    TRACE_BAD, /* see trace_problem(); reading cannot go on */
+    TRACE_BAD, /* it cannot be read, or is no recording; see trace_problem() */
     TRACE_LATER /* of trace/ahead.h alone: the entry has not been read yet */
 } trace_result;
 
@@ -67,6 +73,10 @@ bool trace_rewind(trace_reader *reader);
 /* Returns the message after TRACE_BAD: "FILE:LINE:COLUMN: problem and allowed text", or "FILE: byte
  * N: ..." in pcapng. It is valid until the next call. */
 const char *trace_problem(const trace_reader *reader);
+
+/* Returns what is wrong with the first entry that is not whole, without its place. It is valid
+ * after the first record of kind TRACE_DAMAGED, and does not change any more. */
+const char *trace_damage(const trace_reader *reader);
 
 #define TRACE_NO_TIME                                                                              \
     "there is no time stamp: record with candump -L or -t a, or replay with 'speed: max'"

@@ -19,6 +19,24 @@
 
 /* ---- Bytes ----------------------------------------------------------------------------------- */
 
+static trace_result fail(trace_input *in)
+{
+    (void)snprintf(in->problem, sizeof in->problem, "%s: %s", in->file, strerror(errno));
+    in->failed = true;
+    return TRACE_BAD;
+}
+
+trace_result trace_seek(trace_input *in, uint64_t offset)
+{
+    if (lseek(in->fd, (off_t)offset, SEEK_SET) < 0)
+        return fail(in);
+    in->at_end = false;
+    in->first = 0;
+    in->filled = 0;
+    in->offset = offset;
+    return TRACE_RECORD;
+}
+
 /* Fills the buffer until it holds so many bytes, or to the end of the file. A read error counts as
  * the end, with a problem. */
 static void fill(trace_input *in, size_t count)
@@ -33,7 +51,7 @@ static void fill(trace_input *in, size_t count)
         if (got < 0 && errno == EINTR)
             continue;
         if (got < 0)
-            (void)snprintf(in->problem, sizeof in->problem, "%s: %s", in->file, strerror(errno));
+            (void)fail(in);
         in->at_end = got <= 0;
         in->filled += got > 0 ? (size_t)got : 0;
     }
@@ -56,7 +74,7 @@ size_t trace_peek(trace_input *in, const unsigned char **bytes, size_t count)
 trace_result trace_bytes(trace_input *in, const unsigned char **bytes, size_t count)
 {
     size_t there = trace_peek(in, bytes, count);
-    if (in->problem[0] != '\0')
+    if (in->failed)
         return TRACE_BAD;
     if (there == count) {
         take(in, count);
@@ -64,7 +82,7 @@ trace_result trace_bytes(trace_input *in, const unsigned char **bytes, size_t co
     }
     if (there == 0)
         return TRACE_END;
-    return trace_bad_byte(in, in->offset + there, "the file ends here, too early");
+    return trace_bad_end(in);
 }
 
 trace_result trace_skip(trace_input *in, uint64_t count)
@@ -73,10 +91,10 @@ trace_result trace_skip(trace_input *in, uint64_t count)
         const unsigned char *bytes;
         size_t piece = count < TRACE_BUFFER ? (size_t)count : TRACE_BUFFER;
         size_t there = trace_peek(in, &bytes, piece);
-        if (in->problem[0] != '\0')
+        if (in->failed)
             return TRACE_BAD;
         if (there == 0)
-            return trace_bad_byte(in, in->offset, "the file ends here, too early");
+            return trace_bad_end(in);
         take(in, there);
         count -= there;
     }
@@ -90,29 +108,61 @@ bool trace_has_bom(const unsigned char *bytes, size_t count)
     return count >= TRACE_BOM_BYTES && memcmp(bytes, "\xEF\xBB\xBF", TRACE_BOM_BYTES) == 0;
 }
 
-trace_result trace_line(trace_input *in)
+void trace_end_line(trace_input *in)
+{
+    bool more = in->amid;
+    fill(in, 1);
+    const bool zeros = in->filled > in->first && in->buffer[in->first] == 0;
+    in->text = "";
+    while (more) {
+        fill(in, 1);
+        const unsigned char *bytes = in->buffer + in->first;
+        const size_t there = in->filled - in->first;
+        size_t count = 0;
+        while (count < there && (bytes[count] == 0) == zeros && bytes[count] != '\n')
+            count++;
+        const bool ends = count < there && bytes[count] == '\n';
+        take(in, count + ends);
+        more = count == there && there > 0;
+        in->amid = !ends;
+    }
+}
+
+/* Begins a line, or its rest behind what was damaged. */
+static void begin_line(trace_input *in)
 {
     fill(in, TRACE_LINE_MAX + 1);
-    size_t there = in->filled - in->first;
-    if (in->problem[0] != '\0')
+    const size_t there = in->filled - in->first;
+    if (in->amid || there == 0)
+        return;
+    if (in->line++ == 0 && trace_has_bom(in->buffer + in->first, there))
+        take(in, TRACE_BOM_BYTES);
+}
+
+trace_result trace_line(trace_input *in)
+{
+    begin_line(in);
+    const size_t there = in->filled - in->first;
+    if (in->failed)
         return TRACE_BAD;
     if (there == 0)
         return TRACE_END;
-    if (in->line++ == 0 && trace_has_bom(in->buffer + in->first, there)) {
-        take(in, TRACE_BOM_BYTES);
-        there -= TRACE_BOM_BYTES;
-    }
+    in->entry = in->offset;
     in->text = (char *)in->buffer + in->first;
-    const char *newline = memchr(in->text, '\n', there);
-    size_t length = newline ? (size_t)(newline - in->text) : there;
-    size_t kept = length < TRACE_LINE_MAX ? length : TRACE_LINE_MAX;
-    take(in, newline ? length + 1 : length);
-    in->text[kept] =
-        '\0'; /* replaces the newline; the buffer has a spare byte */
-    if (kept < length)
+    size_t length = there <= TRACE_LINE_MAX ? there : TRACE_LINE_MAX + 1;
+    const char *newline = memchr(in->text, '\n', length);
+    length = newline ? (size_t)(newline - in->text) : length;
+    const char *zero = memchr(in->text, '\0', length);
+    length = zero ? (size_t)(zero - in->text) : length;
+    const bool too_long = length > TRACE_LINE_MAX;
+    in->cut = !newline && !zero && !too_long;
+    in->amid = zero || too_long;
+    take(in, length + (newline && !zero));
+    in->text[length - too_long] = '\0'; /* replaces the newline; the buffer has a spare byte */
+    if (too_long)
         return trace_bad_text(in, in->text, "this line has more than %u bytes", TRACE_LINE_MAX);
-    if (strlen(in->text) < length)
-        return trace_bad_text(in, in->text + strlen(in->text), "a byte 0: this is no text");
+    if (zero)
+        return trace_bad_text(in, in->text + length, "a byte 0: a crash leaves such bytes, or this is no text");
     if (length > 0 && in->text[length - 1] == '\r')
         in->text[length - 1] = '\0';
     return TRACE_RECORD;
@@ -132,6 +182,7 @@ static size_t column(const trace_input *in, const char *at)
 static void add_message(trace_input *in, int used, const char *format, va_list args)
 {
     size_t start = used < 0 ? 0 : (size_t)used;
+    in->place = start < sizeof in->problem ? start : 0;
     if (start < sizeof in->problem)
         (void)vsnprintf(in->problem + start, sizeof in->problem - start, format, args);
     plain_make(in->problem, '?'); /* the file may contain any bytes */
@@ -157,6 +208,12 @@ trace_result trace_bad_byte(trace_input *in, uint64_t offset, const char *format
     add_message(in, used, format, args);
     va_end(args);
     return TRACE_BAD;
+}
+
+trace_result trace_bad_end(trace_input *in)
+{
+    return trace_bad_byte(in, in->entry, "cut off: the file ends at byte %" PRIu64,
+                          in->offset + (in->filled - in->first));
 }
 
 /* ---- Words ----------------------------------------------------------------------------------- */

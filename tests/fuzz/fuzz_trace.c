@@ -26,24 +26,28 @@ static void check_record(const trace_record *r, uint64_t *place)
     *place = r->place;
 }
 
-/* Reads all entries; returns their number. */
+/* Reads all entries; returns their number, or UINT64_MAX for a file that is no recording. */
 static uint64_t read_all(trace_reader *reader, const char *file)
 {
     uint64_t entries = 0;
+    uint64_t damaged = 0;
     uint64_t place = 0;
     trace_record record;
     trace_result result;
     while ((result = trace_next(reader, &record)) == TRACE_RECORD) {
         check_record(&record, &place);
+        damaged += record.kind == TRACE_DAMAGED;
         entries++;
     }
+    REQUIRE(damaged < entries || damaged < TRACE_DAMAGED_MAX);
     REQUIRE(trace_position(reader) <= trace_size(reader));
     if (result == TRACE_END)
         return entries;
     const char *problem = trace_problem(reader);
+    REQUIRE(trace_next(reader, &record) == TRACE_BAD);
     REQUIRE(strncmp(problem, file, strlen(file)) == 0 && problem[strlen(file)] == ':');
     REQUIRE(strpbrk(problem, "\n\r\t") == NULL);
-    return entries;
+    return UINT64_MAX;
 }
 
 static void read_as(const char *file, trace_format format)
@@ -55,7 +59,7 @@ static void read_as(const char *file, trace_format format)
         return;
     }
     uint64_t entries = read_all(reader, file);
-    REQUIRE(trace_problem(reader)[0] != '\0' ||
+    REQUIRE(entries == UINT64_MAX ||
             (trace_rewind(reader) && read_all(reader, file) == entries));
     trace_close(reader);
 }

@@ -359,21 +359,58 @@ def test_replies_are_no_rules(write):
 # ---- What goes wrong -----------------------------------------------------------------------------
 
 
-def test_a_bad_line_ends_the_run_with_its_place(write, tmp_path):
-    (tmp_path / "bad.log").write_text("(1.0) a 123#\n(1.1) a 124#\n(1.2) a 125#Z\n")
-    path = write(bus("replay: bad.log"))
-    result = sim(path, "--log", "-", status=1)
-    assert [line.split()[2] for line in result.stdout.splitlines()] == ["123#"]
-    assert f"{tmp_path}/bad.log:3:9: '125#Z'" in result.stderr
-    check = canwire("check", path, status=1)
-    assert f"{tmp_path}/bad.log:3:9: '125#Z'" in check.stderr
+TORN = {  # what follows three lines of a log, and what is said about it
+    "a cut line": ("(1.3) a 126#0", "1 damaged entry of 13 bytes (line 4: '126#0'"),
+    "a torn line": ("(1.2) a 12\n5#11\n(1.3) a 126#\n",
+                    "2 damaged entries of 16 bytes (the first at line 4: expected"),
+    "a line without time": ("a 12345#\na 125#11\n(1.3) a 126#\n",
+                            "1 damaged entry of 9 bytes (line 4: '12345#'"),
+    "bytes 0": ("\0" * 70000, "1 damaged entry of 70000 bytes (line 4: a byte 0"),
+    "bytes 0 and more": ("\0" * 70000 + "(1.3) a 126#\n(1.4) a\n",
+                         "2 damaged entries of 70008 bytes (the first at line 4: a byte 0"),
+    "a line that may be cut": ("(1.3) a 126#00",
+                               "1 frame whose line has no end and may be cut (line 4)"),
+}
+
+
+@pytest.mark.parametrize("name", TORN)
+def test_what_is_whole_is_replayed_and_the_rest_is_told(name, write, tmp_path):
+    more, told = TORN[name]
+    (tmp_path / "torn.log").write_text("(1.0) a 123#\n(1.1) a 124#\n(1.2) a 125#\n" + more)
+    path = write(bus("replay: torn.log"))
+    result = sim(path, "--log", "-")
+    frames = [line.split()[2] for line in result.stdout.splitlines()]
+    assert frames == ["123#", "124#", "125#"] + re.findall(r"126#(?:00)?$", more, re.M)
+    assert f"canwire sim: {tmp_path}/torn.log: " in result.stderr and told in result.stderr
+    check = canwire("check", path)
+    assert told in check.stdout and f"{len(frames)} frames to replay" in check.stdout
+
+
+def test_a_capture_that_is_cut_is_replayed(write, tmp_path):
+    capture = (TRACES / "drive.pcapng").read_bytes()
+    path = write(bus("replay: cut.pcapng"))
+    (tmp_path / "cut.pcapng").write_bytes(capture)
+    whole = sim(path, "--log", "-").stdout.splitlines()
+    (tmp_path / "cut.pcapng").write_bytes(capture[:-1])
+    result = sim(path, "--log", "-")
+    assert result.stdout.splitlines() == whole[:-1]
+    assert re.search(r"cut.pcapng: left out: 1 damaged entry of \d+ bytes \(byte \d+: cut off: the "
+                     rf"file ends at byte {len(capture) - 1}\), 1 error frame", result.stderr)
+
+
+def test_a_loop_tells_what_it_leaves_out_after_its_first_pass(write, tmp_path):
+    (tmp_path / "torn.log").write_text("(1.0) a 123#\n(1.1) a 124#\n(1.2) a 1")
+    path = write(bus("replay: torn.log, loop: on"))
+    assert sim(path, "--until", "1s").stderr.count("1 damaged entry") == 1
 
 
 PCAPNG_HEAD = bytes.fromhex("0a0d0d0a1c0000004d3c2b1a01000000ffffffffffffffff1c000000")
 
 # Bad recordings, the place of the error in each, and its message.
 BAD_RECORDINGS = {
-    "candump": (b"(1.0) a 123#\n(1.1) a 1234#\n", ":2:9: ", "3 hexadecimal digits"),
+    "candump": (b"(1.1) a 1234#\n(1.2) a 1234#\n", ":1:9: ", "3 hexadecimal digits"),
+    "candump without times": (b"a 123#\nb 123#\n", ":1:1: ", "there is no time stamp"),
+    "zeros": (bytes(70000), ":1:1: ", "neither a candump log, nor Vector ASC, nor pcapng"),
     "candump time": (b"(1.0 a 123#\n", ":1:1: ", "(1436509052.249713)"),
     "asc": (b"base hex timestamps absolute\n0.1 1 123 Rx d 9G\n", ":2:16: ", "0 to 15"),
     "asc head": (b"base oct timestamps absolute\n", ":1:6: ", "'hex' or 'dec'"),
@@ -605,7 +642,7 @@ def test_an_output_that_cannot_be_written_is_told_before_the_event_is_looked_for
 @pytest.mark.parametrize("recording, entry, message, status", [
     ("(1.0) a 123#\n", "replay: r.log, only: 456", "no frame that is asked for", 0),
     ("(1.0) a 20000040#0000000000000000\n(2.0) a 123#\n", "replay: r.log", "left out", 0),
-    ("(1.0) a 123#\n(2.0) a 12\n", "replay: r.log", "r.log:2:", 1),
+    ("(1.0) a 123#\n(2.0) a 12\n", "replay: r.log", "1 damaged entry of 11 bytes (line 2:", 0),
     ("12\n", "replay: r.log, format: candump", "r.log:1:", 1),
     ("", "send: 123#, offset: 20s", "ended before the last release", 0),
 ])

@@ -27,13 +27,18 @@
 
 /* ---- Files as text --------------------------------------------------------------------------- */
 
-static const char *const kind_names[TRACE_KIND_COUNT] = {"frame", "error", "fd",
-                                                         "xl",    "other", "mark"};
+static const char *const kind_names[TRACE_KIND_COUNT] = {"frame", "damaged", "error", "fd",
+                                                         "xl",    "other",   "mark"};
 
 /* Prints an entry: "LINE SECONDS CHANNEL FRAME", or its kind without a frame; "-" without time. */
-static void print_record(FILE *out, const trace_record *r)
+static void print_record(FILE *out, const trace_reader *reader, const trace_record *r)
 {
     char frame[FRAME_TEXT_MAX];
+    if (r->kind == TRACE_DAMAGED) {
+        fprintf(out, "%" PRIu64 " damaged %" PRIu64 ": %s\n", r->place, r->bytes,
+                trace_damage(reader));
+        return;
+    }
     text_print_frame(frame, &r->frame);
     fprintf(out, "%" PRIu64 " ", r->place);
     if (r->timed)
@@ -57,8 +62,13 @@ static char *read_all(const char *file, trace_format format)
     trace_result result = TRACE_BAD;
     assert_non_null(out);
     trace_reader *reader = trace_open(file, format, problem);
-    while (reader && (result = trace_next(reader, &record)) == TRACE_RECORD)
-        print_record(out, &record);
+    bool any = false; /* entry that is whole */
+    while (reader && (result = trace_next(reader, &record)) == TRACE_RECORD) {
+        print_record(out, reader, &record);
+        any = any || record.kind != TRACE_DAMAGED;
+    }
+    if (result == TRACE_BAD && !any)
+        rewind(out); /* the error is that of the first one */
     if (result == TRACE_BAD) {
         const char *what = reader ? trace_problem(reader) : problem;
         assert_memory_equal(what, file, strlen(file));
@@ -191,8 +201,9 @@ typedef struct text_case {
 #define CANDUMP_LINE                                                                               \
     "expected a line of candump such as '(1436509052.249713) vcan0 123#DEADBEEF' or "              \
     "'(000.000000)  vcan0  123   [4]  DE AD BE EF'\n"
-#define CANDUMP_STAMP                                                                              \
-    "expected a time such as (1436509052.249713), (000.000000) or (2024-02-29 12:34:56.000000)\n"
+#define CANDUMP_STAMP_TEXT                                                                         \
+    "expected a time such as (1436509052.249713), (000.000000) or (2024-02-29 12:34:56.000000)"
+#define CANDUMP_STAMP CANDUMP_STAMP_TEXT "\n"
 #define CANDUMP_LENGTH "expected a length: [0] to [8], {9} to {F}, [00] to [64] for CAN FD\n"
 
 #define EIGHT "0011223344556677"
@@ -239,7 +250,7 @@ static const text_case candump[] = {
     {"(2000-13-01 00:00:00.0) a 123#\n", "bad:1:1: " CANDUMP_STAMP},
     {"(2000-01-01 00:00:61.0) a 123#\n", "bad:1:1: " CANDUMP_STAMP},
     {"(1.5) a 123#\n(1.5) \xC3\xA4 800#\n",
-     "1 1.500000000 a 123#\nbad:2:9: '800#': identifiers have 3 hexadecimal digits (base, up to "
+     "1 1.500000000 a 123#\n2 damaged 14: '800#': identifiers have 3 hexadecimal digits (base, up to "
      "7FF) or 8 (extended, up to 1FFFFFFF)\n"},
     {"(1.5) a 123#1\n", "bad:1:9: '123#1': data bytes have two hexadecimal digits\n"},
     {"(1.5) a 123##1F\n", "bad:1:9: '123##1F': data bytes have two hexadecimal digits\n"},
@@ -266,7 +277,7 @@ static const text_case candump[] = {
     {"(1.5) a 123 [1] 0G\n", "bad:1:17: expected 1 data bytes, two digits each\n"},
     {"(1.5) a 123 [1] remote requests\n",
      "bad:1:31: expected the end of the line behind 'remote request'\n"},
-    {"(1.5) a 123#\n\tstray\n", "1 1.500000000 a 123#\nbad:2:2: " CANDUMP_LINE},
+    {"(1.5) a 123#\n\tstray\n", "1 1.500000000 a 123#\n2 damaged 7: " CANDUMP_LINE},
 };
 
 static void lines_of_candump_are_read_or_refused(void **state)
@@ -276,13 +287,15 @@ static void lines_of_candump_are_read_or_refused(void **state)
         assert_reads(candump[i].text, strlen(candump[i].text), TRACE_CANDUMP, candump[i].expected);
 }
 
+#define BYTE_ZERO "a byte 0: a crash leaves such bytes, or this is no text\n"
+
 static void long_lines_and_zeros_are_refused(void **state)
 {
     static const char zero[] = "(1.0) a 123#\n(1.0) a 1\0003#\n";
     char line[5000];
     (void)state;
     assert_reads(zero, sizeof zero - 1, TRACE_CANDUMP,
-                 "1 1.000000000 a 123#\nbad:2:10: a byte 0: this is no text\n");
+                 "1 1.000000000 a 123#\n2 damaged 10: " BYTE_ZERO "2 damaged 3: " BYTE_ZERO);
     memset(line, ' ', sizeof line);
     memcpy(line, "(1.0) a 123#", 12);
     line[4096] = '\n';
@@ -638,24 +651,28 @@ typedef struct damage {
     const char *expected;
 } damage;
 
+#define FOUND "68 1.000000000 can0 123#CAFE\n"
+
 static const damage damages[] = {
-    {8, 0, "bad: byte 0: a section without the byte order mark 1A2B3C4D\n"},
-    {4, 30, "bad: byte 0: a block of 30 bytes: multiples of 4 from 12 to 16777216 are allowed\n"},
+    {8, 0,
+     "0 damaged 28: a section without the byte order mark 1A2B3C4D\n" FOUND},
+    {4, 30,
+     "0 damaged 28: a block of 30 bytes: multiples of 4 from 12 to 16777216 are allowed\n" FOUND},
     {7, 8,
-     "bad: byte 0: a block of 134217756 bytes: multiples of 4 from 12 to 16777216 are "
-     "allowed\n"},
-    {24, 0, "bad: byte 0: the two lengths of this block differ: 28 and 0\n"},
-    {73, 1, "bad: byte 112: the file ends here, too early\n"},
+     "0 damaged 28: a block of 134217756 bytes: multiples of 4 from 12 to 16777216 are "
+     "allowed\n" FOUND},
+    {24, 0, "0 damaged 28: the two lengths of this block differ: 28 and 0\n" FOUND},
+    {73, 1, "bad: byte 68: cut off: the file ends at byte 112\n"},
     {88, 250, "bad: byte 68: a packet that is longer than its block\n"},
     {6, -1, "bad: byte 0: this is neither pcapng nor pcap\n"},
-    {20, -1, "bad: byte 20: the file ends here, too early\n"},
-    {74, -1, "bad: byte 74: the file ends here, too early\n"},
-    {76, -1, "bad: byte 76: the file ends here, too early\n"},
-    {96, -1, "bad: byte 96: the file ends here, too early\n"},
-    {100, -1, "bad: byte 100: the file ends here, too early\n"},
-    {107, -1, "bad: byte 107: the file ends here, too early\n"},
-    {108, -1, "bad: byte 108: the file ends here, too early\n"},
-    {110, -1, "bad: byte 110: the file ends here, too early\n"},
+    {20, -1, "bad: byte 0: cut off: the file ends at byte 20\n"},
+    {74, -1, "bad: byte 68: cut off: the file ends at byte 74\n"},
+    {76, -1, "bad: byte 68: cut off: the file ends at byte 76\n"},
+    {96, -1, "bad: byte 68: cut off: the file ends at byte 96\n"},
+    {100, -1, "bad: byte 68: cut off: the file ends at byte 100\n"},
+    {107, -1, "bad: byte 68: cut off: the file ends at byte 107\n"},
+    {108, -1, "bad: byte 68: cut off: the file ends at byte 108\n"},
+    {110, -1, "bad: byte 68: cut off: the file ends at byte 110\n"},
 };
 
 static void damaged_captures_are_refused(void **state)
@@ -724,7 +741,7 @@ static void interfaces_have_a_maximum(void **state)
     snprintf(expected, sizeof expected, "%zu 0.000000000 %u 123#CAFE\n", c.size - 44,
              TRACE_INTERFACES_MAX - 1);
     assert_reads(c.bytes, c.size, TRACE_DETECT, expected);
-    snprintf(expected, sizeof expected, "%zu 0.000000000 %u 123#CAFE\nbad: byte %zu: more than %u "
+    snprintf(expected, sizeof expected, "%zu 0.000000000 %u 123#CAFE\n%zu damaged 24: more than %u "
              "interfaces\n", c.size - 44, TRACE_INTERFACES_MAX - 1, c.size, TRACE_INTERFACES_MAX);
     put_interface(&c, 227, NULL, -1);
     assert_reads(c.bytes, c.size, TRACE_DETECT, expected);
@@ -751,7 +768,7 @@ static void older_captures_are_read(void **state)
         assert_reads(c.bytes, c.size, TRACE_DETECT,
                      i & 2 ? "24 7.000250000 0 123#CAFE\n" : "24 7.250000000 0 123#CAFE\n");
         assert_reads(c.bytes, c.size - 1, TRACE_DETECT,
-                     "bad: byte 49: the file ends here, too early\n");
+                     "bad: byte 24: cut off: the file ends at byte 49\n");
     }
 }
 
@@ -874,12 +891,19 @@ static const replay_case replays[] = {
      0,
      "(5.0) a 001#\n(0.5) a 002#\n(0.5) a 003#\n",
      "0 001#\n40000000 002#\n80000000 003#\n"},
-    {{.count = 1}, 0, "(5.0) a 001#\n(x\n", "0 001#\nbad:2:1: " CANDUMP_STAMP},
+    {{.count = 1}, 0, "(5.0) a 001#\n(x\n",
+     "0 001#\nnote: left out: 1 damaged entry of 3 bytes (line 2: " CANDUMP_STAMP_TEXT ")\n"},
     {{.count = 1},
      0,
      "  a 001 [0]\n",
      "bad:1:3: there is no time stamp: record with candump -L or -t a, or replay with 'speed: "
      "max'\n"},
+    {{.count = 2, .gap = {.ns = 1000}}, /* lines without their beginning and their end */
+     0,
+     "a 001 [0]\n(1.0) a 002#\n(1.1) a 003#1\n a 004#\n(1.1) a 005#00",
+     "0 002#\n8000000 005#00\n8000080 002#\n16000080 005#00\nnote: left out: 1 damaged entry of 14 "
+     "bytes (line 3: '003#1': data bytes have two hexadecimal digits), 2 frames without a time (the "
+     "first at line 1); 1 frame whose line has no end and may be cut (line 5)\n"},
     {{.count = 1, .fast = true}, 0, "  a 001 [0]\n  a 002 [0]\n", "0 001#\n0 002#\n"},
 };
 
