@@ -227,6 +227,8 @@ static bool fetch(release_plan *plan, source *s)
         note_late(plan, s);
     else
         s->late_ticks = 0;
+    if (replay_passes(s->replay) > 0)
+        report_note(plan, s);
     if (step == REPLAY_FAILED || step == REPLAY_OVER)
         end_replay(plan, s, step == REPLAY_FAILED ? replay_problem(s->replay) : NULL);
     return s->replay != NULL;

@@ -356,6 +356,11 @@ bool replay_note(const replay *r, bool known, char note[REPLAY_NOTE_MAX])
     return any;
 }
 
+uint64_t replay_passes(const replay *r)
+{
+    return r->passes;
+}
+
 unsigned replay_permille(const replay *r)
 {
     uint64_t size = trace_size(r->reader);

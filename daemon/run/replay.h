@@ -53,6 +53,9 @@ const char *replay_problem(const replay *r);
  * known: the note of this file has been reported, only remarks about these filters are pending. */
 bool replay_note(const replay *r, bool known, char note[REPLAY_NOTE_MAX]);
 
+/* Returns how often the file has been read to its end. */
+uint64_t replay_passes(const replay *r);
+
 /* Returns the completed part, 0 to 1000; 0 for a loop. */
 unsigned replay_permille(const replay *r);
 
