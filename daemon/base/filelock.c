@@ -4,8 +4,10 @@
  */
 #include "base/filelock.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <stdlib.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -26,4 +28,19 @@ int filelock_probe(int folder, const char *name)
     int error = filelock_take(fd);
     (void)close(fd);
     return error;
+}
+
+bool filelock_is_ours(const struct stat *file)
+{
+    DIR *all = opendir("/proc/self/fd");
+    bool found = false;
+    for (const struct dirent *one; all && !found && (one = readdir(all));) {
+        struct stat open;
+        const int fd = (int)strtol(one->d_name, NULL, 10);
+        found = one->d_name[0] != '.' && fstat(fd, &open) == 0 && open.st_dev == file->st_dev &&
+                open.st_ino == file->st_ino;
+    }
+    if (all)
+        (void)closedir(all);
+    return found;
 }

@@ -206,6 +206,52 @@ static int write_all(int fd, const unsigned char *bytes, size_t size, size_t *do
     return 0;
 }
 
+/* ---- Before a start -------------------------------------------------------------------------- */
+
+/* Makes a file that has no name and is gone at once; a file system without such files tells if it
+ * may be written to. Returns 0 or an errno. */
+static int try_to_make(const folder *in)
+{
+    int fd = openat(in->fd, ".", O_WRONLY | O_TMPFILE | O_CLOEXEC, MODE);
+    if (fd >= 0)
+        (void)close(fd);
+    else if (errno != EOPNOTSUPP && errno != EISDIR && errno != ENOENT)
+        return errno;
+    else if (faccessat(in->fd, ".", W_OK | X_OK, AT_EACCESS) != 0)
+        return errno;
+    return 0;
+}
+
+static int probe_file(const folder *in, const char *name)
+{
+    struct stat there;
+    const bool found = fstatat(in->fd, name, &there, AT_SYMLINK_NOFOLLOW) == 0;
+    if (found && !S_ISREG(there.st_mode))
+        return EINVAL;
+    const int error = found ? filelock_probe(in->fd, name) : 0;
+    return error == EBUSY && filelock_is_ours(&there) ? 0 : error;
+}
+
+int spool_probe(const char *file, unsigned files)
+{
+    folder in;
+    int error = folder_open(&in, file);
+    if (error == 0)
+        error = try_to_make(&in);
+    for (unsigned i = 0; i < files && error == 0; i++) {
+        char *name = numbered(in.name, i);
+        error = !name ? ENOMEM : i == 0 ? probe_file(&in, name) : check_other(&in, name);
+        free(name);
+    }
+    folder_close(&in);
+    return error;
+}
+
+bool spool_may_wait(int error)
+{
+    return error == ENOSPC || error == EDQUOT;
+}
+
 /* ---- The queue ------------------------------------------------------------------------------- */
 
 static void copy_in(spool *s, const void *bytes, size_t size)

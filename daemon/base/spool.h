@@ -37,6 +37,14 @@ spool *spool_open(const char *file, unsigned files, spool_notify *notify, void *
 spool *spool_open_later(const char *file, unsigned files, spool_notify *notify, void *user,
                         int *error);
 
+/* Tells if spool_open() would fail, without making or moving a file that stays. A file that this
+ * process writes already does not count. Returns 0 or the errno. */
+int spool_probe(const char *file, unsigned files);
+
+/* Returns true for the errors of a full disk: another try may succeed without another
+ * configuration. */
+bool spool_may_wait(int error);
+
 /* Writes into an open descriptor in place of a file, which may be a pipe, and closes it at the end.
  * Each record is written at once. A cut does nothing, and an error may leave a part of a record. */
 spool *spool_stream(int fd, spool_notify *notify, void *user, int *error);

@@ -5,6 +5,7 @@
 #include "engine/reload.h"
 
 #include "base/log.h"
+#include "base/spool.h"
 #include "engine/share.h"
 #include "port/open.h"
 #include "run/bus_make.h"
@@ -197,6 +198,22 @@ static bool can_keep_names(const reload *r, const cfg *old, FILE *errors)
     return good;
 }
 
+/* Refuses what the start refuses, see recordings_start(). */
+static bool check_records(const cfg *config, FILE *errors)
+{
+    bool good = true;
+    for (size_t i = 0; i < config->record_count; i++) {
+        const cfg_record *what = &config->records[i];
+        const int error = spool_probe(what->file, what->files);
+        if (error == 0 || spool_may_wait(error))
+            continue;
+        print_place(errors, config, what->place);
+        fprintf(errors, "record %s: %s\n", what->file, spool_explain(error));
+        good = false;
+    }
+    return good;
+}
+
 reload *reload_read(const char *file, const fileuses *others, FILE *errors)
 {
     reload *r = calloc(1, sizeof *r);
@@ -205,7 +222,8 @@ reload *reload_read(const char *file, const fileuses *others, FILE *errors)
         return NULL;
     }
     r->config = cfg_load_regular(file, errors);
-    bool good = r->config && cfg_check_files(r->config, others, "canwired", errors);
+    bool good = r->config && cfg_check_files(r->config, others, "canwired", errors) &&
+                check_records(r->config, errors);
     if (good && !setup_make(&r->setup, r->config)) {
         fprintf(errors, "%s: out of memory\n", file);
         good = false;

@@ -11,7 +11,6 @@
 #include "base/log.h"
 #include "base/thread.h"
 
-#include <errno.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -205,11 +204,6 @@ static void begin_waiting(recordings *all, const cw_bus *bus)
 
 /* ---- Start, reload, stop --------------------------------------------------------------------- */
 
-static bool is_start_error(int error)
-{
-    return error != 0 && error != ENOSPC && error != EDQUOT;
-}
-
 recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_bus *bus,
                              recordings_reported *reported, void *user)
 {
@@ -232,7 +226,7 @@ recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_b
         }
         all->entries[all->count++] = e;
         begin_first(all, e, bus);
-        good = !is_start_error(e->error);
+        good = e->error == 0 || spool_may_wait(e->error);
     }
     if (good)
         return all;

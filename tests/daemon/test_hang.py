@@ -6,9 +6,11 @@ CAN in the kernel. CANWIRE and CANWIRED are the programs.
 """
 
 import contextlib
+import fcntl
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import struct
@@ -290,7 +292,7 @@ def test_the_bus_goes_on_while_a_recording_waits_for_its_file(bus):
     running = bus()
     running.write(RECORD)
     (running.folder / "disk/data").mkdir()
-    with running.hanging("disk/data/"):
+    with running.hanging("second:disk/data/"):
         running.canwire("reload", "./day.sock")
         running.wait_hanging()
         running.carries_frames()
@@ -315,7 +317,7 @@ def test_it_ends_while_a_recording_waits_for_its_file(bus):
     running = bus("--journal", "day.journal")
     running.write(RECORD)
     (running.folder / "disk/data").mkdir()
-    with running.hanging("disk/data/"):
+    with running.hanging("second:disk/data/"):
         running.canwire("reload", "./day.sock")
         running.wait_hanging()
         running.carries_frames()
@@ -323,16 +325,41 @@ def test_it_ends_while_a_recording_waits_for_its_file(bus):
     assert '"end":' in (running.folder / "day.journal").read_text()
 
 
-def test_a_recording_that_cannot_be_begun_says_where_and_counts_what_it_lacks(bus):
+def test_a_recording_that_cannot_be_begun_is_refused_by_reload_and_start_alike(bus):
     running = bus()
-    running.write(RECORD)
-    running.canwire("reload", "./day.sock")
-    wait_until(recording_is(running, "stopped"), "the end of it")
-    running.carries_frames()
-    recording, = running.status()["recordings"]
-    assert recording["why"] == "No such file or directory" and recording["entries"] == 0
     told = r"disk/bus.yaml:6:\d+: record disk/data/a.log: No such file or directory"
-    assert len(re.findall(told, running.stop())) == 1
+    running.write(RECORD)
+    assert re.search(told, running.canwire("reload", "./day.sock", status=1))
+    assert running.status()["recordings"] == []
+    running.carries_frames()
+    (running.folder / "disk/data").mkdir()
+    (running.folder / "disk/data/a.log").mkdir()
+    assert "no regular file" in running.canwire("reload", "./day.sock", status=1)
+    (running.folder / "disk/data/a.log").rmdir()
+    running.canwire("reload", "./day.sock")
+    wait_until(recording_is(running, "recording"), "the recording")
+    running.canwire("reload", "./day.sock")  # canwired itself writes the file, which is no obstacle
+    running.carries_frames()
+    assert recording_is(running, "recording")()
+    shutil.move(running.folder / "disk/data", running.folder / "disk/moved")
+    assert re.search(told, running.canwire("reload", "./day.sock", status=1))
+    running.carries_frames()
+    running.stop()
+    words = [CANWIRED, "-c", "disk/bus.yaml"]
+    start = subprocess.run(words, cwd=running.folder, capture_output=True, text=True, check=False)
+    assert start.returncode != 0 and re.search(told, start.stderr)
+
+
+def test_a_file_that_another_program_writes_is_refused_by_a_reload(bus):
+    running = bus()
+    running.write("record: [ { file: a.log, files: 3 } ]\n")
+    for name in ("a.log", "a.log.2"):  # one that is rotated, too
+        with open(running.folder / "disk" / name, "w", encoding="ascii") as other:
+            fcntl.flock(other, fcntl.LOCK_EX)
+            assert "another program is writing it" in running.canwire("reload", "./day.sock",
+                                                                      status=1)
+    running.canwire("reload", "./day.sock")
+    running.stop()
 
 
 # ---- A file that is replayed ---------------------------------------------------------------------

@@ -2,13 +2,15 @@
  *
  * hanging_disk.c - to be preloaded. While a file $HANG exists, a call that opens or reads a file
  * waits if the path contains the text in $HANG. So a network file system behaves that does not
- * answer. A file $HANG.waits exists during the wait.
+ * answer. A file $HANG.waits exists during the wait. Behind "second:" in $HANG, the first open, the
+ * third and so on of such paths pass: a disk that answers the look at it, and then no more.
  */
 #define _GNU_SOURCE // RTLD_NEXT
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <limits.h>
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -29,16 +31,19 @@ static __attribute__((constructor)) void find(void)
     real_read = (read_function *)dlsym(RTLD_NEXT, "read");
 }
 
-/* Returns true when $HANG selects a path. */
-static bool hangs(const char *flag, const char *path)
+/* Returns true when $HANG selects a path. count: of its opens, NULL for one that waits already. */
+static bool hangs(const char *flag, const char *path, atomic_uint *count)
 {
+    static const char second[] = "second:";
     char text[PATH_MAX] = "";
     int fd = real_open(flag, O_RDONLY | O_CLOEXEC);
     if (fd < 0)
         return false;
     ssize_t length = real_read(fd, text, sizeof text - 1);
     (void)close(fd);
-    return length > 0 && strstr(path, text);
+    const size_t skipped = strncmp(text, second, strlen(second)) == 0 ? strlen(second) : 0;
+    return length > 0 && strstr(path, text + skipped) &&
+           (skipped == 0 || !count || (*count)++ % 2 == 1);
 }
 
 /* Waits while $HANG says so. Each time it has changed, there may be another file of that name. */
@@ -50,7 +55,7 @@ static void wait_while_it_hangs(const char *flag, const char *path)
         int watch = inotify_init1(IN_CLOEXEC);
         if (watch < 0)
             abort();
-        goes_on = inotify_add_watch(watch, flag, changes) >= 0 && hangs(flag, path);
+        goes_on = inotify_add_watch(watch, flag, changes) >= 0 && hangs(flag, path, NULL);
         if (goes_on)
             (void)!real_read(watch, seen, sizeof seen);
         (void)close(watch);
@@ -61,7 +66,8 @@ static void wait_for(const char *path)
 {
     char note[PATH_MAX];
     const char *flag = getenv("HANG");
-    if (!flag || !hangs(flag, path))
+    static atomic_uint count;
+    if (!flag || !hangs(flag, path, &count))
         return;
     (void)snprintf(note, sizeof note, "%s.waits", flag);
     (void)close(real_open(note, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));

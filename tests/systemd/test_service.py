@@ -188,6 +188,24 @@ def test_a_bad_reload_fails_and_changes_nothing(bus):
     wait_until(lambda: "refused" not in one.show("StatusText"), "the status")
 
 
+@pytest.mark.parametrize("file, why", [
+    ("drive.log", "Read-only file system"),
+    ("/var/lib/canwire/missing/drive.log", "No such file or directory"),
+])
+def test_a_reload_refuses_what_a_start_refuses(bus, file, why):
+    one = bus("alike")
+    good = one.config.read_text()
+    one.config.write_text(good + f"record: [ {{ file: {file} }} ]\n")
+    assert "failed" in systemctl("reload", one.unit, status=1)
+    told = [m for m in one.messages() if m["MESSAGE"].endswith(f"{file}: {why}")]
+    assert [m["PRIORITY"] for m in told] == ["3"]
+    assert one.carries() and one.status()["recordings"] == []
+    assert "failed" in systemctl("restart", one.unit, status=1)
+    assert len([m for m in one.messages() if m["MESSAGE"] == told[0]["MESSAGE"]]) > 1
+    one.config.write_text(good)
+    wait_until(lambda: one.show("ActiveState") == "active", "the restart, once it is mended")
+
+
 def test_a_bus_without_control_socket_is_reloaded_by_signal(bus):
     one = bus("mute", lambda text: text.replace("control: /run/canwire/mute.sock\n", ""))
     pid = one.pid()
