@@ -29,6 +29,7 @@
 
 #define STATUS_PERIOD_S 1.0 /* period of the line in `systemctl status` */
 #define STATUS_BYTES 1000   /* of that line */
+#define SINKS_BYTES 600     /* of what it says of sinks, those of all buses together */
 
 typedef struct process {
     host host;
@@ -125,36 +126,43 @@ add_status(char line[STATUS_BYTES], size_t used, const char *format, ...)
 }
 
 static size_t add_bus(char line[STATUS_BYTES], size_t used, const cfg *config,
-                      const service_status *status, bool alone)
+                      const service_status *status, size_t buses)
 {
     const cw_bus_stats *bus = &status->bus;
-    if (alone)
+    char files[SINKS_BYTES];
+    (void)sinks_print(files, sizeof files / buses, &status->sinks);
+    if (buses == 1)
         return add_status(line, used,
                           "%s: %zu nodes at %u bit/s, load %u.%u %%, %" PRIu64 " frames, %" PRIu64
-                          " error frames%s", config->bus_name, config->node_count,
+                          " error frames%s%s", config->bus_name, config->node_count,
                           config->bitrate_bps, bus->load_permille / 10u, bus->load_permille % 10u,
-                          bus->frames, bus->error_frames, status->trouble);
-    return add_status(line, used, "%s%s: load %u.%u %%%s%s", used > 0 ? "; " : "",
+                          bus->frames, bus->error_frames, status->trouble, files);
+    return add_status(line, used, "%s%s: load %u.%u %%%s%s%s", used > 0 ? "; " : "",
                       config->bus_name, bus->load_permille / 10u, bus->load_permille % 10u,
-                      status->trouble, status->refused);
+                      status->trouble, files, status->refused);
 }
 
 static void report_status(process *p)
 {
-    char line[STATUS_BYTES] = "";
+    char line[STATUS_BYTES] = "", journals[SINKS_BYTES] = "";
     size_t used = 0;
     service_status status = {.refused = ""};
+    sink_list shared = {.count = 0};
     for (size_t i = 0; i < p->host.count; i++) {
         service_update(p->host.buses[i], &status);
-        used = add_bus(line, used, service_config(p->host.buses[i]), &status, !p->host.rig);
+        used = add_bus(line, used, service_config(p->host.buses[i]), &status,
+                       p->host.count);
     }
     log_gateways(p);
     /* in virtual time a mark each second would make no run like the other */
     const bool marks = service_config(p->host.buses[0])->pacing != CFG_PACING_VIRTUAL;
     if (p->host.journal && marks)
         journal_mark(p->host.journal, engine_inputs(service_engine(p->host.buses[0])));
+    if (p->host.journal)
+        journal_sink(p->host.journal, &shared);
+    (void)sinks_print(journals, sizeof journals, &shared);
     notify_status(p->host.notifier, "%s%s%s", line,
-                  journal_is_broken(p->host.journal) ? ", journal broken" : "",
+                  journals,
                   p->host.rig ? "" : status.refused);
 }
 

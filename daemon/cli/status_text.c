@@ -481,44 +481,35 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
     print_traffic(out, node);
 }
 
-static void print_recording(FILE *out, const json_t *recording)
+/* Prints "record drive.log: recording entries 12 bytes 500", and so for each sort of sink. */
+static void print_sink(FILE *out, const json_t *sink)
 {
-    const char *why = text(recording, "why");
-    intmax_t lost = number(recording, "lost");
-    fprintf(out, "record %s: %s%s%s entries %jd bytes %jd", text(recording, "file"),
-            text(recording, "state"), *why ? ": " : "", why, number(recording, "entries"),
-            number(recording, "bytes"));
-    if (lost > 0)
-        fprintf(out, " lost %jd", lost);
-    fputc('\n', out);
-}
-
-static void print_journal(FILE *out, const json_t *journal)
-{
-    const char *why = text(journal, "why");
-    fprintf(out, "journal %s: %s%s%s lines %jd", text(journal, "file"), text(journal, "state"),
-            *why ? ": " : "", why, number(journal, "lines"));
-    if (number(journal, "lost") > 0)
-        fprintf(out, " lost %jd", number(journal, "lost"));
-    if (number(journal, "gaps") > 0)
-        fprintf(out, " gaps %jd", number(journal, "gaps"));
+    static const char *const units[][2] = {
+        {"lcm", "messages"}, {"record", "entries"}, {"journal", "lines"}};
+    static const char *const more[] = {"bytes", "lost", "gaps"};
+    const char *why = text(sink, "why"), *kind = text(sink, "kind"), *unit = "written";
+    for (size_t i = 0; i < COUNT_OF(units); i++)
+        if (strcmp(kind, units[i][0]) == 0)
+            unit = units[i][1];
+    fprintf(out, "%s %s: %s%s%s %s %jd", kind, text(sink, "name"), text(sink, "state"),
+            *why ? ": " : "", why, unit, number(sink, "written"));
+    for (size_t i = 0; i < COUNT_OF(more); i++)
+        if (number(sink, more[i]) > 0)
+            fprintf(out, " %s %jd", more[i], number(sink, more[i]));
     fputc('\n', out);
 }
 
 void status_print(FILE *out, const json_t *status)
 {
-    const json_t *journal = json_object_get(status, "journal");
-    const json_t *recordings = json_object_get(status, "recordings");
+    const json_t *sinks = json_object_get(status, "sinks");
     const json_t *bus = json_object_get(status, "bus");
     const json_t *nodes = json_object_get(status, "nodes");
     print_bus(out, bus);
     print_virtual(out, json_object_get(status, "virtual"));
     for (size_t i = 0; i < json_array_size(nodes); i++)
         print_node(out, json_array_get(nodes, i), i + 1, number(bus, "bitrate"));
-    for (size_t i = 0; i < json_array_size(recordings); i++)
-        print_recording(out, json_array_get(recordings, i));
-    if (journal)
-        print_journal(out, journal);
+    for (size_t i = 0; i < json_array_size(sinks); i++)
+        print_sink(out, json_array_get(sinks, i));
     gateways_print(out, json_object_get(status, "gateways"));
 }
 

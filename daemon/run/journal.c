@@ -651,11 +651,6 @@ uint64_t journal_lost(const journal *j)
     return j->lost + spool_lost(j->spool);
 }
 
-bool journal_is_broken(const journal *j)
-{
-    return j && j->state != JOURNAL_WRITING;
-}
-
 json_t *journal_to_json(const journal *j)
 {
     json_t *object = json_object();
@@ -668,4 +663,17 @@ json_t *journal_to_json(const journal *j)
     if (j->state != JOURNAL_WRITING)
         put_count(object, "broken_ns", text_ticks_ns(j->broken_at));
     return object;
+}
+
+void journal_sink(const journal *j, sink_list *out)
+{
+    const bool good = j->state == JOURNAL_WRITING;
+    sinks_add(out, &(sink_info){.kind = SINK_JOURNAL,
+                           .name = j->file,
+                           .state = good ? "writing" : "broken",
+                           .why = good ? NULL : j->why,
+                           .good = good,
+                           .written = j->number - journal_lost(j),
+                           .lost = journal_lost(j),
+                           .gaps = j->gaps});
 }

@@ -10,6 +10,7 @@
 #ifndef CANWIRE_RUN_JOURNAL_H
 #define CANWIRE_RUN_JOURNAL_H
 
+#include "base/sink.h"
 #include "config/rig.h"
 #include "run/inputs.h"
 
@@ -62,11 +63,10 @@ void journal_stop(journal *j, const inputs *in);
 /* Returns the number of lines that could not be written. */
 uint64_t journal_lost(const journal *j);
 
-/* Returns true when the journal is not being written, or not known to be. Returns false for
- * NULL. */
-bool journal_is_broken(const journal *j);
-
 /* Returns the object of config/control.md, to be released by the caller. */
 json_t *journal_to_json(const journal *j);
+
+/* Adds it. */
+void journal_sink(const journal *j, sink_list *out);
 
 #endif

@@ -234,17 +234,10 @@ void control_on_reload(control *c, control_reload *call, void *user)
     c->world.reload_user = user;
 }
 
-void control_show_files(control *c, control_files *recordings, control_files *journal, void *user)
+void control_show_more(control *c, control_more *more, void *user)
 {
-    c->world.recordings = recordings;
-    c->world.journal = journal;
-    c->world.files_user = user;
-}
-
-void control_show_gateways(control *c, control_files *gateways, void *user)
-{
-    c->world.gateways = gateways;
-    c->world.gateways_user = user;
+    c->world.more = more;
+    c->world.more_user = user;
 }
 
 control *control_start(struct ev_loop *loop, live *config, engine *bus, int inherited)

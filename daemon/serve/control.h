@@ -33,13 +33,9 @@ void control_stop(control *c);
 /* Adapts to a changed configuration, in which nodes have other places. */
 void control_remap(control *c, const uint8_t from[CW_NODES_MAX]);
 
-/* Sets the sources of `recordings` and `journal` in the status; NULL, or a journal of NULL:
- * none. */
-typedef json_t *control_files(void *user);
-void control_show_files(control *c, control_files *recordings, control_files *journal, void *user);
-
-/* Sets the source of `gateways` in the status, of a bus of a rig. */
-void control_show_gateways(control *c, control_files *gateways, void *user);
+/* Sets who puts the service's part of the status: recordings, journal, sinks, gateways. */
+typedef void control_more(void *user, json_t *status);
+void control_show_more(control *c, control_more *more, void *user);
 
 /* Reports to watchers that a recording has begun or, with the reason, that it has stopped. */
 void control_report_recording(control *c, const char *file, const char *why);

@@ -46,6 +46,13 @@
 #define GIVE_UP_S 2 /* the thread then hangs in liblcm and is left */
 #define WARNING_S 10 /* between two warnings about lost messages */
 #define CHANNEL_MAX 64
+#define WHY_BYTES 128
+
+static const char state_starting[] = "starting";
+static const char state_sending[] = "sending";
+static const char state_waiting[] = "waiting"; /* LCM cannot start yet */
+static const char state_failing[] = "failing"; /* messages cannot be sent */
+static const char state_blocked[] = "blocked"; /* a server has taken none for long */
 
 /* A period in which messages cannot be sent. */
 typedef struct outage {
@@ -88,7 +95,12 @@ struct publisher {
     unsigned count;
     bool stopping;
     struct timespec deadline; /* when stopping; CLOCK_MONOTONIC */
+    const char *state;        /* of lcm_states[] */
+    const char *why;          /* of a bad state: a text that stays, or NULL ... */
+    int error;                /* ... and then this errno */
     atomic_uint_fast64_t dropped;
+    atomic_uint_fast64_t sent;
+    char explained[WHY_BYTES]; /* of the loop's thread */
 };
 
 /* ---- The thread ------------------------------------------------------------------------------ */
@@ -125,10 +137,22 @@ static bool has_route(const char *url)
     return good;
 }
 
-static lcm_t *try_connect(const publisher *p, bool *warned)
+static void set_state(publisher *p, const char *state, const char *why, int error)
+{
+    (void)pthread_mutex_lock(&p->lock);
+    p->state = state;
+    p->why = why;
+    p->error = error;
+    (void)pthread_mutex_unlock(&p->lock);
+}
+
+static lcm_t *try_connect(publisher *p, bool *warned)
 {
     const char *url = p->url;
-    lcm_t *lcm = has_route(url) ? lcm_create(url) : NULL;
+    const bool route = has_route(url);
+    lcm_t *lcm = route ? lcm_create(url) : NULL;
+    set_state(p, lcm ? state_sending : state_waiting,
+              lcm ? NULL : route ? "LCM cannot start" : "no multicast route", 0);
     if (lcm && *warned)
         log_info("LCM at %s works now", url);
     if (!lcm && !*warned)
@@ -152,12 +176,16 @@ static bool next_message(publisher *p, message *out)
 }
 
 /* Logs the beginning and the end of an outage. */
-static void note_sent(const publisher *p, outage *o, bool good)
+static void note_sent(publisher *p, outage *o, bool good)
 {
+    const int error = errno;
+    p->sent += good;
+    if (good != (o->lost == 0))
+        set_state(p, good ? state_sending : state_failing, NULL, good ? 0 : error);
     o->lost += !good;
     if (!good && !o->warned && thread_is_past(&o->next_warning)) {
         log_warning("LCM at %s: messages cannot be sent and are lost: %s%s", p->url,
-                    strerror(errno), errno == ENETUNREACH ? "; " REMEDY : "");
+                    strerror(error), error == ENETUNREACH ? "; " REMEDY : "");
         o->next_warning = thread_in_seconds(WARNING_S);
         o->warned = true;
     }
@@ -263,6 +291,7 @@ publisher *publisher_start(const cfg *config)
     if (!p)
         return NULL;
     p->config = config;
+    p->state = state_starting;
     p->url = strdup(config->lcm.url);
     name_channels(p);
     (void)pthread_mutex_init(&p->lock, NULL);
@@ -325,6 +354,27 @@ static void enqueue(publisher *p, const char *channel, void *data, int size)
         free(data);
         p->dropped++;
     }
+}
+
+/* Adds what it has sent. A server that takes nothing blocks the thread, and the queue is full. */
+void publisher_sink(publisher *p, sink_list *out)
+{
+    (void)pthread_mutex_lock(&p->lock);
+    const bool full = p->state == state_sending && p->count >= QUEUE_EVENTS;
+    sink_info s = {.kind = SINK_LCM, .name = p->url, .state = full ? state_blocked : p->state,
+              .why = p->why};
+    const int error = p->error;
+    (void)pthread_mutex_unlock(&p->lock);
+    if (full)
+        s.why = "nobody takes the messages";
+    else if (error != 0) {
+        (void)snprintf(p->explained, sizeof p->explained, "%s", strerror(error));
+        s.why = p->explained;
+    }
+    s.good = s.state == state_sending || s.state == state_starting;
+    s.written = p->sent;
+    s.lost = p->dropped;
+    sinks_add(out, &s);
 }
 
 /* ---- Messages -------------------------------------------------------------------------------- */
@@ -641,28 +691,27 @@ static int64_t count_of(const json_t *object, const char *key)
     return json_integer_value(json_object_get(object, key));
 }
 
-static void publish_file(publisher *p, const char *kind, const json_t *file)
+static void publish_file(publisher *p, const sink_info *s)
 {
     const canwire_file_t m = {
         .utime_us = realtime_us(),
         .bus = p->config->bus_name,
-        .kind = (char *)(uintptr_t)kind, /* only read when encoded */
-        .file = text_of(file, "file"),
-        .state = text_of(file, "state"),
-        .why = text_of(file, "why"),
-        .entries = count_of(file, "entries") + count_of(file, "lines"),
-        .lost = count_of(file, "lost"),
-        .gaps = (int32_t)count_of(file, "gaps"),
+        /* texts that are only read while encoding */
+        .kind = (char *)(uintptr_t)sink_kind_name(s->kind),
+        .file = (char *)(uintptr_t)s->name,
+        .state = (char *)(uintptr_t)s->state,
+        .why = (char *)(uintptr_t)(s->why ? s->why : ""),
+        .entries = (int64_t)s->written,
+        .lost = (int64_t)s->lost,
+        .gaps = (int32_t)s->gaps,
     };
     PUBLISH(p, p->channel_file, canwire_file_t, &m);
 }
 
-void publisher_files(publisher *p, const char *kind, const json_t *files)
+void publisher_sinks(publisher *p, const sink_list *all)
 {
-    if (!json_is_array(files))
-        publish_file(p, kind, files);
-    for (size_t i = 0; i < json_array_size(files); i++)
-        publish_file(p, kind, json_array_get(files, i));
+    for (size_t i = 0; i < all->count; i++)
+        publish_file(p, &all->all[i]);
 }
 
 static int64_t sum_of(const json_t *rules, const char *key)

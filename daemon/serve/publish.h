@@ -9,6 +9,7 @@
 #ifndef CANWIRE_SERVE_PUBLISH_H
 #define CANWIRE_SERVE_PUBLISH_H
 
+#include "base/sink.h"
 #include "config/config.h"
 #include "engine/report.h"
 
@@ -30,8 +31,11 @@ void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX]);
  * nodes have. */
 void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond);
 
-/* Queues a FILE message for each file in the result of journal_to_json() or recordings_json(). */
-void publisher_files(publisher *p, const char *kind, const json_t *files);
+/* Adds the publisher. The texts are good until the next call. */
+void publisher_sink(publisher *p, sink_list *out);
+
+/* Queues a FILE message for each sink. */
+void publisher_sinks(publisher *p, const sink_list *all);
 
 /* Queues a GATEWAY message for each gateway in the result of gateways_stats(). */
 void publisher_gateways(publisher *p, const json_t *gateways);

@@ -390,3 +390,20 @@ json_t *recordings_json(const recordings *all)
         put_last(array, entry_json(all->entries[i]));
     return array;
 }
+
+void recordings_sinks(const recordings *all, sink_list *out)
+{
+    for (size_t i = 0; i < all->count; i++) {
+        const entry *e = all->entries[i];
+        recorder_stats stats;
+        get_stats(e, &stats);
+        sinks_add(out, &(sink_info){.kind = SINK_RECORD,
+                               .name = e->what.file,
+                               .state = state_name(e),
+                               .why = e->error != 0 ? spool_explain(e->error) : NULL,
+                               .good = e->recorder != NULL || e->waits,
+                               .written = stats.entries,
+                               .lost = stats.lost,
+                               .bytes = stats.bytes});
+    }
+}

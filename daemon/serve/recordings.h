@@ -5,6 +5,7 @@
 #ifndef CANWIRE_SERVE_RECORDINGS_H
 #define CANWIRE_SERVE_RECORDINGS_H
 
+#include "base/sink.h"
 #include "record/recorder.h"
 
 #include <ev.h>
@@ -39,5 +40,8 @@ void recordings_update(recordings *all, const cw_bus *bus);
 
 /* Returns the object of config/control.md, to be released by the caller. */
 json_t *recordings_json(const recordings *all);
+
+/* Adds each recording. */
+void recordings_sinks(const recordings *all, sink_list *out);
 
 #endif

@@ -137,13 +137,8 @@ static bool run_status(request *r)
     engine_report(r->world->engine, &beyond);
     json_t *status =
         status_json(live_config(r->world->config), r->inputs->bus, &beyond, r->world->errors);
-    if (r->world->recordings)
-        put(status, "recordings", r->world->recordings(r->world->files_user));
-    json_t *journal = r->world->journal ? r->world->journal(r->world->files_user) : NULL;
-    if (journal)
-        put(status, "journal", journal);
-    if (r->world->gateways)
-        put(status, "gateways", r->world->gateways(r->world->gateways_user));
+    if (r->world->more)
+        r->world->more(r->world->more_user, status);
     put(r->reply, "status", status);
     return true;
 }

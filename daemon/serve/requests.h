@@ -27,11 +27,8 @@ typedef struct request_world {
     const status_errors *errors;
     request_reload *reload; /* or NULL */
     void *reload_user;
-    json_t *(*recordings)(void *user); /* for the status; or NULL */
-    json_t *(*journal)(void *user);    /* in the same way; it may return NULL */
-    void *files_user;
-    json_t *(*gateways)(void *user); /* for the status of a bus of a rig; or NULL */
-    void *gateways_user;
+    void (*more)(void *user, json_t *status); /* puts the service's part of a status; or NULL */
+    void *more_user;
 } request_world;
 
 /* The effects of a request beyond its reply. */

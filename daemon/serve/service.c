@@ -75,18 +75,6 @@ static void on_recording(void *user, const char *file, const char *why)
         control_report_recording(s->control, file, why);
 }
 
-static json_t *show_recordings(void *user)
-{
-    const service *s = user;
-    return recordings_json(s->recordings);
-}
-
-static json_t *show_journal(void *user)
-{
-    const service *s = user;
-    return s->host->journal ? journal_to_json(s->host->journal) : NULL;
-}
-
 /* ---- Reload ---------------------------------------------------------------------------------- */
 
 /* Logs each line of the errors. */
@@ -245,21 +233,41 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
 
 /* ---- Statistics and status ------------------------------------------------------------------- */
 
-static json_t *show_gateways(void *user)
+static json_t *gateways_json(const service *s)
 {
-    const service *s = user;
     return gateways_stats(engine_group_gateways(s->host->group), s->place);
 }
 
-static void publish_files(service *s)
+/* Returns the sinks of the bus alone. */
+static sink_list own_sinks(const service *s)
 {
-    json_t *recorded = recordings_json(s->recordings);
-    json_t *written = show_journal(s);
-    publisher_files(s->publisher, "record", recorded);
-    if (written)
-        publisher_files(s->publisher, "journal", written);
-    json_decref(recorded);
-    json_decref(written);
+    sink_list all = {.count = 0};
+    if (s->publisher)
+        publisher_sink(s->publisher, &all);
+    recordings_sinks(s->recordings, &all);
+    return all;
+}
+
+/* Returns the sinks with the journal, which all buses of a rig share. */
+static sink_list all_sinks(const service *s)
+{
+    sink_list all = own_sinks(s);
+    if (s->host->journal)
+        journal_sink(s->host->journal, &all);
+    return all;
+}
+
+/* Puts what status_json() does not know. */
+static void put_more(void *user, json_t *status)
+{
+    const service *s = user;
+    const sink_list all = all_sinks(s);
+    put(status, "recordings", recordings_json(s->recordings));
+    if (s->host->journal)
+        put(status, "journal", journal_to_json(s->host->journal));
+    put(status, "sinks", sinks_json(&all));
+    if (s->host->group)
+        put(status, "gateways", gateways_json(s));
 }
 
 static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
@@ -272,12 +280,13 @@ static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
     report beyond;
     engine_report(s->engine, &beyond);
     publisher_stats(s->publisher, engine_bus(s->engine), &beyond);
-    publish_files(s);
+    const sink_list all = all_sinks(s);
+    publisher_sinks(s->publisher, &all);
     if (!s->host->group)
         return;
-    json_t *all = show_gateways(s);
-    publisher_gateways(s->publisher, all);
-    json_decref(all);
+    json_t *now = gateways_json(s);
+    publisher_gateways(s->publisher, now);
+    json_decref(now);
 }
 
 /* Returns the problem of a node, or NULL. */
@@ -322,6 +331,7 @@ void service_update(service *s, service_status *out)
     cw_bus_get_stats(engine_bus(s->engine), &out->bus);
     print_trouble(out->trouble, s, &beyond);
     out->refused = s->refused;
+    out->sinks = own_sinks(s);
     (void)log_enter(NULL);
 }
 
@@ -353,9 +363,7 @@ static bool start_control(service *s, int inherited)
     if (!s->control)
         return false;
     control_on_reload(s->control, on_reload_request, s);
-    control_show_files(s->control, show_recordings, show_journal, s);
-    if (s->host->group)
-        control_show_gateways(s->control, show_gateways, s);
+    control_show_more(s->control, put_more, s);
     return true;
 }
 

@@ -137,6 +137,9 @@ def test_a_full_disk_stops_the_recording_and_not_the_bus(rig, can_socket, small_
     recording = bus.recording("b.pcapng")
     assert (recording["state"], recording["why"]) == ("stopped", "No space left on device")
     assert "c.log: stopped: No space left on device" in bus.shell.run("status", "rec")
+    sinks = {sink["name"]: sink for sink in bus.status()["sinks"]}
+    assert [sink["good"] for sink in sinks.values()] == [True, False, False]
+    assert sinks[f"{small_disk}/c.log"]["why"] == "No space left on device"
     assert bus.recording("a.log")["state"] == "recording"
     assert all(lines(small_disk / "c.log"))  # whole lines
     subprocess.run(["tshark", "-r", small_disk / "b.pcapng"], check=True, capture_output=True,

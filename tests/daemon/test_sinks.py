@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: MIT
+"""What takes events away from a bus tells its state everywhere: to the service manager, in the
+status as text and JSON.
+
+CANWIRE and CANWIRED are the programs. A full disk is in tests/kernel/test_record.py.
+"""
+
+import json
+import os
+import socket
+import subprocess
+
+import pytest
+
+from simtool import CANWIRED, answer, kill_all, stop_canwired
+from test_record import wait_until
+
+PATIENCE_S = 60
+
+BUS = """bus: { name: day, bitrate: 500000 }
+control: day.sock
+nodes: [ { name: load, traffic: [ { send: 123#11, every: 10ms } ] }, { name: dash } ]
+"""
+
+
+class Bus:
+    """A canwired with a service manager, which is this process."""
+
+    def __init__(self, folder, more, *words, text=BUS):
+        self.folder, self.log = folder, folder / "stderr"
+        (folder / "day.yaml").write_text(text + more)
+        self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.manager.settimeout(PATIENCE_S)
+        self.manager.bind(str(folder / "manager"))
+        environment = dict(os.environ, NOTIFY_SOCKET=str(folder / "manager"))
+        with self.log.open("w") as log:
+            self.process = subprocess.Popen([CANWIRED, "-c", "day.yaml", *words], cwd=folder,
+                                            stderr=log, env=environment)
+
+    def line(self, *words):
+        """Returns the first status line from now on that has all these texts."""
+        while True:
+            said = self.manager.recv(4096).decode()
+            if said.startswith("STATUS=") and all(word in said for word in words):
+                return said
+
+    def canwire(self, *words, status=0):
+        return answer(self.folder, *words, status=status)
+
+    def sinks(self):
+        status = json.loads(self.canwire("status", "./day.sock", "--json"))
+        return {(s["kind"], s["name"].rsplit("/", 1)[-1]): s for s in status["sinks"]}
+
+    def stop(self):
+        self.manager.close()
+        return stop_canwired(self.process, self.log)
+
+
+@pytest.fixture(name="bus")
+def fixture_bus(tmp_path):
+    started = []
+
+    def start(more, *words, **changes):
+        started.append(Bus(tmp_path, more, *words, **changes))
+        return started[-1]
+
+    yield start
+    kill_all(each.process for each in started)
+
+
+def test_each_sink_is_named_with_its_state(bus):
+    with socket.socket() as nobody:  # has the port, and does not listen
+        nobody.bind(("127.0.0.1", 0))
+        url = f"tcpq://127.0.0.1:{nobody.getsockname()[1]}"
+        running = bus(f'lcm: {{ url: "{url}" }}\nrecord: [ {{ file: a.log }} ]\n',
+                      "--journal", "day.journal")
+        line = running.line("lcm ", "failing")
+        assert f", lcm {url} failing: Connection refused" in line
+        assert ", record a.log recording, journal day.journal writing" in line
+        running.line("lcm ", " lost")
+        sinks = running.sinks()
+        lcm = sinks["lcm", url.rsplit("/", 1)[-1]]
+        assert (lcm["state"], lcm["good"], lcm["written"]) == ("failing", False, 0)
+        assert lcm["lost"] > 0 and lcm["why"] == "Connection refused"
+        assert sinks["record", "a.log"]["good"] and sinks["record", "a.log"]["written"] > 0
+        assert sinks["journal", "day.journal"]["state"] == "writing"
+        text = running.canwire("status", "./day.sock")
+        assert f"\nlcm {url}: failing: Connection refused messages 0 lost " in text
+        assert "\nrecord a.log: recording entries " in text
+        assert "\njournal day.journal: writing lines " in text
+        running.stop()
+
+
+def test_lcm_counts_what_it_sends_and_is_blocked_by_a_server_that_stalls(bus):
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        port = server.getsockname()[1]
+        running = bus(f'lcm: {{ url: "tcpq://127.0.0.1:{port}", events: [rx, tx] }}\n',
+                      text=BUS.replace("10ms", "250us"))
+        with server.accept()[0] as stalls:
+            stalls.sendall(bytes.fromhex("287617fa00000100"))  # the server's part of the greeting
+            running.line(f", lcm tcpq://127.0.0.1:{port} sending")
+            wait_until(lambda: running.sinks()["lcm", f"127.0.0.1:{port}"]["written"] > 0,
+                       "messages")
+            assert ", lcm " in running.line("blocked: nobody takes the messages, ", " lost")
+        running.stop()
