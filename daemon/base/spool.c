@@ -34,8 +34,10 @@ struct spool {
     folder folder; /* of the file: all calls stay there, whatever becomes of the path */
     int fd;        /* locked, so that no other program rotates it */
     bool stream;   /* somebody else's descriptor, perhaps a pipe: no file is made or rotated */
-    uint64_t written; /* bytes of records in this file */
-    uint64_t whole;   /* ... of those that are whole with all their parts */
+    uint64_t written; /* bytes of this file */
+    uint64_t whole;   /* ... of records that are whole with all their parts */
+    bool headless;    /* shortened: records are left out until a cut */
+    bool told;        /* somebody else's deed to this file has been reported */
     spool_notify *notify;
     void *user;
     unsigned char *batch;
@@ -46,6 +48,10 @@ struct spool {
     size_t first; /* of the queue */
     size_t used;
     bool open; /* the file has been opened */
+    bool look; /* at the file, to be done */
+    bool has_head;
+    spool_found found;
+    uint64_t left_out; /* records of which the file lacked the head */
     bool ending;
     bool ended;
     bool lasting; /* errors do not end it */
@@ -115,11 +121,12 @@ static int check_other(const folder *in, const char *name)
 static int check_others(const spool *s, unsigned files)
 {
     struct stat there;
-    bool found = fstatat(s->folder.fd, s->folder.name, &there, AT_SYMLINK_NOFOLLOW) == 0;
     int error = 0;
-    for (unsigned i = found && is_own(s, &there) ? 1 : 0; i < files && error == 0; i++) {
+    for (unsigned i = 0; i < files && error == 0; i++) {
         char *name = numbered(s->folder.name, i);
-        error = name ? check_other(&s->folder, name) : ENOMEM;
+        const bool own = name && fstatat(s->folder.fd, name, &there, AT_SYMLINK_NOFOLLOW) == 0 &&
+                         is_own(s, &there); /* also one that somebody has renamed */
+        error = !name ? ENOMEM : own ? 0 : check_other(&s->folder, name);
         free(name);
     }
     return error;
@@ -130,7 +137,7 @@ static int check_others(const spool *s, unsigned files)
 static int make_locked(const folder *in)
 {
     char path[32];
-    int fd = openat(in->fd, ".", O_WRONLY | O_TMPFILE | O_CLOEXEC, MODE);
+    int fd = openat(in->fd, ".", O_WRONLY | O_APPEND | O_TMPFILE | O_CLOEXEC, MODE);
     if (fd < 0)
         return -1;
     (void)snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
@@ -145,7 +152,8 @@ static int make_locked(const folder *in)
  * program's. */
 static int make_and_lock(int *fd, const folder *in)
 {
-    *fd = openat(in->fd, in->name, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, MODE);
+    *fd = openat(in->fd, in->name,
+                 O_WRONLY | O_APPEND | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, MODE);
     if (*fd < 0)
         return errno;
     int error = filelock_take(*fd);
@@ -164,6 +172,8 @@ static int make_file(spool *s)
     s->fd = fd;
     s->written = 0;
     s->whole = 0;
+    s->headless = false;
+    s->told = false;
     return 0;
 }
 
@@ -222,13 +232,15 @@ static int try_to_make(const folder *in)
     return 0;
 }
 
-static int probe_file(const folder *in, const char *name)
+/* Probes FILE, or one that it would be rotated to. */
+static int probe_file(const folder *in, const char *name, bool older)
 {
     struct stat there;
-    const bool found = fstatat(in->fd, name, &there, AT_SYMLINK_NOFOLLOW) == 0;
-    if (found && !S_ISREG(there.st_mode))
+    if (fstatat(in->fd, name, &there, AT_SYMLINK_NOFOLLOW) != 0)
+        return 0;
+    if (!older && !S_ISREG(there.st_mode))
         return EINVAL;
-    const int error = found ? filelock_probe(in->fd, name) : 0;
+    const int error = check_other(in, name);
     return error == EBUSY && filelock_is_ours(&there) ? 0 : error;
 }
 
@@ -240,7 +252,7 @@ int spool_probe(const char *file, unsigned files)
         error = try_to_make(&in);
     for (unsigned i = 0; i < files && error == 0; i++) {
         char *name = numbered(in.name, i);
-        error = !name ? ENOMEM : i == 0 ? probe_file(&in, name) : check_other(&in, name);
+        error = name ? probe_file(&in, name, i > 0) : ENOMEM;
         free(name);
     }
     folder_close(&in);
@@ -346,6 +358,18 @@ static uint64_t count_records(const spool *s, size_t used)
 
 /* ---- The thread ------------------------------------------------------------------------------ */
 
+/* Removes an incomplete record from the end of the file, which may have been shortened. */
+static void remove_part(spool *s)
+{
+    struct stat own;
+    const uint64_t part = s->written - s->whole;
+    if (fstat(s->fd, &own) != 0)
+        return;
+    const uint64_t size = (uint64_t)own.st_size;
+    (void)!ftruncate(s->fd, (off_t)(size > part ? size - part : 0));
+    s->written = s->whole;
+}
+
 /* Writes the records that fill_batch() took; they are still in the queue. Returns 0 or an errno,
  * after removing an incomplete record from the file. */
 static int write_batch(spool *s, extent *whole, size_t size)
@@ -356,16 +380,60 @@ static int write_batch(spool *s, extent *whole, size_t size)
     if (whole->bytes > 0)
         s->whole = s->written + whole->bytes;
     s->written += done;
-    if (error == 0 || s->stream)
-        return error;
-    (void)!ftruncate(s->fd, (off_t)s->whole);
-    (void)lseek(s->fd, (off_t)s->whole, SEEK_SET);
-    s->written = s->whole;
+    if (error != 0 && !s->stream)
+        remove_part(s);
     return error;
+}
+
+static spool_found look_at_file(spool *s)
+{
+    struct stat own, there;
+    if (s->stream || s->fd < 0 || fstat(s->fd, &own) != 0)
+        return SPOOL_AS_IT_WAS;
+    const bool found = fstatat(s->folder.fd, s->folder.name, &there, AT_SYMLINK_NOFOLLOW) == 0;
+    if (!found && errno != ENOENT)
+        return SPOOL_AS_IT_WAS;
+    if (!found || there.st_dev != own.st_dev || there.st_ino != own.st_ino)
+        return own.st_nlink > 0 ? SPOOL_MOVED : SPOOL_REMOVED;
+    if ((uint64_t)own.st_size >= s->written)
+        return SPOOL_AS_IT_WAS;
+    s->written = s->whole = (uint64_t)own.st_size;
+    return SPOOL_SHORTENED;
+}
+
+/* Looks at the file. The lock is held, but not while it looks. */
+static void look(spool *s)
+{
+    const bool has_head = s->has_head;
+    s->look = false;
+    (void)pthread_mutex_unlock(&s->lock);
+    const spool_found found = look_at_file(s);
+    s->headless = s->headless || (found == SPOOL_SHORTENED && has_head);
+    (void)pthread_mutex_lock(&s->lock);
+    if (found == SPOOL_AS_IT_WAS || s->told)
+        return;
+    s->told = found != SPOOL_SHORTENED || has_head;
+    s->found = found;
+    if (s->notify)
+        s->notify(s->user);
+}
+
+/* Begins a shortened file anew, in its place. */
+static int begin_again(spool *s)
+{
+    s->headless = false;
+    s->told = false;
+    s->written = 0;
+    s->whole = 0;
+    return ftruncate(s->fd, 0) == 0 ? 0 : errno;
 }
 
 static int cut_here(spool *s, unsigned files)
 {
+    struct stat there;
+    if (s->headless && fstatat(s->folder.fd, s->folder.name, &there, AT_SYMLINK_NOFOLLOW) == 0 &&
+        is_own(s, &there))
+        return begin_again(s);
     const int before = s->fd; /* locked until the next file is */
     int error = begin_file(s, files);
     if (error != 0)
@@ -376,10 +444,10 @@ static int cut_here(spool *s, unsigned files)
 /* Waits for something to write, and then a little for more. The lock is held. */
 static void wait_for_work(spool *s)
 {
-    while (s->used == 0 && !s->ending)
+    while (s->used == 0 && !s->ending && !s->look)
         (void)pthread_cond_wait(&s->changed, &s->lock);
     const struct timespec until = thread_in_ns(NAP_NS);
-    while (s->used < SPOOL_QUEUE_BYTES / 4 && !s->ending && !s->stream)
+    while (s->used < SPOOL_QUEUE_BYTES / 4 && !s->ending && !s->stream && !s->look)
         if (pthread_cond_timedwait(&s->changed, &s->lock, &until) != 0)
             break;
 }
@@ -401,10 +469,11 @@ static int work(spool *s)
     unsigned files = s->files;
     size_t batch;
     bool cut;
-    extent whole;
+    extent whole = {.bytes = 0};
     (void)pthread_mutex_unlock(&s->lock);
     size_t taken = fill_batch(s, used, &batch, &cut);
-    int error = write_batch(s, &whole, batch);
+    const bool headless = s->headless;
+    int error = headless ? 0 : write_batch(s, &whole, batch);
     if (error == 0 && cut && !s->stream)
         error = cut_here(s, files);
     (void)pthread_mutex_lock(&s->lock);
@@ -413,6 +482,8 @@ static int work(spool *s)
         s->kept_stamp = whole.stamp;
     if (error != 0)
         s->lost += count_records(s, taken) - whole.records;
+    else if (headless)
+        s->left_out += count_records(s, taken);
     s->first = (s->first + taken) % SPOOL_QUEUE_BYTES;
     s->used -= taken;
     s->proven = s->proven || error == 0;
@@ -448,6 +519,8 @@ static void *run(void *argument)
     while (error == 0 && (s->used > 0 || !s->ending)) {
         if (s->used < SPOOL_QUEUE_BYTES / 4)
             wait_for_work(s);
+        if (s->look || s->has_head)
+            look(s);
         if (s->used > 0)
             error = work(s);
         if (error != 0 && s->lasting) {
@@ -654,6 +727,38 @@ bool spool_write_part(spool *s, const void *part, size_t size)
 bool spool_cut(spool *s)
 {
     return put(s, "", 0, 0);
+}
+
+void spool_look(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->look = !s->stream && s->open && !s->ended;
+    (void)pthread_cond_broadcast(&s->changed);
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+spool_found spool_take_found(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    const spool_found found = s->found;
+    s->found = SPOOL_AS_IT_WAS;
+    (void)pthread_mutex_unlock(&s->lock);
+    return found;
+}
+
+void spool_has_head(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->has_head = true;
+    (void)pthread_mutex_unlock(&s->lock);
+}
+
+uint64_t spool_left_out(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    const uint64_t count = s->left_out;
+    (void)pthread_mutex_unlock(&s->lock);
+    return count;
 }
 
 void spool_set_files(spool *s, unsigned files)

@@ -87,6 +87,24 @@ bool spool_write_part(spool *s, const void *part, size_t size);
  * ended. */
 bool spool_cut(spool *s);
 
+/* What another program has done to the file. */
+typedef enum spool_found {
+    SPOOL_AS_IT_WAS = 0,
+    SPOOL_REMOVED,
+    SPOOL_MOVED, /* renamed, or something else has its name; records still go there */
+    SPOOL_SHORTENED
+} spool_found;
+
+/* Lets the thread look at the file. It calls `notify` when it finds something new;
+ * spool_take_found() tells that once. A cut then begins the file anew, without a rotation. */
+void spool_look(spool *s);
+spool_found spool_take_found(spool *s);
+
+/* Records need what comes first after a cut. So the records between the shortening of a file and
+ * the next cut are left out. spool_left_out() counts them. */
+void spool_has_head(spool *s);
+uint64_t spool_left_out(spool *s);
+
 /* Sets the number of files that are kept, from the next cut on. */
 void spool_set_files(spool *s, unsigned files);
 

@@ -27,7 +27,7 @@ typedef struct format {
     void (*event)(recorder *r, const cw_event *event, uint64_t time_ns);
     void (*bit)(recorder *r, const cw_bit_view *bit); /* NULL: bits are not used */
     void (*end)(recorder *r);                         /* of a file */
-    bool has_nodes; /* a file depends on the nodes it began with */
+    bool has_nodes; /* a file begins with the nodes, on which the rest depends */
 } format;
 
 struct recorder {
@@ -294,6 +294,8 @@ static recorder *make_recorder(const cfg_record *what, const cfg *config)
  * failure. */
 static recorder *begin(recorder *r, const cw_bus *bus, unsigned patience_s, int *error)
 {
+    if (r->spool && r->format->has_nodes)
+        spool_has_head(r->spool);
     if (r->spool && begin_file(r, bus))
         return r;
     if (r->spool)
@@ -338,6 +340,26 @@ recorder *recorder_start_later(const cfg_record *what, const cfg *config, const 
         return NULL;
     r->spool = spool_open_later(what->file, what->files, notify, user, error);
     return begin(r, bus, 0, error);
+}
+
+void recorder_look(recorder *r)
+{
+    spool_look(r->spool);
+}
+
+spool_found recorder_begin_anew(recorder *r, const cw_bus *bus)
+{
+    const spool_found found = spool_take_found(r->spool);
+    if (found == SPOOL_AS_IT_WAS || is_over(r))
+        return SPOOL_AS_IT_WAS;
+    if (found == SPOOL_SHORTENED && !r->format->has_nodes) {
+        r->in_file = 0; /* each line stands for itself */
+        return found;
+    }
+    r->begin_anew = true;
+    if (spool_room(r->spool) >= RESERVE + SPOOL_RECORD_MAX)
+        look_at_room(r, bus);
+    return found;
 }
 
 bool recorder_is_open(const recorder *r)
@@ -390,4 +412,7 @@ bool recorder_close(recorder *r, unsigned patience_s)
 void recorder_get_stats(const recorder *r, recorder_stats *stats)
 {
     *stats = r->stats;
+    stats->headless = spool_left_out(r->spool);
+    stats->lost += stats->headless;
+    stats->entries -= stats->headless < stats->entries ? stats->headless : stats->entries;
 }

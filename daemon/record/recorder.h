@@ -47,6 +47,12 @@ void recorder_bit(recorder *r, const cw_bus *bus);
 /* Adapts to changed nodes of config: some formats go on in another file. */
 void recorder_nodes_changed(recorder *r, const cw_bus *bus);
 
+/* Lets its thread look at the file. Another program may have renamed, removed or shortened it:
+ * recorder_begin_anew() then tells which, after `notify` or the next call, and begins the file
+ * anew. */
+void recorder_look(recorder *r);
+spool_found recorder_begin_anew(recorder *r, const cw_bus *bus);
+
 /* Sets other limits from now on. */
 void recorder_set_limits(recorder *r, uint64_t size, unsigned files);
 
@@ -74,6 +80,7 @@ typedef struct recorder_stats {
     uint64_t lost;
     uint64_t bytes;
     uint64_t begun;
+    uint64_t headless; /* of those lost: left out since somebody has shortened the file */
 } recorder_stats;
 
 void recorder_get_stats(const recorder *r, recorder_stats *stats);

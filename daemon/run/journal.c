@@ -62,6 +62,7 @@ struct journal {
     uint64_t lost_reported;
     unsigned gaps;
     char why[JOURNAL_WHY_MAX];
+    const char *deed; /* what somebody else has done to the file, or NULL */
     char started[32];
 };
 
@@ -535,10 +536,26 @@ static void take_inputs(journal *j, const inputs *in)
         j->buses[0].in = in;
 }
 
+/* Says when another program has taken the file away. A run needs all of it, so it is not begun
+ * anew. */
+static void look_at_file(journal *j)
+{
+    static const char *const deeds[] = {
+        [SPOOL_REMOVED] = "removed", [SPOOL_MOVED] = "renamed", [SPOOL_SHORTENED] = "shortened"};
+    const spool_found found = spool_take_found(j->spool);
+    spool_look(j->spool);
+    if (found == SPOOL_AS_IT_WAS)
+        return;
+    j->deed = deeds[found];
+    log_error("journal %s: somebody has %s the file; what is written goes on there, and a restart "
+              "begins another", j->file, j->deed);
+}
+
 void journal_mark(journal *j, const inputs *in)
 {
     take_inputs(j, in);
     look(j);
+    look_at_file(j);
     if (j->state != JOURNAL_BROKEN_OFF)
         put_marks(j, "mark");
     else if (may_be_tried(j))
@@ -667,12 +684,12 @@ json_t *journal_to_json(const journal *j)
 
 void journal_sink(const journal *j, sink_list *out)
 {
-    const bool good = j->state == JOURNAL_WRITING;
+    const bool writing = j->state == JOURNAL_WRITING;
     sinks_add(out, &(sink_info){.kind = SINK_JOURNAL,
                            .name = j->file,
-                           .state = good ? "writing" : "broken",
-                           .why = good ? NULL : j->why,
-                           .good = good,
+                           .state = !writing ? "broken" : j->deed ? j->deed : "writing",
+                           .why = writing ? NULL : j->why,
+                           .good = writing && !j->deed,
                            .written = j->number - journal_lost(j),
                            .lost = journal_lost(j),
                            .gaps = j->gaps});

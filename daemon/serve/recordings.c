@@ -27,12 +27,14 @@ typedef struct entry {
     int error;          /* the errno that has ended it */
     bool waits;         /* its file is still in use */
     recorder_stats stats; /* of the recorder that has ended */
-    uint64_t lost_reported;
+    uint64_t lost_reported; /* and of those */
+    uint64_t headless_reported;
 } entry;
 
 struct recordings {
     struct ev_loop *loop;
     const cfg *config;
+    const cw_bus *bus; /* until the next reload */
     recordings_reported *reported;
     void *user;
     ev_async wakeup;
@@ -135,10 +137,16 @@ static void log_lost(entry *e)
 {
     recorder_stats stats;
     get_stats(e, &stats);
-    if (stats.lost > e->lost_reported)
+    const uint64_t headless = stats.headless - e->headless_reported;
+    const uint64_t slow = stats.lost - e->lost_reported - headless;
+    if (slow > 0)
         log_warning("record %s: %" PRIu64 " entries left out, the disk is too slow", e->what.file,
-                    stats.lost - e->lost_reported);
+                    slow);
+    if (headless > 0)
+        log_warning("record %s: %" PRIu64 " entries left out, until the file had its begin again",
+                    e->what.file, headless);
     e->lost_reported = stats.lost;
+    e->headless_reported = stats.headless;
 }
 
 /* Ends an entry whose recorder has stopped by itself. Without a file all its entries are lost. */
@@ -175,6 +183,26 @@ static void reap_ending(recordings *all)
     }
 }
 
+/* Begins the file anew when somebody has taken it away. */
+static void look_after_file(const recordings *all, entry *e)
+{
+    switch (recorder_begin_anew(e->recorder, all->bus)) {
+    case SPOOL_AS_IT_WAS:
+        return;
+    case SPOOL_REMOVED:
+        log_warning("record %s: somebody has removed the file, with what was in it; begun anew",
+                    e->what.file);
+        break;
+    case SPOOL_MOVED:
+        log_info("record %s: somebody has renamed the file; begun anew", e->what.file);
+        break;
+    case SPOOL_SHORTENED:
+        log_info("record %s: somebody has made the file shorter; it goes on", e->what.file);
+        break;
+    }
+    report(all, e);
+}
+
 static void on_wakeup(struct ev_loop *loop, ev_async *wakeup, int events)
 {
     (void)loop;
@@ -187,6 +215,8 @@ static void on_wakeup(struct ev_loop *loop, ev_async *wakeup, int events)
             log_begun(e);
             report(all, e);
         }
+        if (e->recorder && e->open)
+            look_after_file(all, e);
         if (e->recorder && recorder_has_ended(e->recorder)) {
             note_error(all, e);
             report(all, e);
@@ -213,7 +243,8 @@ recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_b
         log_error("out of memory");
         return NULL;
     }
-    *all = (recordings){.loop = loop, .config = config, .reported = reported, .user = user};
+    *all = (recordings){
+        .loop = loop, .config = config, .bus = bus, .reported = reported, .user = user};
     ev_async_init(&all->wakeup, on_wakeup);
     all->wakeup.data = all;
     ev_async_start(loop, &all->wakeup);
@@ -267,6 +298,7 @@ void recordings_reload(recordings *all, const cw_bus *bus)
 {
     entry *old[CFG_RECORDS_MAX];
     size_t old_count = all->count;
+    all->bus = bus;
     memcpy(old, all->entries, sizeof old);
     all->count = 0;
     for (size_t i = 0; i < all->config->record_count; i++) {
@@ -287,6 +319,7 @@ void recordings_reload(recordings *all, const cw_bus *bus)
         if (e->recorder) {
             recorder_set_limits(e->recorder, e->what.size, e->what.files);
             recorder_nodes_changed(e->recorder, bus);
+            recorder_look(e->recorder);
         } else {
             begin_later(all, e, bus);
         }
@@ -355,8 +388,11 @@ bool recordings_want_bits(const recordings *all)
 void recordings_update(recordings *all, const cw_bus *bus)
 {
     begin_waiting(all, bus);
-    for (size_t i = 0; i < all->count; i++)
+    for (size_t i = 0; i < all->count; i++) {
         log_lost(all->entries[i]);
+        if (all->entries[i]->recorder)
+            recorder_look(all->entries[i]->recorder);
+    }
 }
 
 static const char *state_name(const entry *e)

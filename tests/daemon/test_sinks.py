@@ -91,6 +91,17 @@ def test_each_sink_is_named_with_its_state(bus):
         running.stop()
 
 
+def test_a_journal_that_somebody_takes_away_is_told(bus, tmp_path):
+    running = bus("", "--journal", "day.journal")
+    assert ", journal day.journal writing" in running.line("journal")
+    (tmp_path / "day.journal").rename(tmp_path / "old.journal")
+    running.line(", journal day.journal renamed")
+    sink = running.sinks()["journal", "day.journal"]
+    assert (sink["state"], sink["good"]) == ("renamed", False)
+    assert running.stop().count("somebody has renamed the file") == 1
+    assert '"end":' in (tmp_path / "old.journal").read_text().splitlines()[-1]
+
+
 def test_lcm_counts_what_it_sends_and_is_blocked_by_a_server_that_stalls(bus):
     with socket.socket() as server:
         server.bind(("127.0.0.1", 0))

@@ -78,6 +78,8 @@ def test_runs_without_multicast_route_and_finds_it_later(
     daemon = canwired(PAIR)
     wait_until(lambda: "warning" in daemon.stderr(), "the warning")
     assert f"ip route add {MULTICAST_ROUTE}" in daemon.stderr()
+    wait_until(lambda: any(" waiting: no multicast route" in n for n in daemon.notifications),
+               "the status line")
     frame = Frame.parse("123#DEADBEEF")
     a.send(frame)
     assert b.receive(1) == [frame]
@@ -107,6 +109,8 @@ def test_a_multicast_route_that_is_lost_and_comes_back(vcan, can_socket, canwire
         try:
             if i == 0:
                 wait_until(lambda: LOST in daemon.stderr(), "the warning")
+                wait_until(lambda: any("failing: Network is unreachable" in n
+                                       for n in daemon.notifications), "the status line")
             a.send(frame)
             assert b.receive(1) == [frame]
             time.sleep(0.3)  # no wait: for some messages, of which the first has been lost by now

@@ -203,7 +203,8 @@ def test_a_reload_refuses_what_a_start_refuses(bus, file, why):
     assert "failed" in systemctl("restart", one.unit, status=1)
     assert len([m for m in one.messages() if m["MESSAGE"] == told[0]["MESSAGE"]]) > 1
     one.config.write_text(good)
-    wait_until(lambda: one.show("ActiveState") == "active", "the restart, once it is mended")
+    one.start()
+    assert one.carries()
 
 
 def test_a_bus_without_control_socket_is_reloaded_by_signal(bus):
@@ -269,6 +270,26 @@ def test_recordings_have_a_place(bus):
     systemctl("stop", one.unit)
     text = Path("/var/lib/canwire/record.log").read_text()
     assert text.endswith(" record0 123#DEADBEEF\n") and text.count("\n") == 1
+
+
+def test_logrotate_renames_as_the_page_of_recordings_says(bus):
+    one = bus("turn", lambda text: text + "record: [ { file: /var/lib/canwire/turn.log } ]\n")
+    page = (ROOT / "config/record.md").read_text()
+    config, state = Path("/run/rotate.conf"), Path("/run/rotate.state")
+    config.write_text(re.search(r"```\n(/var[^`]*postrotate[^`]*)```", page)[1])
+    config.chmod(0o644)
+    files = [Path(f"/var/lib/canwire/turn.log{end}") for end in ("", ".1")]
+    try:
+        assert one.carries()
+        run("logrotate", "--force", "--state", state, config)
+        wait_until(files[0].exists, "the next file")
+        assert one.carries()
+        systemctl("stop", one.unit)
+        assert [file.read_text().count("123#DEADBEEF") for file in files] == [1, 1]
+        assert {file.owner() for file in files} == {"canwire"}
+    finally:
+        for file in files:
+            file.unlink(missing_ok=True)
 
 
 def test_the_stop_of_one_bus_leaves_the_others(bus):
