@@ -766,7 +766,8 @@ bool cw_frame_matches(const cw_frame *frame, const cw_filter *filters, unsigned 
  * `after` (after_delay later) and each cw_bus_fire_rule() arms it for one hit. */
 typedef enum cw_trigger {
     CW_TRIGGER_FRAME = 0, /* frames that match; see cw_action for the moment */
-    CW_TRIGGER_TIME,      /* once, the first bit that starts at or after time_begin */
+    CW_TRIGGER_TIME,      /* the first bit that starts at or after time_begin, and then after each
+                             again_ticks before time_end */
     CW_TRIGGER_ARMED,     /* arming alone: the rule acts when it is armed */
     CW_TRIGGER_ERROR,     /* errors of `from` whose class is in error_mask */
 } cw_trigger;
@@ -962,6 +963,7 @@ typedef struct cw_rule {
     uint8_t state_mask;
     uint64_t time_begin;   /* ticks, half open: begin <= start of bit < end */
     uint64_t time_end;     /* CW_NEVER: no end */
+    uint64_t again_ticks;  /* CW_TRIGGER_TIME: from one time to the next; 0: there is one */
     bool has_after;
     bool manual;
     uint16_t after;        /* index of a rule */
@@ -1408,6 +1410,11 @@ bool cw_bus_is_on_grid(const cw_bus *bus);
  * follow from them. Their events carry the tick. Off the grid, and where a node has a data rate, an
  * event may come up to a bit time of the bus earlier. */
 uint64_t cw_bus_next(const cw_bus *bus);
+
+/* Returns the latest tick that is known now at which a rule acts, or ends what it does, by itself: a
+ * time of CW_TRIGGER_TIME (with again_ticks the next one), an arming under way of CW_TRIGGER_ARMED,
+ * or the end of an action that lasts. 0: there is none to come. */
+uint64_t cw_bus_rules_until(const cw_bus *bus);
 
 /* Returns how far the bus surely rests, at most to tick. All bits up to there are recessive, and no
  * node is busy. Something may be due at the end of the last one. Returns cw_bus_now() when the next

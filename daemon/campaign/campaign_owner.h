@@ -20,6 +20,7 @@ typedef struct campaign_owner {
     const char *unending;     /* a message about what never ends in it; NULL: all ends */
     cfg_place unending_at;
     bool unending_inside;     /* ... in the text of the scenario */
+    bool unending_rule;       /* it is a rule */
 } campaign_owner;
 
 /* Reads the key `vary`. */

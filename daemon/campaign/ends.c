@@ -8,14 +8,14 @@
 
 void ends_note(campaign_owner *o, schema *self, const cfg *config, bool inside)
 {
-    const char *what;
-    const cfg_place *place = o->unending ? NULL : cfg_find_unending(config, &what);
-    if (!place)
+    cfg_unending found;
+    if (o->unending || !cfg_find_unending(config, &found))
         return;
     o->unending = schema_print(self, "%s:%d:%d: %s never ends: give `until` in the campaign",
-                               config->file, place->line, place->column, what);
-    o->unending_at = *place;
+                               found.file, found.place.line, found.place.column, found.what);
+    o->unending_at = found.place;
     o->unending_inside = inside;
+    o->unending_rule = found.is_rule;
 }
 
 static bool is_before(const yaml_mark_t *mark, const cfg_place *place)
@@ -52,9 +52,12 @@ static bool touches(const campaign *c, const factor *f, const yaml_node_t *item)
     return f->edit.before && f->edit.begin <= end && f->edit.end >= begin;
 }
 
-/* A bus in a file of its own is changed by the name of this file alone. */
+/* A bus in a file of its own is changed by the name of this file alone. A rule may stand in a
+ * profile, and its parameters anywhere: each row is asked again. */
 static bool may_change(campaign_owner *o, const factor *f)
 {
+    if (o->unending_rule)
+        return f->rules || f->path;
     if (f->rules || !f->path)
         return false;
     if (!o->unending_inside)

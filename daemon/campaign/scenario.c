@@ -119,14 +119,13 @@ const char *scenario_set_until(scenario *s, cfg_time until)
 bool scenario_ends(const scenario *s, const char *advice, FILE *messages)
 {
     for (size_t i = 0; i < s->count && s->until == CW_NEVER; i++) {
-        const char *what;
-        const cfg *config = s->buses[i].config;
-        const cfg_place *place = cfg_find_unending(config, &what);
-        if (place && messages)
-            plain_print(messages, "%s:%d:%d: %s never ends: %s\n", config->file, place->line,
-                        place->column, what, advice);
-        if (place)
-            return false;
+        cfg_unending found;
+        if (!cfg_find_unending(s->buses[i].config, &found))
+            continue;
+        if (messages)
+            plain_print(messages, "%s:%d:%d: %s never ends: %s\n", found.file, found.place.line,
+                        found.place.column, found.what, advice);
+        return false;
     }
     return true;
 }

@@ -35,7 +35,7 @@ typedef struct setting {
 
 static schema_reader read_level, read_levels, read_at, read_groups,
     read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting,
-    read_restart, read_order, read_period, read_sleep, read_wake;
+    read_restart, read_order, read_sleep, read_wake;
 static action_completer complete_force, complete_stuck, complete_wrong_crc, complete_counters,
     complete_set, complete_side, complete_change, complete_send, complete_babble,
     complete_reply, complete_making;
@@ -223,11 +223,11 @@ static const schema_key counter_keys[] = {
 static const schema_key checksum_keys[] = {
     {.name = "checksum", .read = schema_read_choice, MEMBER(number), .arg = checksum_faults}, END};
 static const schema_key send_keys[] = {
-    FRAME("send"), AS,  {.name = "every", .read = read_period, MEMBER(period_ticks)},
+    FRAME("send"), AS,  {.name = "every", .read = cfg_read_period, MEMBER(period_ticks)},
     FOR,           END,
 };
 static const schema_key babble_keys[] = {
-    FRAME("babble"), AS,  {.name = "every", .read = read_period, MEMBER(period_ticks)},
+    FRAME("babble"), AS,  {.name = "every", .read = cfg_read_period, MEMBER(period_ticks)},
     FOR,             END,
 };
 static const schema_key load_keys[] = {
@@ -519,17 +519,6 @@ static void read_wake(schema *self, const schema_key *key, yaml_node_t *value, v
 
     settings->which |= cfg_wake_set(cfg_wake_find(key->name));
     cfg_wake_read(self, key, value, &settings->sleep);
-}
-
-/* Reads a period. It warns only below one bit: frames come at their times as far as there are bits
- * for them. */
-static void read_period(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    const uint64_t *ticks = schema_member(key, object);
-
-    cfg_read_ticks_min(self, key, value, object);
-    if (cw_rate_bits(cfg_of(self)->rate, *ticks) == 0)
-        cfg_warn_rounded(self, key, value, *ticks);
 }
 
 static void read_order(schema *self, const schema_key *key, yaml_node_t *value, void *object)

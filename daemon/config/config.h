@@ -23,6 +23,12 @@ typedef struct cfg_place {
     int column;
 } cfg_place;
 
+/* The place of a rule, perhaps in a profile. */
+typedef struct cfg_rule_place {
+    const char *file;
+    cfg_place place;
+} cfg_rule_place;
+
 typedef enum cfg_traffic_kind {
     CFG_TRAFFIC_SEND = 0, /* `frame`, release k at offset + k * every + jitter, k < count */
     CFG_TRAFFIC_REPLAY,   /* the frames of a file, count times */
@@ -341,6 +347,7 @@ typedef struct cfg {
     size_t guest_count; /* nodes at the end, which are on the bus while their clients are there */
     size_t rule_count;
     cw_rule *rules; /* names owned by the cfg */
+    cfg_rule_place *rule_places; /* of each */
     uint32_t protection_count;
     cw_protection *protections; /* of all entries, sorted */
     size_t reply_count; /* entries of kind CFG_TRAFFIC_REPLY; a bus keeps them as quiet rules */
@@ -462,9 +469,18 @@ cw_span cfg_local_unit(const cfg_node *node, int32_t ppm);
 /* Returns the place of the schedule of a time master, which never ends by itself, or NULL. */
 const cfg_place *cfg_find_master(const cfg *config);
 
-/* Returns the place of what never ends by itself, traffic or the schedule of a time master; NULL:
- * all ends. *what gets words for it; `what` may be NULL. */
-const cfg_place *cfg_find_unending(const cfg *config, const char **what);
+/* What never ends by itself. */
+typedef struct cfg_unending {
+    const char *what;   /* in words */
+    const char *remedy; /* keys that would end it, as words before an "or"; or "" */
+    const char *file;
+    cfg_place place;
+    bool is_rule;       /* a rule with `period`, else what a node does */
+} cfg_unending;
+
+/* Finds traffic, a rule or the schedule of a time master that never ends by itself. Returns false
+ * when all ends; `found` may be NULL. */
+bool cfg_find_unending(const cfg *config, cfg_unending *found);
 
 /* Returns true when settings take `time-triggered` from a node that has a schedule. */
 bool cfg_stops_schedule(const cfg_node *node, const cw_settings *settings);

@@ -8,6 +8,7 @@
 #include <string.h>
 
 static schema_reader read_nothing, read_when, read_states, read_window, read_after, read_after_rule;
+static void check_period(schema *self, const yaml_node_t *map, const cw_rule *rule);
 static void read_name(schema *self, yaml_node_t *value, cw_rule *rule);
 static void complete_trigger(schema *self, const yaml_node_t *map, cw_rule *rule);
 static const schema_range number_range = {0, UINT32_MAX, sizeof(uint32_t)};
@@ -34,6 +35,7 @@ static const schema_key when_keys[] = {
     {.name = "from", .read = cfg_read_node_set, .offset = offsetof(cw_rule, from)},
     {.name = "state", .read = read_states},
     {.name = "time", .read = read_window},
+    {.name = "period", .read = cfg_read_period, .offset = offsetof(cw_rule, again_ticks)},
     {.name = "after", .read = read_after},
     {.name = "skip",
      .read = schema_read_uint,
@@ -64,21 +66,28 @@ static const schema_key name_key = {.name = "name"};
 static void read_rule(schema *self, yaml_node_t *value, cw_rule *rule)
 {
     schema_map(self, "rule", value, rule_keys, rule);
-    if (value->type == YAML_MAPPING_NODE)
-        complete_trigger(self, value, rule);
+    if (value->type != YAML_MAPPING_NODE)
+        return;
+    complete_trigger(self, value, rule);
+    check_period(self, value, rule);
 }
 
-/* Copies the rules to a longer array. */
-static cw_rule *grow_rules(schema *self, size_t more)
+/* Copies the rules and their places to longer arrays. */
+static bool grow_rules(schema *self, size_t more)
 {
     cfg *config = cfg_of(self);
     cw_rule *rules = schema_alloc(self, config->rule_count + more + 1, sizeof *rules);
+    cfg_rule_place *places = schema_alloc(self, config->rule_count + more + 1, sizeof *places);
 
-    if (rules && config->rule_count > 0)
+    if (!rules || !places)
+        return false;
+    if (config->rule_count > 0) {
         memcpy(rules, config->rules, config->rule_count * sizeof *rules);
-    if (rules)
-        config->rules = rules;
-    return rules;
+        memcpy(places, config->rule_places, config->rule_count * sizeof *places);
+    }
+    config->rules = rules;
+    config->rule_places = places;
+    return true;
 }
 
 void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value)
@@ -90,7 +99,8 @@ void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value)
     size_t count = schema_count_one(self, key, value, 0, room);
 
     walk->list = first;
-    if (!grow_rules(self, count))
+    const char *file = schema_copy(self, self->errors->file.name);
+    if (!file || !grow_rules(self, count))
         return;
     for (size_t i = 0; i < count && !self->errors->overflow; i++) {
         config->rules[first + i] = (cw_rule){
@@ -99,7 +109,10 @@ void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value)
             .probability = UINT64_MAX,
             .bits = 1,
         };
-        read_name(self, schema_item(self, value, i), &config->rules[first + i]);
+        yaml_node_t *item = schema_item(self, value, i);
+        config->rule_places[first + i] = (cfg_rule_place){.file = file,
+                                                          .place = cfg_place_of(item)};
+        read_name(self, item, &config->rules[first + i]);
         config->rule_count++;
     }
     for (size_t i = 0; i < count && !self->errors->overflow; i++)
@@ -337,4 +350,74 @@ static void complete_trigger(schema *self, const yaml_node_t *map, cw_rule *rule
     } else {
         rule->trigger = CW_TRIGGER_TIME;
     }
+}
+
+/* Returns true when a rule has times without an end. Its count may never be used up where it waits
+ * for states, or where chance lets it act never. */
+static bool never_ends(const cw_rule *rule)
+{
+    return rule->again_ticks > 0 && rule->time_end == CW_NEVER &&
+           (rule->count == 0 || rule->state_nodes != 0 || rule->probability == 0);
+}
+
+bool cfg_find_unending(const cfg *config, cfg_unending *found)
+{
+    cfg_unending none;
+    const cfg_traffic *traffic = cfg_find_endless(config);
+    const cfg_place *place = traffic ? &traffic->place : cfg_find_master(config);
+    size_t i = 0;
+
+    found = found ? found : &none;
+    if (place) {
+        *found = (cfg_unending){.what = traffic ? "traffic without `count`"
+                                                : "the schedule of a time master",
+                                .remedy = traffic ? "`count`, " : "",
+                                .file = config->file,
+                                .place = *place};
+        return true;
+    }
+    while (i < config->rule_count && !never_ends(&config->rules[i]))
+        i++;
+    if (i == config->rule_count)
+        return false;
+    *found = (cfg_unending){.what = "a rule with `period`",
+                            .remedy = config->rules[i].count > 0 ? "an end of its `time`, "
+                                                                 : "`count`, an end of its `time`, ",
+                            .file = config->rule_places[i].file,
+                            .place = config->rule_places[i].place,
+                            .is_rule = true};
+    return true;
+}
+
+/* Returns true when what the rule does goes on from the first time to the end. */
+static bool lasts_on(schema *self, const yaml_node_t *map, const cw_rule *rule)
+{
+    const cw_action_kind kind = cw_action_kind_of(rule->action);
+    const bool once = rule->action == CW_ACTION_RAW || rule->dominant_timeout > 0 ||
+                      (rule->action == CW_ACTION_SEND && rule->period_ticks == 0) ||
+                      rule->action == CW_ACTION_RAW_FRAME;
+    const yaml_node_t *does = schema_find(self, map, "do");
+    const bool map_given = does && does->type == YAML_MAPPING_NODE;
+    const yaml_node_t *length = map_given ? schema_find(self, does, "for") : NULL;
+
+    return (kind == CW_KIND_LEVEL || kind == CW_KIND_TRAFFIC) && !once && rule->for_ticks == 0 &&
+           !(length && schema_is_open(self, length));
+}
+
+/* A rule that waits for something else has no times of its own. */
+static void check_period(schema *self, const yaml_node_t *map, const cw_rule *rule)
+{
+    yaml_node_t *period = find_when(self, map, "period");
+
+    if (!period || schema_is_open(self, period))
+        return;
+    if (rule->trigger != CW_TRIGGER_TIME)
+        schema_complain(self, period,
+                        "period: it is for rules that act at their time; this one waits for %s",
+                        rule->trigger == CW_TRIGGER_ARMED ? "another rule, or a hand"
+                                                          : "frames or errors");
+    else if (lasts_on(self, map, rule))
+        schema_complain(self, period,
+                        "period: '%s' without 'for' goes on to the end, and does not begin again",
+                        cw_action_name(rule->action));
 }

@@ -355,14 +355,6 @@ const cfg_place *cfg_find_master(const cfg *config)
     return NULL;
 }
 
-const cfg_place *cfg_find_unending(const cfg *config, const char **what)
-{
-    const cfg_traffic *traffic = cfg_find_endless(config);
-    if (what)
-        *what = traffic ? "traffic without `count`" : "the schedule of a time master";
-    return traffic ? &traffic->place : cfg_find_master(config);
-}
-
 bool cfg_stops_schedule(const cfg_node *node, const cw_settings *settings)
 {
     return node->schedule.cycles && settings->which & CW_SET_MODES &&

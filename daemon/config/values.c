@@ -139,6 +139,15 @@ void cfg_read_bits_min(schema *self, const schema_key *key, yaml_node_t *value, 
     cfg_warn_rounded(self, key, value, *ticks);
 }
 
+void cfg_read_period(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const uint64_t *ticks = schema_member(key, object);
+
+    cfg_read_ticks_min(self, key, value, object);
+    if (cw_rate_bits(cfg_of(self)->rate, *ticks) == 0)
+        cfg_warn_rounded(self, key, value, *ticks);
+}
+
 void cfg_read_fine(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_span *span = schema_member(key, object);

@@ -17,6 +17,8 @@ schema_reader cfg_read_ticks;     /* member: uint64_t, of a time */
 schema_reader cfg_read_ticks_min; /* the same, not 0 */
 schema_reader cfg_read_bits;      /* the same, of what acts at bits: warns when it is rounded */
 schema_reader cfg_read_bits_min;  /* the same, not 0 */
+schema_reader cfg_read_period;    /* ... of what comes again: warns only below one bit, since times
+                                     keep to their grid as far as there are bits for them */
 schema_reader cfg_read_fine;      /* member: cw_span, of a time */
 schema_reader cfg_read_fine_min;  /* the same, not 0 */
 schema_reader cfg_read_fraction;  /* member: uint64_t, of 2^64 */

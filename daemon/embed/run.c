@@ -207,13 +207,12 @@ static int watch(canwire_sim *sim, uint64_t until, bool awaits, int frame_at)
 static bool ends(canwire_sim *sim)
 {
     for (size_t i = 0; i < sim->count; i++) {
-        const cfg *config = sim->buses[i].config;
-        const cfg_place *place = cfg_find_unending(config, NULL);
-        if (!place)
+        cfg_unending found;
+        if (!cfg_find_unending(sim->buses[i].config, &found))
             continue;
         (void)embed_fail(sim, CANWIRE_SIM_INVALID,
                          "%s:%d:%d: this never ends: give a time up to which to run",
-                         config->file, place->line, place->column);
+                         found.file, found.place.line, found.place.column);
         return false;
     }
     return true;

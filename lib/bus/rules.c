@@ -136,6 +136,11 @@ cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index)
     return cw_rules_arm(&bus->rules, index) ? CW_OK : CW_REFUSED;
 }
 
+uint64_t cw_bus_rules_until(const cw_bus *bus)
+{
+    return cw_rules_until(&bus->rules);
+}
+
 cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats)
 {
     if (!cw_rules_has(&bus->rules, rule))

@@ -106,7 +106,7 @@ void cw_rules_add(cw_rule_set *set, unsigned place, const cw_rule *rule)
         s->rule.every = 1;
     cw_prng_init(&s->prng, set->bus.seed, rule->name);
     if (rule->trigger == CW_TRIGGER_TIME) {
-        s->fire_at = rule->time_begin > cw_rules_now(set) ? rule->time_begin : cw_rules_now(set);
+        cw_rule_plan_from(s, cw_rules_now(set));
         cw_rules_set_due(set, s->fire_at);
     }
     cw_index_add(set, place);

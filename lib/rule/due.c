@@ -12,6 +12,33 @@ static void arm(cw_rule_set *set, unsigned rule)
         cw_rule_fire(set, rule);
 }
 
+/* Returns the first time of a rule at or after a tick. */
+static uint64_t first_time(const cw_rule *r, uint64_t tick)
+{
+    if (tick <= r->time_begin)
+        return r->time_begin;
+    const uint64_t times = (tick - r->time_begin - 1) / r->again_ticks + 1;
+    const uint64_t room = (CW_NEVER - r->time_begin) / r->again_ticks;
+    return times < room ? r->time_begin + times * r->again_ticks : CW_NEVER;
+}
+
+void cw_rule_plan_from(cw_rule_state *s, uint64_t tick)
+{
+    const cw_rule *r = &s->rule;
+    const uint64_t next = r->again_ticks ? first_time(r, tick)
+                                         : (tick > r->time_begin ? tick : r->time_begin);
+    s->fire_at = r->again_ticks == 0 || next < r->time_end ? next : CW_NEVER;
+}
+
+/* Times go by begin and period, not by the bits in which the rule acts. Those within one bit are
+ * one. */
+static void plan_again(const cw_rule_set *set, cw_rule_state *s)
+{
+    s->fire_at = CW_NEVER;
+    if (s->rule.again_ticks > 0 && !cw_rule_is_over(s))
+        cw_rule_plan_from(s, cw_rules_now(set) + 1);
+}
+
 /* Runs one rule at the present tick. Returns true when anything was due. */
 static bool run_rule(cw_rule_set *set, unsigned rule)
 {
@@ -30,8 +57,8 @@ static bool run_rule(cw_rule_set *set, unsigned rule)
     if (acts)
         cw_rule_act(set, rule);
     if (fires) {
-        s->fire_at = CW_NEVER;
         cw_rule_fire(set, rule);
+        plan_again(set, s);
     }
     if (arms)
         arm(set, rule);
@@ -92,8 +119,32 @@ void cw_rules_start(cw_rule_set *set)
     for (unsigned i = 0; i < set->count; i++) {
         cw_rule_state *s = cw_rule_at(set, i);
         if (s->used && s->fire_at < cw_rules_now(set))
-            s->fire_at = cw_rules_now(set);
+            cw_rule_plan_from(s, cw_rules_now(set));
     }
+}
+
+/* Returns the latest tick that is known for one rule; 0: none. */
+static uint64_t known_until(const cw_rule_state *s)
+{
+    uint64_t until = s->active && s->active_until != CW_NEVER ? s->active_until : 0;
+    if (cw_rule_is_over(s))
+        return until;
+    if (s->fire_at != CW_NEVER && s->fire_at > until)
+        until = s->fire_at;
+    const bool armed = s->rule.trigger == CW_TRIGGER_ARMED && s->armings > 0;
+    const uint64_t last = armed ? s->arm_at[s->armings - 1] : 0;
+    return last != CW_NEVER && last > until ? last : until;
+}
+
+uint64_t cw_rules_until(const cw_rule_set *set)
+{
+    uint64_t until = 0;
+    for (unsigned i = 0; i < set->count && set->next_due != CW_NEVER; i++) {
+        const cw_rule_state *s = &set->rules[i];
+        const uint64_t known = s->used && !s->rule.quiet ? known_until(s) : 0;
+        until = known > until ? known : until;
+    }
+    return until > cw_rules_now(set) ? until : 0;
 }
 
 void cw_rules_run_due(cw_rule_set *set)

@@ -180,6 +180,12 @@ void cw_rule_take_arming(cw_rule_state *state, uint64_t tick);
 /* Arms the rules that come after this one, at once or later. */
 void cw_rule_arm_followers(cw_rule_set *set, unsigned rule, uint64_t reported);
 
+/* ---- due.c ----------------------------------------------------------------------------------- */
+
+/* Plans the first time of a rule from a tick on. One that has no other time acts at once when its
+ * time has passed. */
+void cw_rule_plan_from(cw_rule_state *state, uint64_t tick);
+
 /* ---- awake.c --------------------------------------------------------------------------------- */
 
 /* Puts a rule into the list of those that are looked at in every bit. */

@@ -75,7 +75,7 @@ typedef struct cw_rule_state {
     uint64_t hits;
     uint64_t last_hit;    /* tick */
     uint64_t hit_at;      /* ... tick of that end, if hit_now */
-    uint64_t fire_at;     /* TIME: tick when it acts, or CW_NEVER */
+    uint64_t fire_at;     /* TIME: tick when it acts next, or CW_NEVER */
     uint64_t arm_at[CW_ARMINGS_MAX]; /* ticks of the armings under way, sorted */
     unsigned armings;
     uint64_t armed_at;    /* tick of the last arming; one at a tick */
@@ -334,6 +334,9 @@ static inline void cw_rules_set_due(cw_rule_set *set, uint64_t tick)
 
 /* Starts rules on a bus whose time begins now, not at 0: rules that were to act before act now. */
 void cw_rules_start(cw_rule_set *set);
+
+/* See cw_bus_rules_until(). */
+uint64_t cw_rules_until(const cw_rule_set *set);
 
 /* Runs rules, armings, traffic and ends of actions that are due now. */
 void cw_rules_run_due(cw_rule_set *set);

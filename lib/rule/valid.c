@@ -92,5 +92,6 @@ bool cw_rule_valid(const cw_rule_set *set, const cw_rule *r)
            numbers_in_range(set, r, &cw_actions[r->action]) && spans_in_range(set, r) &&
            nodes_exist(set, r->from | r->at | r->nodes | r->state_nodes) &&
            r->node < set->bus.node_count && cw_raw_valid(set, r) &&
-           (!r->has_after || r->after < set->capacity);
+           (!r->has_after || r->after < set->capacity) &&
+           (r->again_ticks == 0 || r->trigger == CW_TRIGGER_TIME);
 }

@@ -253,6 +253,8 @@ static void random_window(diff_maker *m, cw_rule *rule)
         rule->time_begin -= rule->time_begin % m->bit;
     if (diff_chance(&m->random, 600))
         rule->time_end = rule->time_begin + diff_magnitude(&m->random, 1, m->bits * m->bit);
+    if (rule->trigger == CW_TRIGGER_TIME && diff_chance(&m->random, 300))
+        rule->again_ticks = diff_magnitude(&m->random, 1, m->bits * m->bit);
 }
 
 static void random_choice(diff_maker *m, cw_rule *rule)

@@ -150,6 +150,7 @@ static void write_when(FILE *out, const cw_rule *r)
     write_mask(out, "state_mask", r->state_mask);
     write_number(out, "time_begin", r->time_begin);
     write_number(out, "time_end", r->time_end);
+    write_number(out, "again_ticks", r->again_ticks);
     write_number(out, "has_after", r->has_after);
     write_number(out, "manual", r->manual);
     write_number(out, "after", r->after);

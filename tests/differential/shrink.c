@@ -195,6 +195,7 @@ static const struct {
     FIELD(state_nodes),
     FIELD(state_mask),
     FIELD(time_begin),
+    FIELD(again_ticks),
     FIELD(has_after),
     FIELD(manual),
     FIELD(after),

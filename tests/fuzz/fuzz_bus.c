@@ -78,6 +78,8 @@ static void read_when(cw_rule *r, fuzz_input *in, uint32_t bit_ticks)
         r->hold_off = some_ticks(in, bit_ticks);
         r->time_begin = some_ticks(in, bit_ticks);
         r->time_end = r->time_begin + some_ticks(in, bit_ticks);
+        if (r->trigger == CW_TRIGGER_TIME)
+            r->again_ticks = some_ticks(in, bit_ticks);
     }
 }
 

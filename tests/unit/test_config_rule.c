@@ -78,6 +78,7 @@ static void rules_wait_for_what_is_written(void **state)
         {"drop-rx", CW_TRIGGER_FRAME, 0, CW_NEVER},
         {"delay", CW_TRIGGER_FRAME, 0, CW_NEVER},
         {"send", CW_TRIGGER_TIME, 0, CW_NEVER},
+        {"again", CW_TRIGGER_TIME, TICKS_PER_S, 9 * TICKS_PER_S},
         {"reply", CW_TRIGGER_FRAME, 0, CW_NEVER},
     };
     cfg *config = load_good(GOOD "faults.yaml");
@@ -109,6 +110,8 @@ static void conditions_are_read(void **state)
     assert_memory_equal(list->data_mask, "\xFF\xFF\x0F", 3);
     assert_memory_equal(list->data_value, "\xDE\xAD\x01", 3);
     assert_int_equal(list->hold_off, 400000);
+    assert_int_equal(list->again_ticks, 0);
+    assert_int_equal(rule_of(config, "again")->again_ticks, TICKS_PER_S / 4);
     assert_int_equal(errors->error_mask, 0xC);
     assert_int_equal(errors->filter_count, 0);
     assert_int_equal(errors->from, 2);

@@ -52,6 +52,43 @@ static void a_bus_that_takes_over_goes_on(void **state)
     rig_free(now);
 }
 
+/* A rule with a period keeps to its grid: it begins neither anew nor at once. So does one that is
+ * added late. */
+static void times_of_a_rule_go_on_when_taking_over(void **state)
+{
+    static const uint8_t same[] = {0, 1, 2};
+    cw_rule again = probe("again", CW_TRIGGER_TIME);
+    unsigned index;
+    (void)state;
+    again.time_begin = 30 * BIT;
+    again.again_ticks = 100 * BIT;
+    again.time_end = 430 * BIT;
+    rig *old = rig_new(3);
+    rig_rule(old, again);
+    rig_start(old);
+    rig_run_bits(old, 150);
+    assert_int_equal(hits(old, 0), 2); /* at 30 and 130 */
+    rig *r = rig_new(3);
+    rig_rule(r, again);
+    r->config.rule_room = 1;
+    rig_start(r);
+    assert_int_equal(cw_bus_take_over(r->bus, old->bus, same), CW_OK);
+    again.name = "late";
+    assert_int_equal(cw_bus_add_rule(r->bus, &index, &again), CW_OK);
+    assert_int_equal(cw_bus_rules_until(r->bus), 230 * BIT);
+    rig_run_bits(r, 600);
+    assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, 230 * BIT);
+    assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 1)->tick, 230 * BIT);
+    assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 3)->tick, 330 * BIT);
+    assert_int_equal(hits(r, 0), 2);
+    assert_int_equal(hits(r, index), 2);
+    assert_int_equal(cw_bus_rules_until(r->bus), 0);
+    again.trigger = CW_TRIGGER_FRAME;
+    assert_int_equal(cw_bus_add_rule(r->bus, &index, &again), CW_INVALID);
+    rig_free(old);
+    rig_free(r);
+}
+
 /* Nodes come, go and change places; frames and counters go with their node. */
 static void nodes_are_matched_when_taking_over(void **state)
 {
@@ -342,6 +379,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_bus_that_takes_over_goes_on),
+        cmocka_unit_test(times_of_a_rule_go_on_when_taking_over),
         cmocka_unit_test(nodes_are_matched_when_taking_over),
         cmocka_unit_test(settings_are_the_new_ones_when_taking_over),
         cmocka_unit_test(a_frame_that_its_transmitter_leaves_is_foreseen),

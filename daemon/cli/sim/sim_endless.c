@@ -10,10 +10,8 @@
 
 void sim_endless_tell(const cfg *config)
 {
-    const char *what;
-    const cfg_place *place = cfg_find_unending(config, &what);
-    if (place)
+    cfg_unending found;
+    if (cfg_find_unending(config, &found))
         plain_print(stderr, "%s:%d:%d: %s never ends: give %s--until TIME or --until-event EVENT\n",
-                    config->file, place->line, place->column, what,
-                    cfg_find_endless(config) ? "`count`, " : "");
+                    found.file, found.place.line, found.place.column, found.what, found.remedy);
 }
