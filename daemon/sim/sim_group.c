@@ -130,9 +130,9 @@ static uint64_t quiet_end(const sim_group *g)
 {
     uint64_t last = 0;
     for (size_t i = 0; i < g->count; i++)
-        if (g->runs[i]->last_activity > last)
-            last = g->runs[i]->last_activity;
-    return last + (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ;
+        if (sim_last_activity(g->runs[i]) > last)
+            last = sim_last_activity(g->runs[i]);
+    return cw_after(last, (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ);
 }
 
 static bool traffic_is_over(const sim_group *g)

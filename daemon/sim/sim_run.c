@@ -105,6 +105,7 @@ bool sim_restart(sim_run *s)
     describe(&bus_config, nodes, s);
     release_plan_free(s->plan);
     s->last_activity = 0;
+    s->last_rule = 0;
     s->stopped = false;
     s->watching = false;
     s->calm_bits = 0;
@@ -326,12 +327,20 @@ static void advance(sim_run *s, uint64_t tick)
         advance_bus(s, tick);
 }
 
+uint64_t sim_last_activity(sim_run *s)
+{
+    const uint64_t rules = cw_bus_rules_until(s->bus);
+    if (rules > s->last_rule)
+        s->last_rule = rules;
+    return s->last_rule > s->last_activity ? s->last_rule : s->last_activity;
+}
+
 /* Returns the end of the wait for activity in a run to the end of the traffic. */
-static uint64_t quiet_end(const sim_run *s)
+static uint64_t quiet_end(sim_run *s)
 {
     if (s->until != CW_NEVER)
         return CW_NEVER;
-    return s->last_activity + (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ;
+    return cw_after(sim_last_activity(s), (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ);
 }
 
 /* Hands in all releases of one tick, which the bus has not reached yet, so that their events keep
@@ -395,9 +404,21 @@ static bool nothing_comes(const sim_run *s)
     return pending == 0 || (cw_bus_next(s->bus) == CW_NEVER && pending == pending_asleep(s));
 }
 
+/* Returns the tick up to which the last rule that acts at its time shows what it does; 0: there is
+ * none. */
+static uint64_t end_of_rules(const sim_run *s)
+{
+    const cw_rate rate = s->config->rate;
+    return s->last_rule ? cw_rate_next_bit(rate, s->last_rule) +
+                              cw_rate_ticks(rate, END_RECESSIVE_BITS)
+                        : 0;
+}
+
+/* A rule whose time is to come is work as a release is. */
 static bool traffic_is_over(const sim_run *s)
 {
-    return nothing_comes(s) && cw_bus_recessive_bits(s->bus) >= END_RECESSIVE_BITS;
+    return nothing_comes(s) && cw_bus_recessive_bits(s->bus) >= END_RECESSIVE_BITS &&
+           cw_bus_now(s->bus) >= end_of_rules(s) && cw_bus_rules_until(s->bus) == 0;
 }
 
 /* Returns how far the bus may go, at most to tick, before it must be asked again whether the
@@ -406,8 +427,11 @@ static bool traffic_is_over(const sim_run *s)
 static uint64_t sure_until(const sim_run *s, uint64_t tick)
 {
     const uint64_t recessive = cw_bus_recessive_bits(s->bus);
+    const uint64_t rules = end_of_rules(s);
     if (s->step)
         return cw_bus_now(s->bus);
+    if (rules > cw_bus_now(s->bus))
+        tick = least(tick, rules);
     if (recessive >= END_RECESSIVE_BITS)
         return cw_bus_rests_until(s->bus, tick);
     const uint64_t bits = s->config->dbitrate_bps > 0 ? 1 : END_RECESSIVE_BITS - recessive;

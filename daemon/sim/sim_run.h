@@ -43,6 +43,7 @@ typedef struct sim_run {
     release_plan *plan;
     uint64_t until;         /* tick, or CW_NEVER: to the end of the traffic */
     uint64_t last_activity; /* tick of the last tx or release */
+    uint64_t last_rule;     /* ... and of the last time of a rule, past or to come */
     bool step;              /* every bit is simulated, even without observers */
     bool began_off_grid;    /* clocks of nodes differ, or they have delays */
     bool stopped;           /* see sim_stop() */
@@ -124,7 +125,12 @@ bool sim_finish(sim_run *s);
  * over then if it is over now. Returns the present tick when nothing is sure. */
 uint64_t sim_rests_until(const sim_run *s, uint64_t tick);
 
-/* Returns true when no release is to come, no frame waits, and the end of the last one is over. */
+/* Returns the tick of the last tx, the last release, or the last time of a rule, which may be to
+ * come. A run to the end of the traffic ends 10 s after it. */
+uint64_t sim_last_activity(sim_run *s);
+
+/* Returns true when neither a release nor the time of a rule is to come, no frame waits, and the
+ * end of the last one is over. */
 bool sim_traffic_is_over(const sim_run *s);
 
 /* Estimates the tick at which the run ends; CW_NEVER: unknown. */

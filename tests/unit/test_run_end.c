@@ -18,12 +18,14 @@
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 #define EVENTS_MAX 4096u
 #define BITS (20000u * 10u) /* of the wait */
+#define BIT_TICKS (CW_CLOCK_HZ / 20000u)
 
 typedef struct end_case {
     const char *name;
     const char *text;
     uint64_t work_max; /* steps of the bus, see cw_bus_work() */
     bool waits;        /* for 10 s, in vain */
+    uint64_t rules_ms; /* the run goes on to this time of a rule; 0: it ends before any such */
 } end_case;
 
 #define BUS(more) "bus: { name: b, bitrate: 20000" more " }\nnodes:\n"
@@ -32,27 +34,44 @@ typedef struct end_case {
 #define KILL "faults:\n  - { name: k, when: { frame: 123 }, do: { flip: \"data[0.1]\" } }\n"
 
 static const end_case cases[] = {
-    {"all frames are sent", BUS("") "  - { name: a, " SENDS OTHERS, 1500, false},
-    {"bus-off", BUS("") "  - { name: a, " SENDS OTHERS KILL, 3000, true},
-    {"restarts", BUS("") "  - { name: a, restart-ms: 400, " SENDS OTHERS KILL, 60000, false},
+    {"all frames are sent", BUS("") "  - { name: a, " SENDS OTHERS, 1500, false, 0},
+    {"bus-off", BUS("") "  - { name: a, " SENDS OTHERS KILL, 3000, true, 0},
+    {"restarts", BUS("") "  - { name: a, restart-ms: 400, " SENDS OTHERS KILL, 60000, false, 0},
     {"a restart by a rule",
      BUS("") "  - { name: a, " SENDS OTHERS "faults:\n"
              "  - { name: k, when: { time: 20ms }, do: { bus-off: a } }\n"
              "  - { name: r, when: { time: 7s }, do: { restart: a } }\n",
-     3000, false},
+     3000, false, 0},
     {"noise",
      BUS("") "  - { name: a, " SENDS OTHERS KILL
              "  - { name: n, when: { time: 0s }, do: { noise: 1e-4 } }\n",
-     9000, true},
+     9000, true, 0},
     {"clocks of their own",
      BUS("") "  - { name: a, ppm: 90, " SENDS "  - { name: b, ppm: -90 }\n  - { name: c }\n" KILL,
-     BITS / 8, true},
+     BITS / 8, true, 0},
     {"a data rate",
      BUS(", dbitrate: 40000") "  - { name: a, " SENDS "  - { name: b, traffic: [ { send: "
                               "124##1001122, count: 3, every: 30ms } ] }\n  - { name: c }\n" KILL,
-     BITS / 8, true},
+     BITS / 8, true, 0},
     {"a node that sleeps has a frame",
-     BUS("") "  - { name: a, sleep: on, " SENDS OTHERS, 3000, false},
+     BUS("") "  - { name: a, sleep: on, " SENDS OTHERS, 3000, false, 0},
+    {"a rule comes later",
+     BUS("") "  - { name: a, " SENDS OTHERS "faults:\n"
+             "  - { name: k, when: { time: 25s }, do: { error-flag: b } }\n",
+     3000, true, 25000},
+    {"a rule follows one that comes later",
+     BUS("") "  - { name: a, " SENDS OTHERS "faults:\n"
+             "  - { name: k, when: { time: 5s }, do: { counters: b, rec: 0 } }\n"
+             "  - { name: l, when: { after: { rule: k, delay: 2s } }, do: { send: 124#, as: b } }\n",
+     3000, false, 7000},
+    {"a rule comes again",
+     BUS("") "  - { name: a, " SENDS OTHERS "faults:\n"
+             "  - { name: k, when: { time: 1s.., period: 11s, count: 3 }, do: { bus-off: b } }\n",
+     6000, true, 23000},
+    {"an action goes on",
+     BUS("") "  - { name: a, " SENDS OTHERS "faults:\n"
+             "  - { name: k, when: { time: 1s }, do: { send: 124#, as: b, every: 1s, for: 6s } }\n",
+     6000, false, 7000},
 };
 
 typedef struct course {
@@ -92,6 +111,14 @@ static void check_events(const course *is, const course *should_be)
     }
 }
 
+/* Checks that the run ends shortly behind the last time of a rule. */
+static void check_time_of_rules(const course *is, uint64_t rules_ms)
+{
+    const uint64_t tick = rules_ms * (CW_CLOCK_HZ / 1000u);
+    if (rules_ms > 0)
+        assert_in_range(is->end, tick + 11 * BIT_TICKS, tick + 100 * BIT_TICKS);
+}
+
 static void test_end(void **state)
 {
     const end_case *t = *state;
@@ -106,6 +133,7 @@ static void test_end(void **state)
     assert_int_equal(both[0].end, both[1].end);
     assert_in_range(both[0].work, 1, t->work_max);
     assert_true(t->waits == (both[0].end >= UINT64_C(10) * CW_CLOCK_HZ));
+    check_time_of_rules(&both[0], t->rules_ms);
     free(both);
     cfg_free(config);
 }
