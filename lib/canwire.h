@@ -1366,7 +1366,8 @@ cw_status cw_node_flush(cw_bus *bus, unsigned node);
 /* Returns the tick up to which the bus has been simulated. It is always the end of a bit. */
 uint64_t cw_bus_now(const cw_bus *bus);
 
-/* Returns the tick at which so many bits to come will have passed. */
+/* Returns the tick at which so many bits to come will have passed. The first one may be a short one
+ * of a data phase, the others count as nominal ones. */
 uint64_t cw_bus_tick_after(const cw_bus *bus, uint64_t bits);
 
 /* Hands a frame to a node at a tick. A tick before cw_bus_now() counts as now. The frame takes part

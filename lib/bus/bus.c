@@ -5,6 +5,8 @@
 #include "bus/bus_private.h"
 #include "bus/invariants.h"
 
+#include <assert.h>
+
 /* ---- Due work -------------------------------------------------------------------------------- */
 
 /* Reports states that rules or settings have changed, and wakes nodes for them. */
@@ -49,8 +51,7 @@ static void run_due(cw_bus *bus)
 
 static void run_all_due(cw_bus *bus)
 {
-    uint64_t due = cw_least(cw_least(bus->node_due, bus->rules.next_due), cw_inbox_first(bus));
-    if (due <= cw_now(bus) || bus->pending || bus->rules.awake_count)
+    if (cw_first_due(bus) <= cw_now(bus) || bus->pending || bus->rules.awake_count)
         run_due(bus);
 }
 
@@ -96,7 +97,7 @@ static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
         return CW_FULL;
     run_all_due(bus);
     const uint64_t begin = cw_now(bus);
-    for (bool more = cw_wire_fits_bit(&bus->time, tick); more;) {
+    for (bool more = cw_next_bit_fits(bus, tick); more;) {
         if (!cw_ring_has_room(bus))
             return CW_FULL;
         go_on(bus, tick);
@@ -104,19 +105,31 @@ static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
         bus->work++;
         if (CW_CHECKED)
             cw_assert_bus(bus);
-        more = cw_wire_fits_bit(&bus->time, tick);
+        more = cw_next_bit_fits(bus, tick);
         if (more && cw_bus_work(bus) + bus->ring.count >= enough && cw_now(bus) > begin)
             return CW_AGAIN;
     }
     return CW_OK;
 }
 
+/* All has been done up to a tick: another advance to it, or to the end of the last bit before it,
+ * changes nothing. So a journal, which has the ends of bits, repeats a run. */
+static void assert_reached(const cw_bus *bus, uint64_t tick)
+{
+    assert(!cw_next_bit_fits(bus, tick) && cw_next_bit_end(bus) > cw_now(bus));
+    assert(cw_first_due(bus) > cw_now(bus) && !bus->pending);
+}
+
 static cw_status advance(cw_bus *bus, uint64_t tick, uint64_t work)
 {
     const unsigned events = bus->ring.count;
+    const uint64_t begin = cw_now(bus);
     cw_status status = go_to(bus, tick, cw_after(cw_bus_work(bus) + events, work));
     bus->work += bus->ring.count - events;
     cw_count_clean_bits(bus);
+    assert(cw_now(bus) <= tick || cw_now(bus) == begin);
+    if (CW_CHECKED && status == CW_OK)
+        assert_reached(bus, tick);
     return status;
 }
 

@@ -19,7 +19,9 @@ bool cw_bus_is_on_grid(const cw_bus *bus)
 
 uint64_t cw_bus_tick_after(const cw_bus *bus, uint64_t bits)
 {
-    return cw_wire_tick_or_never(&bus->time, bits);
+    const uint64_t saved = bits > 0 ? cw_wire_tick(&bus->time, 1) - cw_next_bit_end(bus) : 0;
+    const uint64_t tick = cw_wire_tick_or_never(&bus->time, bits);
+    return tick == CW_NEVER ? tick : tick - saved;
 }
 
 uint64_t cw_bus_recessive_bits(const cw_bus *bus)

@@ -425,6 +425,11 @@ static bool drive_phase(const cw_mac *m)
     return cw_mac_in_dominant_flag(m) ? CW_DOMINANT : CW_RECESSIVE;
 }
 
+bool cw_mac_level(const cw_mac *m)
+{
+    return is_hidden(m) ? CW_RECESSIVE : drive_phase(m);
+}
+
 static bool drive_on(cw_mac *m)
 {
     m->may_join = false;

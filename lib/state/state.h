@@ -298,6 +298,12 @@ static inline uint64_t cw_inbox_first(const cw_bus *bus)
     return bus->inbox.next;
 }
 
+/* Returns the tick before which nothing comes in and nothing is due for nodes and rules. */
+static inline uint64_t cw_first_due(const cw_bus *bus)
+{
+    return cw_least(cw_least(bus->node_due, bus->rules.next_due), cw_inbox_first(bus));
+}
+
 /* Takes the frames that come before tick out of the inbox. At least one must be there. */
 void cw_take_inbox(cw_bus *bus, uint64_t tick);
 

@@ -64,8 +64,7 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
     if (step->look.bit != CW_NO_LOOK)
         bits = (unsigned)cw_least(bits, (uint64_t)step->look.bit - step->at);
     bits = bits_up_to(bus, tick, bits);
-    uint64_t due = cw_least(bus->node_due, bus->rules.next_due);
-    due = cw_least(due, cw_inbox_first(bus));
+    const uint64_t due = cw_first_due(bus);
     if (!cw_wire_fits(&bus->time, bits, due)) /* due is later than now */
         bits = (unsigned)cw_wire_bits_until(&bus->time, due);
     if (bus->rules.awake_count == 0)

@@ -82,18 +82,16 @@ void cw_frame_step_save_time(cw_bus *bus)
     step->fast.to = 0;
 }
 
-/* Returns true when the step goes on after bit n - 1: a nominal bit has room before the tick, and
+/* Returns true when the step goes on after bit n - 1: bit n ends before the tick or at it, and
  * nothing comes in before. */
 static bool goes_on_at(const cw_bus *bus, unsigned n, uint64_t tick, uint64_t due)
 {
-    const uint64_t begin = cw_frame_step_tick(bus, n);
-    return begin < due && cw_wire_fits_after(&bus->time, begin, tick);
+    return cw_frame_step_tick(bus, n) < due && cw_frame_step_tick(bus, n + 1) <= tick;
 }
 
 unsigned cw_frame_step_fast_bits(const cw_bus *bus, uint64_t tick, unsigned most)
 {
-    const uint64_t due = cw_least(cw_least(bus->node_due, bus->rules.next_due),
-                                  cw_inbox_first(bus));
+    const uint64_t due = cw_first_due(bus);
     unsigned least = 1;
     while (least < most) {
         const unsigned middle = least + (most - least) / 2;

@@ -176,8 +176,9 @@ bool cw_timed_begins_together(const cw_bus *bus);
  * all nodes have the same bit timings. */
 void cw_timed_show_wire(cw_bus *bus);
 
-/* Finds the end of the bit time that begins now. The bits that begin with it must have begun. */
-void cw_timed_find_bit_end(cw_bus *bus);
+/* Gives the bit time that begins now that length, see cw_timed_common_bit(). The bits that begin
+ * with it must have begun. */
+void cw_timed_set_bit(cw_bus *bus, cw_span common);
 
 /* Returns true when all bits begin together at the present tick, as far as that can be. */
 static inline bool cw_timed_is_straight(const cw_bus *bus)

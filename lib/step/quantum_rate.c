@@ -136,13 +136,20 @@ cw_span cw_timed_bit_length(const cw_bus *bus, unsigned i)
            rest * (after ? data : quantum);
 }
 
-/* Returns the begin of the next bit of a node. */
-static cw_span next_begin(const cw_bus *bus, unsigned i)
+/* Returns true when a node begins a bit now. All do, when the bus is about to leave the grid. */
+static bool begins_now(const cw_bus *bus, unsigned i, cw_span now)
 {
     const timed_node *n = &bus->timed.nodes[i];
-    if (n->ahead)
+    return !bus->timed.active || ((n->ahead || n->pcs.sampled) && n->next_begin == now);
+}
+
+/* Returns the end of the bit in which a node is, which it has begun. */
+static cw_span end_of_present(const cw_bus *bus, unsigned i, cw_span now)
+{
+    const timed_node *n = &bus->timed.nodes[i];
+    if (n->ahead && n->next_begin <= now)
         return end_of_bit(bus, i, n->next_begin);
-    return n->pcs.sampled ? n->next_begin : end_of_bit(bus, i, n->begin);
+    return n->ahead || n->pcs.sampled ? n->next_begin : end_of_bit(bus, i, n->begin);
 }
 
 /* Returns true when nobody can see when the bits of a node begin: it neither drives nor samples the
@@ -156,11 +163,12 @@ static bool is_away(const cw_mac *m)
 
 cw_span cw_timed_common_begin(const cw_bus *bus)
 {
+    const cw_span now = cw_moment_of(bus, cw_now(bus));
     cw_span common = CW_SPAN_MAX;
     for (unsigned i = 0; i < bus->node_count; i++) {
         if (is_away(&bus->nodes[i].mac))
             continue;
-        const cw_span next = next_begin(bus, i);
+        const cw_span next = begins_now(bus, i, now) ? now : end_of_present(bus, i, now);
         if (common != CW_SPAN_MAX && next != common)
             return CW_SPAN_MAX;
         common = next;
@@ -172,9 +180,8 @@ bool cw_timed_begins_together(const cw_bus *bus)
 {
     const cw_span now = cw_moment_of(bus, cw_now(bus));
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const timed_node *n = &bus->timed.nodes[i];
-        const bool begins = (n->ahead || n->pcs.sampled) && n->next_begin == now;
-        if (!is_away(&bus->nodes[i].mac) && !begins && n->begin != now)
+        const bool begun = bus->timed.nodes[i].begin == now;
+        if (!is_away(&bus->nodes[i].mac) && !begins_now(bus, i, now) && !begun)
             return false;
     }
     return true;
@@ -184,7 +191,7 @@ bool cw_timed_begins_together(const cw_bus *bus)
 static void align(cw_bus *bus, unsigned i, cw_span moment)
 {
     timed_node *n = &bus->timed.nodes[i];
-    if (next_begin(bus, i) == moment)
+    if (end_of_present(bus, i, cw_moment_of(bus, cw_now(bus))) == moment)
         return;
     cw_agenda_remove(&bus->timed.agenda, i);
     cw_timed_begin_at_rate(bus, i);
@@ -210,18 +217,88 @@ __attribute__((noinline)) void cw_timed_show_wire(cw_bus *bus)
             bus->timed.nodes[i].pcs.last_sample = bus->wire;
 }
 
-__attribute__((noinline)) void cw_timed_find_bit_end(cw_bus *bus)
+/* ---- The end of the bit that begins now ------------------------------------------------------- */
+
+static const cw_mac *controller_of(const cw_bus *bus, unsigned i)
 {
-    const cw_timed *t = &bus->timed;
-    const cw_span now = cw_moment_of(bus, cw_now(bus));
-    bus->time.short_by = 0;
-    if (!t->uniform)
-        return;
-    const cw_span common = cw_timed_common_begin(bus);
-    if (common == CW_SPAN_MAX || common % CW_TICK || common - now > t->bit_time)
-        return;
-    bus->time.short_by = (uint32_t)((t->bit_time - (common - now)) / CW_TICK);
-    align_away(bus, common);
+    return bus->followers >> i & 1u ? &bus->common : &bus->nodes[i].mac;
+}
+
+/* Returns the level of all nodes together in the bit that begins now. A frame that begins with it
+ * comes too late to keep BRS from its level. */
+static bool level_from(const cw_bus *bus, cw_span now)
+{
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const bool level = begins_now(bus, i, now) ? cw_mac_level(controller_of(bus, i))
+                                                   : bus->timed.nodes[i].driven;
+        if (level == CW_DOMINANT)
+            return CW_DOMINANT;
+    }
+    return CW_RECESSIVE;
+}
+
+/* Returns the bit timing of a node at one of its rates, in a bit that begins now. */
+static cw_bit_timing coming_timing(const cw_bus *bus, unsigned i, bool fast)
+{
+    const timed_rates *r = &bus->timed.rates[i];
+    const cw_bit_timing *nominal = &bus->timed.next_timings[i];
+    if (!bus->timed.nodes[i].retimed)
+        return *cw_timing_at(r, fast);
+    return fast ? cw_data_bit_timing(&r->next, nominal) : *nominal;
+}
+
+/* Returns the length of a bit of a node that begins now. level: of the wire, if no fault comes. */
+static cw_span length_from_now(const cw_bus *bus, unsigned i, bool level)
+{
+    const cw_mac *m = controller_of(bus, i);
+    const bool begins_fast = cw_mac_is_fast(m) &&
+                             (!bus->timed.active || bus->timed.rates[i].fast);
+    const bool ends_fast = is_fast_after_sample(m) && (cw_mac_is_fast(m) || level);
+    const cw_bit_timing begins = coming_timing(bus, i, begins_fast);
+    if (begins_fast == ends_fast)
+        return cw_bit_timing_quanta(&begins) * begins.quantum;
+    const cw_bit_timing ends = coming_timing(bus, i, ends_fast);
+    const unsigned rest = cw_bit_timing_quanta(&ends) - cw_bit_timing_sample_at(&ends);
+    return cw_bit_timing_sample_at(&begins) * begins.quantum + rest * ends.quantum;
+}
+
+/* Returns the moment at which the bits of all nodes end together that begin now, or have begun
+ * before; CW_SPAN_MAX: there is none. */
+static cw_span common_end(const cw_bus *bus, cw_span now)
+{
+    const bool level = level_from(bus, now);
+    cw_span common = CW_SPAN_MAX;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        if (is_away(controller_of(bus, i)))
+            continue;
+        const cw_span end = begins_now(bus, i, now) ? now + length_from_now(bus, i, level)
+                                                    : end_of_present(bus, i, now);
+        if (common != CW_SPAN_MAX && end != common)
+            return CW_SPAN_MAX;
+        common = end;
+    }
+    return common;
+}
+
+/* Returns the present moment; the origin is now, when the bus is about to leave the grid. */
+static cw_span present(const cw_bus *bus)
+{
+    return bus->timed.active ? cw_moment_of(bus, cw_now(bus)) : 0;
+}
+
+__attribute__((noinline)) cw_span cw_timed_common_bit(const cw_bus *bus)
+{
+    const cw_span now = present(bus);
+    const cw_span end = bus->timed.uniform ? common_end(bus, now) : CW_SPAN_MAX;
+    const bool usual = end != CW_SPAN_MAX && end % CW_TICK == 0 && end - now <= bus->timed.bit_time;
+    return usual ? end - now : 0;
+}
+
+void cw_timed_set_bit(cw_bus *bus, cw_span common)
+{
+    bus->time.short_by = common ? (uint32_t)((bus->timed.bit_time - common) / CW_TICK) : 0;
+    if (common)
+        align_away(bus, cw_moment_of(bus, cw_bit_end(bus)));
 }
 
 static bool may_be_fast(const cw_mac *m)
@@ -237,4 +314,14 @@ bool cw_is_data_phase(const cw_bus *bus)
     for (uint64_t rest = bus->all & ~bus->followers; !found && rest; rest &= rest - 1)
         found = may_be_fast(&bus->nodes[cw_lowest_node(rest)].mac);
     return found || cw_fast_nodes(bus);
+}
+
+uint64_t cw_short_bit_end(const cw_bus *bus)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    if (step->active && step->fast.to)
+        return cw_frame_step_tick(bus, step->at + 1u);
+    const bool divided = !step->active && cw_is_off_grid(bus);
+    const cw_span common = divided ? cw_timed_common_bit(bus) : 0;
+    return common ? cw_now(bus) + (uint64_t)(common / CW_TICK) : cw_wire_tick(&bus->time, 1);
 }

@@ -128,9 +128,10 @@ static cw_span begin_bit_time(cw_bus *bus, cw_span begin)
     cw_sync_begin_bit_time(bus);
     bus->timed.moment = begin;
     settle_for_rules(bus);
+    const cw_span common = bus->timed.rates ? cw_timed_common_bit(bus) : 0;
     const uint64_t nodes = cw_timed_begin_bits(bus, begin);
     if (bus->timed.rates)
-        cw_timed_find_bit_end(bus);
+        cw_timed_set_bit(bus, common);
     const cw_span end = cw_moment_of(bus, cw_bit_end(bus));
     watch(bus);
     forget_disturbances(bus, begin);
@@ -150,12 +151,6 @@ static bool is_in_frame(const cw_bus *bus)
     return bus->timed.view == CW_WIRE_BUSY && !cw_timed_may_leap(bus);
 }
 
-/* Returns the tick before which nothing comes in and no rule becomes due. */
-static uint64_t next_due(const cw_bus *bus)
-{
-    return cw_least(cw_least(bus->node_due, bus->rules.next_due), cw_inbox_first(bus));
-}
-
 /* Returns true when the next bit time begins as the last one did, and no rule acts. */
 static bool is_steady(const cw_bus *bus)
 {
@@ -166,10 +161,10 @@ static bool is_steady(const cw_bus *bus)
 static unsigned bit_times_to_follow(const cw_bus *bus, uint64_t tick)
 {
     if (!is_steady(bus) || !is_in_frame(bus) || bus->stepping || bus->watching ||
-        next_due(bus) <= cw_now(bus))
+        cw_first_due(bus) <= cw_now(bus))
         return 0;
     uint64_t bits = cw_least(cw_wire_bits_to(&bus->time, tick),
-                             cw_wire_bits_until(&bus->time, next_due(bus)));
+                             cw_wire_bits_until(&bus->time, cw_first_due(bus)));
     bits = cw_least(bits, cw_rate_bits(cw_wire_rate(&bus->time), CW_LEAP_TICKS));
     return (unsigned)cw_least(bits, MOST_BIT_TIMES);
 }

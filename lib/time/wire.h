@@ -73,16 +73,10 @@ static inline bool cw_wire_fits(const cw_wire_time *t, uint64_t bits, uint64_t t
     return tick - t->now >= cw_rate_ticks(t->rate, bits);
 }
 
-/* Returns true when one bit has room between two ticks. */
-static inline bool cw_wire_fits_after(const cw_wire_time *t, uint64_t begin, uint64_t tick)
-{
-    return tick >= begin && tick - begin >= cw_rate_ticks(t->rate, 1);
-}
-
-/* Returns the same for one bit and any tick. */
+/* Returns true when one nominal bit will have passed by any tick. */
 static inline bool cw_wire_fits_bit(const cw_wire_time *t, uint64_t tick)
 {
-    return cw_wire_fits_after(t, t->now, tick);
+    return tick >= t->now && tick - t->now >= cw_rate_ticks(t->rate, 1);
 }
 
 /* Returns the whole bits up to a tick, which has not passed yet. */

@@ -109,6 +109,7 @@ typedef struct diff_scenario {
     diff_slicing fast;
     diff_slicing reference;
     unsigned drains; /* permille of the slices after which the events are taken */
+    bool repeats; /* the reference goes to the ends of bits at which the fast bus stops */
     bool peeks; /* the fast bus is read at the end of each slice */
     bool own_clocks; /* the reference goes by the clocks of its nodes, not by common bits */
     unsigned plan_count;

@@ -878,6 +878,7 @@ static void random_lengths(diff_scenario *s, diff_maker *m, const style *of)
     s->reference = references[diff_below(r, 4)];
     s->drains = of->small ? 0 : drains[diff_below(r, 4)];
     s->peeks = diff_chance(r, 300);
+    s->repeats = s->seed / 2 % 2 == 0;
 }
 
 void diff_generate(diff_scenario *s, uint64_t seed)

@@ -492,9 +492,9 @@ void diff_write_scenario(FILE *out, const diff_scenario *s)
     static const char *const slicings[] = {"in one go", "bit by bit", "in short slices",
                                            "in slices of all lengths", "to cw_bus_next()",
                                            "as far as a little work goes"};
-    fprintf(out, "/* seed %" PRIu64 ", style \"%s\"; fast %s%s, reference %s */\n", s->seed,
+    fprintf(out, "/* seed %" PRIu64 ", style \"%s\"; fast %s%s, reference %s%s */\n", s->seed,
             diff_style_name(s->style), slicings[s->fast], s->peeks ? ", read after each slice" : "",
-            slicings[s->reference]);
+            slicings[s->reference], s->repeats ? ", to where the fast one stops" : "");
     for (unsigned i = 0; i < s->plan_count; i++)
         if (plan_used(s, i))
             write_plan(out, &s->plans[i], i);

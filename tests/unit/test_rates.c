@@ -75,7 +75,7 @@ static void bits_are_nominal_fast_or_mixed(void **state)
     cw_bus_set_watching(r->bus, true);
     rig_send(r, 0, &f, 0);
     for (uint64_t end = 0, bits = 0; bits < 700; bits++) {
-        assert_int_equal(cw_bus_advance(r->bus, end + 160), CW_OK);
+        assert_int_equal(cw_bus_advance(r->bus, cw_bus_tick_after(r->bus, 1)), CW_OK);
         assert_int_equal(cw_bus_get_bit(r->bus, &view), CW_OK);
         assert_int_equal(view.start, end);
         assert_true(view.fast == 0 || view.fast == 7);
@@ -338,7 +338,7 @@ static uint64_t wrong_bits(const cw_rule *rule, cw_field field, bool stepping)
     cw_bus_set_stepping(r->bus, stepping);
     rig_send(r, 0, &f, 0);
     for (cw_bit_view view; cw_bus_now(r->bus) < 220 * 160;) {
-        assert_int_equal(cw_bus_advance(r->bus, cw_bus_now(r->bus) + 160), CW_OK);
+        assert_int_equal(cw_bus_advance(r->bus, cw_bus_tick_after(r->bus, 1)), CW_OK);
         assert_int_equal(cw_bus_get_bit(r->bus, &view), CW_OK);
         const cw_place place = view.nodes[0].place;
         const bool same = (view.sampled & 1u) == (view.sampled >> 2 & 1u);
