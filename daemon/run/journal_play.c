@@ -332,20 +332,22 @@ static bool act(journal_player *p)
 
 /* ---- The run --------------------------------------------------------------------------------- */
 
-static bool check_time(journal_player *p)
+static bool check_order(journal_player *p)
+{
+    if (p->entry.at >= cw_bus_now(p->now->inputs.bus))
+        return true;
+    return fail(p, "at", "at: before the line above");
+}
+
+/* The bus that wrote the line was at the end of a bit. This one has gone there, or as near as its
+ * bits let it: then its bits are others. */
+static bool check_reached(journal_player *p)
 {
     const uint64_t now = cw_bus_now(p->now->inputs.bus);
-    const cw_rate rate = live_config(p->now->live)->rate;
-    if (p->entry.at < now)
-        return fail(p, "at", "at: before the line above");
-    if (live_config(p->now->live)->dbitrate_bps > 0) /* bits have several lengths */
+    if (p->entry.at == now)
         return true;
-    const uint64_t passed = p->entry.at - now; /* since the end of a bit; bits of a bus before a
-                                                  reload may have had other lengths */
-    if (passed == cw_rate_bit_begin(rate, passed))
-        return true;
-    journal_complain(p->reader, "at", "at: not the end of a bit, which has %" PRIu64 " ticks",
-                     cw_rate_ticks(rate, 1));
+    journal_complain(p->reader, "at", "at: not the end of a bit; the last one before it ends at %"
+                     PRIu64, now);
     return false;
 }
 
@@ -436,11 +438,11 @@ static bool all_stopped(const journal_player *p)
 static bool play_at(journal_player *p)
 {
     const journal_entry *e = &p->entry;
-    if (!check_time(p))
+    if (!check_order(p))
         return false;
     bool advance = e->at > cw_bus_now(p->now->inputs.bus) || e->what.advanced;
     p->now->stopped = advance && !p->calls.advance(p->now->user, e->at);
-    return p->now->stopped || play_entry(p);
+    return p->now->stopped || (check_reached(p) && play_entry(p));
 }
 
 journal_outcome journal_play(journal_player *p)
