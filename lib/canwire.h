@@ -1372,17 +1372,20 @@ uint64_t cw_bus_tick_after(const cw_bus *bus, uint64_t bits);
 
 /* Hands a frame to a node at a tick. A tick before cw_bus_now() counts as now. The frame takes part
  * in the first bit that starts at or after at_tick. It is dropped with an event when the node
- * cannot take it (queue full, bus-off, listen-only, bad frame). A frame for CW_NEVER never becomes
- * due: it keeps its place in the inbox, and counts as pending, until cw_node_flush(). CW_FULL: the
- * inbox is full. Advance the bus to one bit after cw_bus_inbox_first(), since that frame is due by
- * then, and call again. CW_INVALID: no such node. */
+ * cannot take it (queue full, bus-off, listen-only, bad frame). From the restart request on it waits
+ * until the node is back (R12). A frame for CW_NEVER never becomes due: it keeps its place in the
+ * inbox, and counts as pending, until cw_node_flush(). CW_FULL: the inbox is full. Advance the bus
+ * to one bit after cw_bus_inbox_first(), since that frame is due by then, and call again.
+ * CW_INVALID: no such node. */
 cw_status cw_node_send(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t at_tick);
+
+/* Returns false while a node drops all frames: in bus-off before the restart request, listen-only,
+ * restricted, off the bus. Returns false also when there is no such node. */
+bool cw_node_takes_frames(const cw_bus *bus, unsigned node);
 
 /* Returns how many frames a node can be handed now without a drop for want of room in its queue.
  * Frames that are not due yet and frames that rules hold back count as queued. Returns CW_QUEUE_MAX
- * while the node takes no frames and so drops all of them (bus-off, listen-only, off the bus).
- * Returns the same when there is no such node. Rules may fill the queue, too, before the frames
- * become due. */
+ * while the node takes no frames. Rules may fill the queue, too, before the frames become due. */
 unsigned cw_node_room(const cw_bus *bus, unsigned node);
 
 /* Returns how many frames for later the inbox still takes. */
@@ -1504,7 +1507,8 @@ cw_status cw_node_attach(cw_bus *bus, unsigned node, bool on);
 /* Returns true when a node is on; false also when it has been flushed, or there is no such node. */
 bool cw_node_attached(const cw_bus *bus, unsigned node);
 
-/* Restarts a node by hand (R12). CW_REFUSED: it is not bus-off, already restarting, or has
+/* Restarts a node by hand (R12). Frames handed in before are dropped, those handed in after this
+ * call wait until the node is back. CW_REFUSED: it is not bus-off, already restarting, or has
  * restart_ticks != 0. */
 cw_status cw_node_restart(cw_bus *bus, unsigned node);
 

@@ -9,8 +9,8 @@
 static const char help[] =
     "Restarts a node that is bus-off, as `ip link set DEVICE type can restart` does. It comes "
     "back\n"
-    "after 128 groups of 11 recessive bits. Refused for nodes with restart-ms: they come by\n"
-    "themselves.\n"
+    "after 128 groups of 11 recessive bits. Frames that its program writes meanwhile wait.\n"
+    "Refused for nodes with restart-ms: they come by themselves.\n"
     "\n";
 
 int cli_restart(int argc, char **argv)

@@ -18,8 +18,7 @@ static uint64_t reception(const cfg *config, uint64_t tick, unsigned bits)
 /* Returns true when the node will surely queue the frame, which causes no event. */
 static bool will_queue(const cw_bus *bus, unsigned node, const cw_frame *frame)
 {
-    unsigned room = cw_node_room(bus, node);
-    return cw_frame_valid(frame) && room > 0 && room < CW_QUEUE_MAX;
+    return cw_frame_valid(frame) && cw_node_takes_frames(bus, node) && cw_node_room(bus, node) > 0;
 }
 
 uint64_t due_tick(const cw_bus *bus, const release_plan *plan, const cfg *config)

@@ -531,10 +531,8 @@ bool release_is_fast(const release_plan *plan)
 static bool node_is_free(const cw_bus *bus, unsigned node)
 {
     cw_node_stats stats;
-    cw_settings settings;
     return cw_node_get_stats(bus, node, &stats) == CW_OK && stats.queue == 0 && stats.inbox == 0 &&
-           stats.state != CW_STATE_BUS_OFF && cw_node_get_settings(bus, node, &settings) == CW_OK &&
-           !(settings.modes & CW_MODE_LISTEN_ONLY);
+           cw_node_takes_frames(bus, node) && cw_node_room(bus, node) > 0;
 }
 
 /* Returns true when the node finishes its frame at the end of a frame on the bus. Such a node has a

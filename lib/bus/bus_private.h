@@ -110,6 +110,9 @@ void cw_init_rates(cw_bus *bus, unsigned node, const cw_data_timing *data,
 /* Runs everything that is due for a node now: frames from the inbox, a restart. */
 void cw_run_due_node(cw_bus *bus, unsigned node);
 
+/* Asks the controller of a node to leave bus-off, and drops what waits (R12). */
+void cw_restart_now(cw_bus *bus, unsigned node);
+
 bool cw_settings_valid(const cw_bus *bus, unsigned node, const cw_settings *settings);
 
 #endif

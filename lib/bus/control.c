@@ -56,8 +56,10 @@ static void go_bus_off(cw_bus *bus, unsigned i, const cw_rule *rule)
 static void restart(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
-    if (cw_own_mac(bus, i)->phase == CW_MAC_BUS_OFF)
-        cw_schedule_restart(bus, i, cw_now(bus));
+    if (cw_own_mac(bus, i)->phase != CW_MAC_BUS_OFF)
+        return;
+    cw_restart_now(bus, i); /* frames that the next rule sends come behind it */
+    cw_find_node_due(bus);
 }
 
 static void overload(cw_bus *bus, unsigned i, const cw_rule *rule)

@@ -10,15 +10,21 @@
 
 /* ---- Room, and off the bus for good ---------------------------------------------------------- */
 
+bool cw_node_takes_frames(const cw_bus *bus, unsigned i)
+{
+    if (i >= bus->node_count)
+        return false;
+    const cw_drop why = cw_refusal(bus, i);
+    const bool restarts = why == CW_DROP_BUS_OFF && cw_restart_is_due(bus, i);
+    return why == CW_DROP_COUNT || why == CW_DROP_QUEUE_FULL || restarts;
+}
+
 unsigned cw_node_room(const cw_bus *bus, unsigned i)
 {
     uint32_t held, rx_held;
-    if (i >= bus->node_count)
+    if (!cw_node_takes_frames(bus, i))
         return CW_QUEUE_MAX;
     const bus_node *n = &bus->nodes[i];
-    const cw_drop why = cw_refusal(bus, i);
-    if (why != CW_DROP_COUNT && why != CW_DROP_QUEUE_FULL)
-        return CW_QUEUE_MAX;
     cw_rules_count_held(&bus->rules, i, &held, &rx_held);
     uint32_t used = n->queue.count - cw_mailbox_replies(bus, i) + n->inbox + held;
     return used < n->queue_limit ? n->queue_limit - used : 0;
@@ -121,7 +127,7 @@ cw_status cw_node_restart(cw_bus *bus, unsigned i)
     return CW_OK;
 }
 
-static void restart(cw_bus *bus, unsigned i)
+void cw_restart_now(cw_bus *bus, unsigned i)
 {
     bus_node *n = &bus->nodes[i];
     bus->restarts[i].at = CW_NEVER;
@@ -136,8 +142,10 @@ static void restart(cw_bus *bus, unsigned i)
 void cw_run_due_node(cw_bus *bus, unsigned i)
 {
     cw_take_inbox_of(bus, i);
-    if (bus->restarts[i].at <= cw_now(bus))
-        restart(bus, i);
+    if (cw_restart_is_due(bus, i)) {
+        cw_restart_now(bus, i);
+        cw_take_inbox_of(bus, i);
+    }
     cw_sleep_run(bus, i);
     cw_buffers_run(bus, i);
     cw_tt_run(bus, i);
@@ -177,7 +185,7 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
 {
     bus_node *n = &bus->nodes[i];
     bus->restarts[i].ticks = ticks;
-    if (n->mac.phase != CW_MAC_BUS_OFF)
+    if (n->mac.phase != CW_MAC_BUS_OFF || cw_restart_is_due(bus, i))
         return;
     bus->restarts[i].at = cw_automatic_restart(bus, i);
     cw_find_node_due(bus);

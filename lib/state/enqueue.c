@@ -25,7 +25,7 @@ cw_drop cw_refusal(const cw_bus *bus, unsigned i)
         return bus->removed & cw_node_bit(i) ? CW_DROP_REMOVED : CW_DROP_LINK_DOWN;
     if (cw_modes_of(bus, i) & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED))
         return CW_DROP_LISTEN_ONLY;
-    if (cw_mac_state(&n->mac) == CW_STATE_BUS_OFF)
+    if (n->mac.phase == CW_MAC_BUS_OFF) /* R12: from the request on, frames wait */
         return CW_DROP_BUS_OFF;
     if (n->queue.count < n->queue_limit || n->queue.count - cw_mailbox_replies(bus, i) <
                                                n->queue_limit)

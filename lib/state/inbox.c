@@ -83,7 +83,8 @@ __attribute__((flatten)) static bool hand_in_now(cw_bus *bus, unsigned i,
 static void put(const cw_bus *bus, inbox_entry *entry, unsigned node, const cw_frame *frame,
                 uint64_t at_tick, unsigned trigger)
 {
-    *entry = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)node, .trigger = (uint8_t)trigger};
+    *entry = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)node, .trigger = (uint8_t)trigger,
+                           .restarted = at_tick == cw_now(bus) && cw_restart_is_due(bus, node)};
     memcpy(entry->frame, frame, sizeof(cw_short_frame));
     if (!cw_frame_is_fd(frame))
         return;
@@ -242,7 +243,9 @@ __attribute__((noinline, flatten)) void cw_take_inbox(cw_bus *bus, uint64_t tick
 void cw_take_inbox_of(cw_bus *bus, unsigned i)
 {
     const inbox *box = &bus->inbox;
-    while (cw_inbox_first(bus) <= cw_now(bus) && cw_inbox_at(box, 0)->node == i)
+    const bool restarts = cw_restart_is_due(bus, i);
+    while (cw_inbox_first(bus) <= cw_now(bus) && cw_inbox_at(box, 0)->node == i &&
+           !(restarts && cw_inbox_at(box, 0)->restarted))
         take_first(bus);
 }
 

@@ -65,6 +65,7 @@ typedef struct inbox_entry {
     uint64_t at_tick;
     uint8_t node;
     uint8_t trigger; /* as in cw_queue_slot */
+    bool restarted;  /* handed in behind a restart request that is due now (R12) */
     cw_frame frame[]; /* one, in its short form where the bus has no FD */
 } inbox_entry;
 
@@ -314,7 +315,7 @@ static inline void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
 }
 
 /* Takes the frames of a node that are due now out of the inbox, up to the first one of another
- * node. */
+ * node. Those that came behind a restart request stay while it is due. */
 void cw_take_inbox_of(cw_bus *bus, unsigned node);
 
 /* Does the same with the frames of a node that come before a tick, wherever they are. */
@@ -330,6 +331,12 @@ void cw_flush_inbox(cw_bus *bus, unsigned node);
 /* ---- restart.c ------------------------------------------------------------------------------- */
 
 void cw_schedule_restart(cw_bus *bus, unsigned node, uint64_t tick);
+
+/* Returns true while a node is to be restarted at this tick. */
+static inline bool cw_restart_is_due(const cw_bus *bus, unsigned node)
+{
+    return bus->restarts[node].at <= cw_now(bus);
+}
 
 /* Returns the tick at which a node in bus-off restarts by itself: restart_ticks after bus-off, not
  * before now; or CW_NEVER (R12). */

@@ -269,6 +269,25 @@ def test_error_frames_come_to_those_who_ask(rig):
     r.stop()
 
 
+@pytest.mark.parametrize("restart", ["", ", restart-ms: 50"])
+def test_frames_behind_a_restart_wait_for_the_end_of_the_recovery(rig, restart):
+    """R12: 128 x 11 bits take 70 ms here. More frames than the queue holds are pushed back."""
+    r = rig(bitrate=20000, engine=restart)
+    client, plain, dash = r.client(error_mask=0x140), r.plain(), r.client("dash")
+    r.wait(lambda node: len(node["clients"]) == 2, "both")
+    r.run("inject", "./share.sock", "{ name: off, do: { bus-off: engine } }")
+    assert client.receive().can_id == ERR | 0x40
+    if not restart:
+        r.run("restart", "./share.sock", "engine")
+    assert client.receive().can_id & 0x100
+    client.send(0x100)
+    for number in range(40):
+        plain.send(FRAME_BODY.pack(0x200 + number, 0, 0, b""))
+    assert sorted(dash.receive().can_id for _ in range(41)) == [0x100, *range(0x200, 0x228)]
+    assert sum(r.node()["dropped"].values()) == 0
+    r.stop()
+
+
 def test_fd_frames_are_for_those_who_say_so(rig):
     r = rig(bus=", dbitrate: 2000000")
     fd, classical, dash = r.client(options=FD | LOOPBACK), r.client(), r.client("dash", options=FD)

@@ -167,6 +167,18 @@ def test_bus_off_and_restart(vcan, canwired, can_socket, errors):
     assert other.waiting() == []
 
 
+def test_a_frame_behind_the_restart_waits(vcan, canwired, can_socket, errors):
+    """R12: the frame is written before the 128 x 11 bits are over, which take 140 ms."""
+    vcan(2)
+    canwired(FAULTY.format(restart=20, berr="off").replace("500000", "10000"))
+    reader, engine, gearbox = errors("vcan0"), can_socket("vcan0"), can_socket("vcan1")
+    engine.send(Frame(0x123, 1, b"\x01"))
+    assert reader.take(4)[2:] == [pack(BUSOFF), pack(RESTARTED)]
+    engine.send(Frame(0x124, 1, b"\x02"))
+    assert gearbox.receive(1) == [Frame(0x124, 1, b"\x02")]
+    assert reader.take(1) == [state(ACTIVE, 0, 0)]
+
+
 @pytest.mark.parametrize("model, counters", [
     ("sja1000", True), ("mcp2515", False), ("m_can", True), ("flexcan", False), ("bxcan", True)])
 def test_a_preset_tells_what_its_driver_tells(vcan, canwired, can_socket, errors, model, counters):

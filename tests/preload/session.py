@@ -107,11 +107,16 @@ def periodic_fd_for_a_while():
 
 
 def error_frames():
-    """The parent sets can0's node bus-off when it reads the line."""
-    with open_bus() as a:
+    """The parent sets can0's node bus-off when it reads the line. The node restarts by itself, and
+    what is sent then waits until it is back (R12)."""
+    with open_bus() as a, open_bus("can1") as b:
         print("ready", flush=True)
         got = receive(a)
         assert got.is_error_frame and got.arbitration_id & 0x40, got
+        got = receive(a)
+        assert got.is_error_frame and got.arbitration_id & 0x100, got
+        a.send(message(0x123))
+        assert receive(b).arbitration_id == 0x123
 
 
 def notifier():

@@ -22,7 +22,7 @@ def test_python_can(bus, name):
 
 
 def test_error_frames(bus):
-    r = bus()
+    r = bus(bitrate=20000, engine=", restart-ms: 10")
     running = r.begin("engine=can0 dash=can1", sys.executable, SESSION, ALONE)
     assert running.stdout.readline() == "ready\n"
     canwire("inject", "./share.sock", "{ name: off, do: { bus-off: engine } }", cwd=r.folder)

@@ -313,9 +313,12 @@ def test_a_node_goes_to_bus_off_and_is_restarted():
             bus["b"].restart()
         bus.clear("broken")
         engine.restart()
+        engine.send("124#")  # R12: behind the request it waits
         assert bus.run("1s", event="a:error-active") is Stop.EVENT
+        assert bus.now == pytest.approx(error.t + 128 * 11 / 500000)
         engine.send("123#CAFE")
-        assert str(bus.recv("b", timeout="1s")) == "123#CAFE"
+        assert [str(bus.recv("b", timeout="1s")) for _ in range(2)] == ["123#CAFE", "124#"]
+        assert [e["frame"] for e in bus.events("drop")] == ["123#CAFE"]  # the one before
         assert engine.state == "error-active"
 
 

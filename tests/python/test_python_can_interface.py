@@ -430,6 +430,30 @@ def test_filters_let_error_frames_pass(opened):
     assert got.arbitration_id == 1
 
 
+def test_frames_behind_a_restart_outlive_their_program(opened):
+    """R12: what is sent while a node recovers waits."""
+    one, other = (opened("recovers", virtual_time=True) for _ in "ab")
+    one.simulation.inject(name="off", do={"bus-off": "guest-1"})
+    assert one.recv(1).is_error_frame
+    one.simulation["guest-1"].restart()
+    for can_id in (1, 2):
+        one.send(message(can_id))
+    one.shutdown()
+    assert [other.recv(PATIENCE_S).arbitration_id for _ in "12"] == [1, 2]
+
+
+def test_frames_behind_a_restart_wait_for_room(opened):
+    config = {"bus": {"bitrate": 500000}, "nodes": [{"name": "a", "queue": 4}, {"name": "b"}]}
+    one = opened("full", virtual_time=True, config=config)
+    other = opened("full", virtual_time=True)
+    one.simulation.inject(name="off", do={"bus-off": "a"})
+    assert one.recv(1).is_error_frame
+    one.simulation["a"].restart()
+    for can_id in range(20):
+        one.send(message(can_id), timeout=PATIENCE_S)
+    assert [other.recv(PATIENCE_S).arbitration_id for _ in range(20)] == list(range(20))
+
+
 def test_a_channel_has_one_configuration(opened):
     config = {"bus": {"bitrate": 250000}, "nodes": [{"name": "a"}, {"name": "b"}, {"name": "c"}]}
     first = opened("configured", config=config)

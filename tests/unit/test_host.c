@@ -313,6 +313,7 @@ static rig *new_failing_node(uint64_t restart_ticks)
     rig_flip(r, "own", CW_FIELD_R0, 0)->from = NODE(0);
     r->rules[0].at = NODE(0);
     r->rules[0].count = 32;
+    r->config.rule_room = 1;
     rig_start(r);
     return r;
 }
@@ -362,6 +363,84 @@ static void restart_by_hand_takes_128_groups(void **state)
     rig_run(r, cw_bus_now(r->bus) + 200 * BIT);
     assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->tick,
                      end_of(sof, model_encode(&f).length - 1));
+    rig_free(r);
+}
+
+/* R12: frames handed in before the request are lost, also when they wait in the inbox for the very
+ * tick of it. Later ones have their SOF right after group 128, whoever asked for the restart. */
+static void frames_after_the_request_wait_for_group_128(void **state)
+{
+    (void)state;
+    enum { BY_HAND, BY_RULE, BY_SETTING, BY_TIME, WAYS };
+    const cw_settings at_once = {.which = CW_SET_RESTART, .restart_ticks = BIT};
+    for (unsigned way = 0; way < WAYS; way++) {
+        rig *r = new_failing_node(way == BY_TIME ? 5000 * BIT : 0);
+        const cw_rule back = {.name = "back", .trigger = CW_TRIGGER_ARMED, .manual = true,
+                              .time_end = CW_NEVER,
+                              .probability = UINT64_MAX, .every = 1, .nodes = NODE(0),
+                              .action = CW_ACTION_RESTART};
+        const cw_frame before = rig_frame(0x100, 0, 1), after = rig_frame(0x200, 0, 2);
+        const uint64_t request = run_to_bus_off(r) + 5000 * BIT;
+        unsigned rule;
+        assert_int_equal(cw_bus_add_rule(r->bus, &rule, &back), CW_OK);
+        rig_run(r, request - BIT);
+        rig_send(r, 0, &before, request - BIT);
+        rig_send(r, 0, &before, request - BIT / 2);
+        if (way == BY_TIME)
+            rig_send(r, 0, &before, request);
+        rig_run(r, request);
+        if (way != BY_TIME)
+            rig_send(r, 0, &before, request);
+        if (way == BY_HAND)
+            assert_int_equal(cw_node_restart(r->bus, 0), CW_OK);
+        if (way == BY_SETTING)
+            assert_int_equal(cw_node_set(r->bus, 0, &at_once), CW_OK);
+        if (way == BY_RULE)
+            assert_int_equal(cw_bus_fire_rule(r->bus, rule), CW_OK);
+        assert_int_equal(cw_node_takes_frames(r->bus, 0), way != BY_RULE); /* it is to act yet */
+        rig_send(r, 0, &after, request);
+        rig_send(r, 0, &after, request + BIT / 2);
+        rig_send(r, 0, &after, request + 1000 * BIT);
+        rig_run(r, request + (RECOVERY_BITS - 1) * BIT);
+        assert_int_equal(rig_nth(r, CW_EVENT_RESTART, 0)->tick, request);
+        assert_int_equal(cw_node_room(r->bus, 0), 16 - 3 - (way == BY_RULE));
+        const unsigned waited = 2; /* the frame that went bus-off, and one behind it */
+        const unsigned lost = waited + 3 - (way == BY_RULE);
+        assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_BUS_OFF], lost);
+        rig_run(r, request + (RECOVERY_BITS + 1000) * BIT);
+        assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_BUS_OFF], lost);
+        const cw_event *sent = rig_nth(r, CW_EVENT_TX, 0);
+        const cw_frame *first = way == BY_RULE ? &before : &after; /* rules act before frames */
+        assert_int_equal(sent->frame.id, first->id);
+        assert_int_equal(sent->tick, request + (RECOVERY_BITS + model_encode(first).length) * BIT);
+        assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 3 + (way == BY_RULE));
+        rig_free(r);
+    }
+}
+
+/* They are the frames of a queue, with its limit. */
+static void frames_that_wait_for_group_128_fill_the_queue(void **state)
+{
+    (void)state;
+    rig *r = new_failing_node(0);
+    const cw_frame f = rig_frame(0x123, 0, 1);
+    const cw_settings short_one = {.which = CW_SET_QUEUE, .queue = 3};
+    (void)run_to_bus_off(r);
+    assert_int_equal(cw_node_set(r->bus, 0, &short_one), CW_OK);
+    rig_run(r, cw_bus_now(r->bus) + 100 * BIT);
+    assert_false(cw_node_takes_frames(r->bus, 0));
+    assert_int_equal(cw_node_room(r->bus, 0), CW_QUEUE_MAX);
+    assert_int_equal(cw_node_restart(r->bus, 0), CW_OK);
+    rig_run(r, cw_bus_now(r->bus) + BIT);
+    assert_int_equal(cw_node_room(r->bus, 0), 3);
+    for (unsigned i = 0; i < 5; i++)
+        rig_send(r, 0, &f, cw_bus_now(r->bus));
+    rig_run(r, cw_bus_now(r->bus) + BIT);
+    assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_QUEUE_FULL], 2);
+    const cw_settings listens = {.which = CW_SET_MODES, .modes_mask = CW_MODE_LISTEN_ONLY,
+                                 .modes = CW_MODE_LISTEN_ONLY};
+    assert_int_equal(cw_node_set(r->bus, 0, &listens), CW_OK);
+    assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_LISTEN_ONLY], 3);
     rig_free(r);
 }
 
@@ -582,6 +661,8 @@ int main(void)
         cmocka_unit_test(a_hand_in_at_the_end_of_a_bit_comes_up_there),
         cmocka_unit_test(hand_in_before_now_counts_as_now),
         cmocka_unit_test(restart_by_hand_takes_128_groups),
+        cmocka_unit_test(frames_after_the_request_wait_for_group_128),
+        cmocka_unit_test(frames_that_wait_for_group_128_fill_the_queue),
         cmocka_unit_test(restart_ms_runs_from_bus_off),
         cmocka_unit_test(frames_come_up_beside_a_restart),
         cmocka_unit_test(recovery_under_full_load_takes_128_frames),

@@ -20,6 +20,7 @@ from typing import Any
 ABI = 1
 NEVER = 2**63 - 1
 NO_NODE, ANY_NODE = -1, -2
+TAKES_NONE = 4096  # the room of a node that drops all its frames
 
 OK, INVALID, REFUSED, NO_MEMORY, FAILED = 0, -1, -2, -3, -4
 AT_TIME, AT_FRAME, AT_EVENT, AT_END = 0, 1, 2, 3

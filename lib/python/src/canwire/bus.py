@@ -139,7 +139,8 @@ class Node:
 
     @property
     def room(self) -> int:
-        """The frames that its queue still takes."""
+        """The frames that its queue still takes; 4096 while it drops all: in bus-off before the
+        restart, listen-only, off the bus."""
         return self._bus._library.room(self._bus._sim, self.number)
 
     def send(self, frame: Frame | str, at: Time | None = None) -> None:

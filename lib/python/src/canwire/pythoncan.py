@@ -191,12 +191,13 @@ class Wire:
             self.end_unused()
 
     def see_off(self) -> None:
-        """Takes nodes off the bus whose program has gone, and which have nothing to send."""
+        """Takes nodes off the bus whose program has gone, and which have nothing to send. What
+        waits in bus-off is lost, but not what has come since the request to restart."""
         for number in [*self.leaving]:
-            status = self.bus.nodes[number].status
-            if status.queue + status.inbox == 0 or status.state == "bus-off":
+            node = self.bus.nodes[number]
+            if node.status.queue + node.status.inbox == 0 or node.room == _library.TAKES_NONE:
                 self.leaving.discard(number)
-                self.bus.nodes[number].detach()
+                node.detach()
 
     # ---- time -------------------------------------------------------------------------------
 
@@ -295,8 +296,6 @@ class Wire:
         longest = PATIENCE_NS if self.virtual else _library.NEVER // 2
         end = self.now_ns() + (longest if timeout is None else round(timeout * 1e9))
         while not node.room:
-            if node.state == "bus-off":
-                raise can.CanOperationError("canwire: the node is bus-off")
             rest = end - self.now_ns()
             if rest <= 0:
                 raise can.CanOperationError("canwire: the queue of the node is full")
