@@ -4,7 +4,7 @@
  */
 #include "engine/core.h"
 
-/* Returns the limit of one step. A replay at full speed checks after each bit if it may send. A
+/* Returns the limit of one step. A replay that waits for its node checks after each bit. A
  * port with waiting frames checks for room at the end of each frame. */
 static uint64_t next_look(const engine *e)
 {
@@ -20,6 +20,7 @@ static uint64_t next_look(const engine *e)
 uint64_t engine_run_to(engine *e, uint64_t tick)
 {
     uint64_t end;
+    bool all;
     uint64_t reached;
     release_look(e->now.plan, e->now.bus);
     do {
@@ -27,12 +28,15 @@ uint64_t engine_run_to(engine *e, uint64_t tick)
         if (end > tick)
             end = tick;
         reached = engine_release_to(e, end);
+        all = reached == end;
+        if (next_look(e) < reached) /* a replay has begun to wait for room */
+            reached = end = next_look(e);
         if (!engine_advance(e, reached))
             return cw_bus_now(e->now.bus);
         if (e->pushed_back)
             engine_read_pushed_back(e);
         release_look(e->now.plan, e->now.bus);
-    } while (reached == end && end < tick);
+    } while (all && end < tick);
     return reached;
 }
 

@@ -32,9 +32,10 @@ uint64_t engine_release_to(engine *e, uint64_t now)
         last = tick;
         unsigned node;
         bool frame = release_first(e->now.plan, &node) != NULL;
-        if (inputs_release(&e->inputs, e->now.plan) == CW_OK) {
+        const cw_status status = inputs_release(&e->inputs, e->now.plan);
+        if (status == CW_OK) {
             e->books.nodes[node].released += frame;
-        } else if (!make_room(e)) {
+        } else if (status == CW_FULL && !make_room(e)) {
             now = tick > 0 ? tick - 1 : 0;
             break;
         }

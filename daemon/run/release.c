@@ -3,7 +3,8 @@
  * release.c - releases the frames of nodes without port at their times.
  *
  * A binary heap over the sources of frames, ordered by time and then by their place in the file.
- * Replays with `speed: max` are not in it while they wait for their node.
+ * Replays are not in it while they wait for their node: with `speed: max` until it has nothing to
+ * send, else until its queue has room.
  */
 #include "run/release.h"
 
@@ -11,6 +12,7 @@
 #include "trace/frametext.h"
 
 #include <assert.h>
+#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -31,7 +33,11 @@ typedef struct source {
     bool has_frame;        /* of a replay: `frame` is the next one */
     bool late;             /* of a replay: the thread has not read its file up to here */
     uint64_t late_ticks;   /* ... for this time */
-    bool waits;            /* speed: max, and not in the heap */
+    bool waits;            /* for its node, and not in the heap */
+    bool behind;           /* of a replay: it has waited for room and not caught up yet ... */
+    uint64_t planned;      /* ... with the frame that the file has at this tick */
+    uint64_t late_frames;  /* of a replay: frames that came after that tick ... */
+    uint64_t late_most;    /* ... by at most so many ticks */
     bool moved;            /* another plan continues it */
     bool reported;         /* entries that were left out of its file have been reported */
     bool tested;           /* `passes` is known */
@@ -46,6 +52,7 @@ struct release_plan {
     void *user;
     cw_rate rate;
     unsigned fast; /* replays with `speed: max` that are not finished */
+    unsigned full; /* others that wait for room */
     bool failed;
     bool knows_next;   /* `next_tick` is that of release_next_rx() */
     uint64_t next_tick;
@@ -57,9 +64,18 @@ struct release_plan {
 
 /* ---- Heap ------------------------------------------------------------------------------------ */
 
+/* Returns the tick at which the next frame of a source was to come. */
+static uint64_t planned(const source *s)
+{
+    return s->behind ? s->planned : s->tick;
+}
+
+/* Of frames that have waited those go first that are later. */
 static bool comes_before(const source *a, const source *b)
 {
-    return a->tick < b->tick || (a->tick == b->tick && a->place < b->place);
+    if (a->tick != b->tick)
+        return a->tick < b->tick;
+    return planned(a) < planned(b) || (planned(a) == planned(b) && a->place < b->place);
 }
 
 static void swap(source **a, source **b)
@@ -184,10 +200,29 @@ static void report_note(const release_plan *plan, source *s)
     s->reported = true;
 }
 
+/* Reports how late frames came that have waited for room in the queue. */
+static void report_wait(const release_plan *plan, source *s)
+{
+    char text[REPLAY_NOTE_MAX];
+    char late[TIME_TEXT_MAX];
+    const cfg_node *node = &plan->config->nodes[s->node];
+    if (s->late_frames == 0)
+        return;
+    text_print_span(late, s->late_most);
+    (void)snprintf(text, sizeof text,
+                   "%s: %" PRIu64 " frame%s waited for room in the queue of %s and came up to %s "
+                   "late (queue: %u)",
+                   s->traffic->file, s->late_frames, s->late_frames == 1 ? "" : "s", node->name,
+                   late, node->queue);
+    plan->report(plan->user, false, text);
+    s->late_frames = 0;
+}
+
 static void end_replay(release_plan *plan, source *s, const char *problem)
 {
     if (s->replay)
         report_note(plan, s);
+    report_wait(plan, s);
     if (problem) {
         plan->report(plan->user, true, problem);
         plan->failed = true;
@@ -211,15 +246,18 @@ static void note_late(const release_plan *plan, source *s)
     plan->report(plan->user, false, text);
 }
 
-/* Reads the next frame of a file. Returns false when the file is finished. A late frame delays all
- * later ones by as much: together they would overflow the node's queue. */
+/* Reads the next frame of a file. Returns false when the file is finished. A frame that is read late
+ * delays all later ones by as much: together they would fill the node's queue. After a wait for
+ * room the later ones catch up. */
 static bool fetch(release_plan *plan, source *s)
 {
     const uint64_t asked = s->tick;
     replay_step step = replay_next(s->replay, &s->frame, &s->tick);
     s->has_frame = step == REPLAY_FRAME;
     s->late = step == REPLAY_LATER;
-    if (s->tick < asked && !s->traffic->fast)
+    s->planned = s->tick;
+    s->behind = s->behind && s->tick < asked;
+    if (s->tick < asked && !s->traffic->fast && !s->behind)
         replay_delay(s->replay, asked - s->tick);
     if (s->tick < asked || s->traffic->fast) /* a fast replay ignores the times of its file */
         s->tick = asked;
@@ -345,7 +383,7 @@ static source *find_old(release_plan *old, const source *s, uint8_t node)
     return NULL;
 }
 
-static void go_on_from(source *s, source *old)
+static void go_on_from(source *s, source *old, uint64_t tick)
 {
     replay_close(s->replay); /* was opened only as a test */
     s->replay = old->replay;
@@ -353,6 +391,13 @@ static void go_on_from(source *s, source *old)
     s->has_frame = old->has_frame;
     s->frame = old->frame;
     s->reported = old->reported;
+    s->behind = old->behind || old->waits;
+    s->planned = old->planned;
+    s->late_frames = old->late_frames;
+    s->late_most = old->late_most;
+    if (s->behind && s->tick < tick)
+        s->tick = tick;
+    old->late_frames = 0;
     old->replay = NULL;
     old->moved = true;
     if (s->replay)
@@ -364,12 +409,13 @@ void release_take_over(release_plan *plan, release_plan *old, const uint8_t from
 {
     plan->count = 0;
     plan->fast = 0;
+    plan->full = 0;
     plan->knows_next = false;
     for (size_t i = 0; i < plan->source_count; i++) {
         source *s = &plan->sources[i];
         source *o = find_old(old, s, from[s->node]);
         if (o) {
-            go_on_from(s, o);
+            go_on_from(s, o, tick);
         } else if (s->replay) {
             replay_move(s->replay, tick);
             s->tick = s->tick < CW_NEVER - tick ? s->tick + tick : CW_NEVER;
@@ -511,13 +557,46 @@ static void go_on(release_plan *plan)
         pop(plan);
 }
 
+/* Returns true when the next frame is one of a file and finds its node's queue full. */
+static bool finds_no_room(const source *s, const cw_bus *bus)
+{
+    return s->has_frame && s->traffic->kind == CFG_TRAFFIC_REPLAY && !s->traffic->fast &&
+           cw_node_room(bus, s->node) == 0;
+}
+
+/* Takes the first source out of the heap until its node's queue has room. */
+static void wait_for_room(release_plan *plan)
+{
+    source *s = plan->heap[0];
+    s->planned = planned(s);
+    s->waits = true;
+    plan->full++;
+    plan->knows_next = false;
+    pop(plan);
+}
+
+static void count_late(source *s)
+{
+    if (!s->behind || s->tick <= s->planned)
+        return;
+    const uint64_t late = s->tick - s->planned;
+    s->late_frames++;
+    s->late_most = late > s->late_most ? late : s->late_most;
+}
+
 cw_status release_hand_in(release_plan *plan, cw_bus *bus)
 {
     unsigned node;
     const cw_frame *frame = release_first(plan, &node);
+    if (frame && finds_no_room(plan->heap[0], bus)) {
+        wait_for_room(plan);
+        return CW_AGAIN;
+    }
     cw_status status = frame ? cw_node_send(bus, node, frame, plan->heap[0]->tick) : CW_OK;
-    if (status == CW_OK)
-        go_on(plan);
+    if (status != CW_OK)
+        return status;
+    count_late(plan->heap[0]);
+    go_on(plan);
     return status;
 }
 
@@ -525,7 +604,7 @@ cw_status release_hand_in(release_plan *plan, cw_bus *bus)
 
 bool release_is_fast(const release_plan *plan)
 {
-    return plan->fast > 0;
+    return plan->fast + plan->full > 0;
 }
 
 static bool node_is_free(const cw_bus *bus, unsigned node)
@@ -561,8 +640,26 @@ uint64_t release_look_at(const release_plan *plan, const cw_bus *bus)
     return next > now ? next : cw_bus_tick_after(bus, 1);
 }
 
+/* Goes on with a replay that waits for room. Its frame, and frames before it that are in the inbox,
+ * may have a tick that has not come. */
+static void look_for_room(release_plan *plan, source *s, const cw_bus *bus)
+{
+    if (cw_node_room(bus, s->node) == 0)
+        return;
+    const uint64_t next = cw_bus_now(bus) + 1; /* the events of this tick have been taken */
+    s->waits = false;
+    s->behind = true;
+    s->tick = next > s->tick ? next : s->tick;
+    plan->full--;
+    push(plan, s);
+}
+
 static void look(release_plan *plan, source *s, const cw_bus *bus)
 {
+    if (!s->traffic->fast) {
+        look_for_room(plan, s, bus);
+        return;
+    }
     if (!s->has_frame)
         s->tick = cw_bus_now(bus);
     bool over = !s->has_frame && !fetch(plan, s);
@@ -578,7 +675,7 @@ static void look(release_plan *plan, source *s, const cw_bus *bus)
 
 void release_look(release_plan *plan, const cw_bus *bus)
 {
-    for (size_t i = 0; plan->fast > 0 && i < plan->source_count; i++)
+    for (size_t i = 0; release_is_fast(plan) && i < plan->source_count; i++)
         if (plan->sources[i].waits)
             look(plan, &plan->sources[i], bus);
 }

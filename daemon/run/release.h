@@ -3,8 +3,9 @@
  * release.h - releases the frames of nodes without port at their times.
  *
  * canwired and `canwire sim` share these releases. Release k of a `send` is at offset + k * every,
- * k < count, delayed by up to `jitter`. The frames of a `replay` come from a file at their times
- * or, with `speed: max`, whenever the node has nothing else to send. Replies are rules of the bus.
+ * k < count, delayed by up to `jitter`. The frames of a `replay` come from a file at their times,
+ * or as soon after them as the node's queue has room; with `speed: max` whenever the node has
+ * nothing else to send. Replies are rules of the bus.
  */
 #ifndef CANWIRE_RUN_RELEASE_H
 #define CANWIRE_RUN_RELEASE_H
@@ -58,10 +59,10 @@ bool release_is_alone(const release_plan *plan, uint64_t before);
 bool release_is_as_written(const release_plan *plan);
 
 /* Hands the next release to its node. Returns the status of cw_node_send(); on CW_FULL nothing has
- * changed. A release must exist. */
+ * changed. CW_AGAIN: a frame of a file waits for room in its node's queue. A release must exist. */
 cw_status release_hand_in(release_plan *plan, cw_bus *bus);
 
-/* Returns true when a file is replayed as fast as possible. The caller then calls release_look()
+/* Returns true when a file is replayed as fast as possible, or waits for room. The caller then calls release_look()
  * before the first bit, and after each bit that may leave the node without a frame. */
 bool release_is_fast(const release_plan *plan);
 
@@ -69,7 +70,8 @@ bool release_is_fast(const release_plan *plan);
  * bus. */
 uint64_t release_look_at(const release_plan *plan, const cw_bus *bus);
 
-/* Plans the next frames of such files for the coming bit, if their nodes have nothing to send. */
+/* Plans the next frames of such files for the coming bit, if their nodes have nothing to send, or
+ * have room. */
 void release_look(release_plan *plan, const cw_bus *bus);
 
 /* Returns true when a file could not be read to its end. */

@@ -350,10 +350,10 @@ static void hand_in_due(sim_run *s, uint64_t tick)
     while (!is_over(s) && release_next_tick(s->plan) == tick) {
         unsigned node;
         bool frame = release_first(s->plan, &node) != NULL;
-        if (release_hand_in(s->plan, s->bus) == CW_FULL) /* to the end of the bit in which it
-                                                            leaves */
+        const cw_status status = release_hand_in(s->plan, s->bus);
+        if (status == CW_FULL) /* to the end of the bit in which it leaves */
             advance(s, cw_bus_inbox_first(s->bus) + cw_rate_ticks(s->config->rate, 1) - 1);
-        else if (frame)
+        else if (frame && status == CW_OK)
             s->last_activity = tick;
     }
 }

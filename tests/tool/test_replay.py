@@ -325,6 +325,54 @@ def test_max_speed_is_not_carried_away_by_dropped_frames(write, tmp_path):
     assert times == sorted(times)
 
 
+# ---- More than the queue holds -------------------------------------------------------------------
+
+FULL = """
+bus: { bitrate: 500000 }
+nodes:
+  - { name: a, order: fifo, traffic: [ ENTRIES ] }
+  - { name: b, traffic: [ { send: 7FF#, every: 3ms, count: 50 } ] }
+"""
+
+
+def crowd(count, at_once):
+    """Returns a log in which so many frames have one time."""
+    return "".join(f"({1 + i // at_once}.0) can0 {0x7F0 - i % 0x7F0:03X}#{i:04X}\n"
+                   for i in range(count))
+
+
+@pytest.mark.parametrize("count, at_once, late", [(17, 17, 1), (16, 16, 0), (3000, 1000, 2952)])
+@pytest.mark.parametrize("bus_keys", ["", "dbitrate: 2000000, "])
+def test_frames_of_one_time_wait_for_room_in_the_queue(bus_keys, count, at_once, late, write,
+                                                       tmp_path):
+    (tmp_path / "r.log").write_text(crowd(count, at_once))
+    path = write(FULL.replace("ENTRIES", "{ replay: r.log }").replace("bus: {", "bus: { " + bus_keys))
+    result = sim(path, "--log", "-")
+    got = [line.split()[2] for line in result.stdout.splitlines() if " a " in line]
+    assert got == [line.split()[2] for line in crowd(count, at_once).splitlines()]
+    told = re.findall(r"r.log: (\d+) frames? waited for room in the queue of a and came up to "
+                      r"[\d.]+[mu]s late \(queue: 16\)\n", result.stderr)
+    assert told == ([str(late)] if late else [])
+    assert result.stderr.count("\n") == bool(late)
+    step = sim(path, "--log", "-", "--step")
+    assert (step.stdout, step.stderr) == (result.stdout, result.stderr)
+
+
+def test_two_recordings_and_other_traffic_share_a_full_queue(write, tmp_path):
+    (tmp_path / "r.log").write_text(crowd(300, 100))
+    (tmp_path / "s.log").write_text(crowd(40, 20))
+    path = write(FULL.replace("ENTRIES", "{ replay: r.log }, { replay: s.log, offset: 1us, count: 2 }, "
+                                         "{ send: 001#, every: 2ms, count: 900 }"))
+    result = sim(path, "--events", "-")
+    found = [json.loads(line) for line in result.stdout.splitlines()]
+    sent = [e["frame"] for e in found if e["event"] == "tx" and e["node"] == "a"]
+    assert [f for f in sent if f != "001#"].count("7F0#0000") == 3
+    assert len([f for f in sent if f != "001#"]) == 300 + 2 * 40
+    assert {e["frame"] for e in found if e["event"] == "drop"} == {"001#"}
+    assert result.stderr.count("waited for room") == 2
+    assert sim(path, "--events", "-", "--step").stdout == result.stdout
+
+
 # ---- Replies -------------------------------------------------------------------------------------
 
 REPLY = """

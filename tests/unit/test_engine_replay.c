@@ -17,6 +17,7 @@
 #define SENT_ID 0x7FFu /* of the lowest priority */
 #define EVERY_MS 10u
 #define US (CW_CLOCK_HZ / 1000000u) /* in ticks */
+#define CROWD 100u /* frames that take 13 ms */
 #define GAP_US 1000u                /* between passes, by default */
 #define OTHERS_MAX 4u
 #define SEEDS 12u
@@ -31,6 +32,7 @@ static void hurry(void)
 
 typedef struct rig {
     uint64_t random;
+    bool crowded; /* the recording has more frames of one time than the player's queue holds */
     engine_rig base;
     char config[PATH_BYTES];
     char recording[PATH_BYTES];
@@ -45,9 +47,11 @@ static unsigned draw(rig *r, unsigned below)
 }
 
 /* Returns the time of a frame in the recording. */
-static uint64_t time_us(unsigned i)
+static uint64_t time_us(const rig *r, unsigned i)
 {
     uint64_t us = 0;
+    if (r->crowded)
+        return i / CROWD * UINT64_C(20000);
     for (unsigned k = 0; k < i; k++)
         us += 300 + 7 * k % 900;
     return us;
@@ -59,7 +63,7 @@ static void write_recording(const rig *r)
     FILE *out = fopen(r->recording, "w");
     assert_non_null(out);
     for (unsigned i = 0; i < FRAMES; i++)
-        fprintf(out, "(17.%06" PRIu64 ") can0 %03X#%04X\n", time_us(i), FIRST_ID - i, i);
+        fprintf(out, "(17.%06" PRIu64 ") can0 %03X#%04X\n", time_us(r, i), FIRST_ID - i, i);
     assert_int_equal(fclose(out), 0);
 }
 
@@ -73,9 +77,10 @@ static void write_config(rig *r)
             draw(r, 2) ? "1min" : "20ms");
     for (unsigned i = 0; i <= others; i++)
         fprintf(out, "  - { name: n%u }\n", i);
-    fprintf(out, "  - name: player\n    traffic:\n      - { replay: %s, count: %u }\n",
-            r->recording, PASSES);
-    fprintf(out, "      - { send: %03X#, every: %ums }\n", SENT_ID, EVERY_MS);
+    fprintf(out, "  - name: player\n    order: %s\n", r->crowded ? "fifo" : "priority");
+    fprintf(out, "    traffic:\n      - { replay: %s, count: %u }\n", r->recording, PASSES);
+    if (!r->crowded)
+        fprintf(out, "      - { send: %03X#, every: %ums }\n", SENT_ID, EVERY_MS);
     assert_int_equal(fclose(out), 0);
 }
 
@@ -91,15 +96,18 @@ static void check_frame(void *user, const cw_event *event)
         return;
     }
     const unsigned i = r->replayed % FRAMES;
-    const uint64_t pass_us = r->replayed / FRAMES * (time_us(FRAMES - 1) + GAP_US);
+    const uint64_t pass_us = r->replayed / FRAMES * (time_us(r, FRAMES - 1) + GAP_US);
     assert_int_equal(event->frame.id, FIRST_ID - i);
-    assert_int_equal(event->handed_in, (pass_us + time_us(i)) * US);
+    if (r->crowded)
+        assert_true(event->handed_in >= (pass_us + time_us(r, i)) * US);
+    else
+        assert_int_equal(event->handed_in, (pass_us + time_us(r, i)) * US);
     r->replayed++;
 }
 
-static void start_rig(rig *r, unsigned seed)
+static void start_rig(rig *r, unsigned seed, bool crowded)
 {
-    *r = (rig){.random = seed};
+    *r = (rig){.random = seed, .crowded = crowded};
     make_file(r->config, "config");
     make_file(r->recording, "recording");
     write_recording(r);
@@ -135,13 +143,12 @@ static void let_time_pass(rig *r)
 }
 
 /* Each frame comes once and in its place, whatever the wake-ups, skips and reloads. */
-static void traffic_comes_once_in_order_at_its_times(void **state)
+static void check_traffic(bool crowded)
 {
-    (void)state;
     unsigned changes = 0;
     for (unsigned seed = 1; seed <= SEEDS; seed++) {
         rig r;
-        start_rig(&r, seed);
+        start_rig(&r, seed, crowded);
         while (r.replayed < PASSES * FRAMES)
             let_time_pass(&r);
         clock_now_ns += NS_PER_S;
@@ -153,10 +160,23 @@ static void traffic_comes_once_in_order_at_its_times(void **state)
     assert_true(changes > SEEDS);
 }
 
+static void traffic_comes_once_in_order_at_its_times(void **state)
+{
+    (void)state;
+    check_traffic(false);
+}
+
+static void frames_that_the_queue_cannot_hold_wait(void **state)
+{
+    (void)state;
+    check_traffic(true);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(traffic_comes_once_in_order_at_its_times),
+        cmocka_unit_test(frames_that_the_queue_cannot_hold_wait),
     };
     return cmocka_run_group_tests_name("recordings over wake-ups and reloads", tests, NULL, NULL);
 }
