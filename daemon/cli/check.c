@@ -5,6 +5,7 @@
 #include "cli/cli.h"
 
 #include "base/plain.h"
+#include "cli/check_doubts.h"
 #include "config/files.h"
 #include "config/portname.h"
 #include "config/rig.h"
@@ -19,7 +20,8 @@ static const char usage[] =
     "usage: canwire check [--ports] FILE | --journal FILE\n"
     "\n"
     "Validates a configuration, a rig or a fault profile, and reads the recordings that it\n"
-    "replays to their end. Errors go to stderr, one a line, as FILE:LINE:COLUMN: message.\n"
+    "replays to their end. Errors go to stderr, one a line, as FILE:LINE:COLUMN: message, and\n"
+    "so do warnings: what is valid and still will not do what it says.\n"
     "Exit status: 0 good, 1 bad, 2 wrong usage.\n"
     "\n"
     "  --ports     only print the interfaces that the nodes use, one a line\n"
@@ -124,7 +126,7 @@ static void print_profile(const char *file, size_t rules)
 }
 
 /* Checks the files of a bus, and reports. */
-static bool check_bus(const cfg *config, bool ports)
+static bool check_bus(const cfg *config, const rig *all, size_t bus, bool ports)
 {
     bool good = cfg_check_files(config, NULL, "canwire check", stderr);
     if (!ports)
@@ -133,8 +135,10 @@ static bool check_bus(const cfg *config, bool ports)
         print_ports(config);
     else if (good)
         good = check_replays(config);
-    if (!ports && good)
+    if (!ports && good) {
+        check_doubts(config, all, bus, stderr);
         print_summary(config);
+    }
     return good;
 }
 
@@ -146,7 +150,7 @@ static int check_rig(const char *file, bool ports)
     if (!found)
         return CLI_BAD_INPUT;
     for (size_t i = 0; i < found->bus_count; i++)
-        good = check_bus(found->buses[i], ports) && good;
+        good = check_bus(found->buses[i], found, i, ports) && good;
     for (size_t i = 0; i < found->gateway_count; i++)
         rules += found->gateways[i].rule_count;
     if (good && !ports)
@@ -166,7 +170,7 @@ static int check_file(const char *file, bool ports)
     if (!cfg_check(&config, &rules, file, stderr))
         return CLI_BAD_INPUT;
     if (config)
-        good = check_bus(config, ports);
+        good = check_bus(config, NULL, 0, ports);
     else if (!ports)
         print_profile(file, rules);
     cfg_free(config);

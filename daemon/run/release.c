@@ -557,6 +557,18 @@ static void go_on(release_plan *plan)
         pop(plan);
 }
 
+cfg_place release_place(const release_plan *plan)
+{
+    assert(plan->count > 0);
+    return plan->heap[0]->traffic->place;
+}
+
+void release_pass(release_plan *plan)
+{
+    assert(plan->count > 0);
+    go_on(plan);
+}
+
 /* Returns true when the next frame is one of a file and finds its node's queue full. */
 static bool finds_no_room(const source *s, const cw_bus *bus)
 {

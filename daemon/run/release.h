@@ -12,6 +12,8 @@
 
 #include "config/config.h"
 
+#define RELEASE_QUIET_S 10u /* a run to the end of the traffic ends after so long without any */
+
 typedef struct release_plan release_plan;
 
 /* Reports a message of one line about a file. failed: its replay has ended. */
@@ -49,6 +51,12 @@ uint64_t release_sure_tick(const release_plan *plan);
  * file was only searched. A release must exist; the frame is valid until the next
  * release_hand_in(). */
 const cw_frame *release_first(const release_plan *plan, unsigned *node);
+
+/* Returns the place of the next release in the configuration. A release must exist. */
+cfg_place release_place(const release_plan *plan);
+
+/* Leaves the next release out. A release must exist. */
+void release_pass(release_plan *plan);
 
 /* Returns true when no other release comes before a tick, other than those of the same `send`. A
  * release must exist. */

@@ -9,7 +9,6 @@
 
 #define SLICE_TICKS (CW_CLOCK_HZ / 100u)
 #define COMMON_BIT_MAX (CW_CLOCK_HZ / 100u) /* ticks; bits of odd rates hardly ever meet */
-#define QUIET_LIMIT_S 10u /* of bus time without a tx or a release, as for one bus */
 
 static uint64_t until_of(const sim_group *g)
 {
@@ -132,7 +131,7 @@ static uint64_t quiet_end(const sim_group *g)
     for (size_t i = 0; i < g->count; i++)
         if (sim_last_activity(g->runs[i]) > last)
             last = sim_last_activity(g->runs[i]);
-    return cw_after(last, (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ);
+    return cw_after(last, (uint64_t)RELEASE_QUIET_S * CW_CLOCK_HZ);
 }
 
 static bool traffic_is_over(const sim_group *g)
@@ -337,7 +336,7 @@ static void tell_quiet(const sim_group *g)
 {
     if (g->messages)
         plain_print(g->messages, "canwire sim: ended after %u s of bus time without a frame "
-                    "(--until TIME waits longer)\n", QUIET_LIMIT_S);
+                    "(--until TIME waits longer)\n", RELEASE_QUIET_S);
 }
 
 /* Goes on to a tick and returns it. CW_NEVER: nothing is to be expected. */

@@ -13,7 +13,6 @@
 
 #define INBOX_FRAMES 1024
 #define EVENT_RING 4096
-#define QUIET_LIMIT_S 10u     /* of bus time without a tx or a release */
 #define SLICE_WORK 20000u /* of the bus between two looks at its events: some ms */
 #define CALM_BITS 3 /* shown after an event: its last effect is visible by then */
 #define END_RECESSIVE_BITS 11 /* after the last frame */
@@ -340,7 +339,7 @@ static uint64_t quiet_end(sim_run *s)
 {
     if (s->until != CW_NEVER)
         return CW_NEVER;
-    return cw_after(sim_last_activity(s), (uint64_t)QUIET_LIMIT_S * CW_CLOCK_HZ);
+    return cw_after(sim_last_activity(s), (uint64_t)RELEASE_QUIET_S * CW_CLOCK_HZ);
 }
 
 /* Hands in all releases of one tick, which the bus has not reached yet, so that their events keep
@@ -519,20 +518,41 @@ bool sim_finish(sim_run *s)
     return goes_on;
 }
 
+/* Tells why a run has ended before its traffic. */
+static void tell_end(const sim_run *s, bool released)
+{
+    unsigned node;
+    char tick[TIME_TEXT_MAX];
+    if (released) {
+        plain_print(s->messages,
+                    "canwire sim: ended after %u s of bus time without a frame, while frames wait "
+                    "(--until TIME waits longer)\n",
+                    RELEASE_QUIET_S);
+        return;
+    }
+    plain_print(s->messages,
+                "canwire sim: ended before the last release, after %u s of bus time without a "
+                "frame", RELEASE_QUIET_S);
+    if (release_next_tick(s->plan) != CW_NEVER) {
+        (void)release_first(s->plan, &node);
+        text_print_span(tick, release_next_tick(s->plan));
+        plain_print(s->messages, "; the next one, of %s, comes at %s",
+                    s->config->nodes[node].name, tick);
+    }
+    plain_print(s->messages, " (--until TIME waits longer)\n");
+}
+
 bool sim_go(sim_run *s)
 {
     sim_begin(s);
-    bool goes_on = run_releases(s);
+    const bool released = run_releases(s);
     if (s->until != CW_NEVER)
         run_until(s);
-    else if (goes_on)
+    else if (released)
         run_out(s);
     sim_end(s);
-    if (!goes_on && s->messages)
-        plain_print(s->messages,
-                    "canwire sim: ended before the last release, after %u s of bus time without a "
-                    "frame (--until TIME waits longer)\n",
-                    QUIET_LIMIT_S);
+    if (s->messages && s->until == CW_NEVER && !is_over(s) && !(released && traffic_is_over(s)))
+        tell_end(s, released);
     return !release_failed(s->plan);
 }
 

@@ -17,6 +17,7 @@
 #include "config/files.h"
 #include "record/output.h"
 #include "record/pcapng.h"
+#include "sim/losses.h"
 #include "sim/sim_run.h"
 #include "sim/sim_until.h"
 
@@ -66,6 +67,7 @@ typedef struct sim {
     sim_until awaited;
     sim_judge judge;
     sim_progress progress;
+    losses losses; /* without a journal, which tells what has happened elsewhere */
 } sim;
 
 static const char usage[] =
@@ -146,6 +148,18 @@ static void write_event(void *user, const cw_event *event)
         output_log(s->out[OUT_LOG].stream, s->run.config, event);
     if (s->out[OUT_PCAPNG].stream)
         pcapng_event(s->out[OUT_PCAPNG].stream, s->run.config, event, text_ticks_ns(event->tick));
+}
+
+static void note_loss(void *user, const cw_event *event)
+{
+    losses_event(user, event);
+}
+
+static void watch_losses(sim *s)
+{
+    const sim_sink sink = {.user = &s->losses, .event = note_loss, .kinds = LOSSES_KINDS};
+    s->losses.config = s->config;
+    sim_add_sink(&s->run, &sink);
 }
 
 static bool make_bus(sim *s, const sim_options *o)
@@ -285,6 +299,8 @@ static bool set_up(sim *s, const sim_options *o)
     if (!(o->journal ? open_journal(s, o) : make_bus(s, o)))
         return false;
     add_writer(s, o);
+    if (s->config)
+        watch_losses(s);
     return set_event(s, o) && set_until(s, &o->until) && set_window(s, o) && open_outputs(s, o) &&
            sim_judge_start(&s->judge, &s->run, o->journal) &&
            sim_trace_start(&s->trace, &s->run, known_end(s, o), "canwire sim");
@@ -305,6 +321,8 @@ static bool finish(sim *s, const sim_options *o)
     if (!wants_output(o))
         summary_print(stdout, s->run.config, s->run.bus);
     bool good = sim_judge_finish(&s->judge, &s->run);
+    if (s->config)
+        losses_print(&s->losses, s->run.bus, "", stderr);
     good = sim_trace_finish(&s->trace, "canwire sim") && good;
     return close_outputs(s) && good;
 }

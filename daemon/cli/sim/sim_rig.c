@@ -21,6 +21,8 @@
 #include "record/output.h"
 #include "record/pcapng.h"
 #include "run/journal_play.h"
+#include "config/doubts.h"
+#include "sim/losses.h"
 #include "sim/sim_group.h"
 #include "sim/sim_until.h"
 
@@ -45,6 +47,7 @@ typedef struct rig_bus {
     sim_run run;
     sim_judge judge;
     sim_until awaited; /* of a run that looks ahead */
+    losses losses;     /* without a journal */
     uint32_t kinds;    /* of events that are kept */
     kept *list; /* events that some bus has not reached yet, in their order */
     size_t first;
@@ -181,6 +184,7 @@ static void keep_event(void *user, const cw_event *event)
     rig_bus *b = user;
     sim_rig *s = b->all;
     sim_group_note(&s->group, b->index, event);
+    losses_event(&b->losses, event);
     if (!s->keeps || !(b->kinds >> event->kind & 1u))
         return;
     if (!keep(b, event)) {
@@ -418,9 +422,11 @@ static bool open_bus(sim_rig *s, size_t i)
     b->judge.junit = &s->no_junit;
     b->judge.to_stderr = has_output(s->options);
     choose_events(b, s->options);
-    keeper.kinds = b->kinds;
+    keeper.kinds = b->kinds | LOSSES_KINDS;
+    b->losses.config = s->player ? NULL : s->config->buses[i];
+    b->losses.fed = doubts_fed(s->config, i);
     if (sim_group_wants(&s->group, i))
-        keeper.kinds |= 1u << CW_EVENT_RX | 1u << CW_EVENT_DROP;
+        keeper.kinds |= 1u << CW_EVENT_RX;
     sim_add_sink(&b->run, &keeper);
     const bool ends = s->player || check_end(s, b->run.config);
     if (!s->looks_ahead)
@@ -514,6 +520,15 @@ static void print_gateways(const sim_rig *s)
     json_decref(all);
 }
 
+/* Tells what a bus has lost. */
+static void tell_losses(const rig_bus *b)
+{
+    char before[CFG_NODE_NAME_MAX + 2];
+    (void)snprintf(before, sizeof before, "%s:", b->run.config->bus_name);
+    if (b->losses.config)
+        losses_print(&b->losses, b->run.bus, before, stderr);
+}
+
 /* Reports; *met tells about the expectations. */
 static bool finish(sim_rig *s, bool *met)
 {
@@ -528,6 +543,7 @@ static bool finish(sim_rig *s, bool *met)
             summary_print(stdout, b->run.config, b->run.bus);
         good = sim_judge_finish(&b->judge, &b->run) && good;
         *met = *met && b->judge.report.failed == 0;
+        tell_losses(b);
     }
     if (s->junit.stream)
         write_junit(s);
