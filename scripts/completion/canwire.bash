@@ -214,10 +214,11 @@ _canwired() {
 _canwire_restbus() {
     local current=${COMP_WORDS[COMP_CWORD]}
     case ${COMP_WORDS[COMP_CWORD - 1]} in
-    --without | --only | --name | --bitrate | --dbitrate) return ;;
+    --without | --only | --cycle | --sender | --name | --bitrate | --dbitrate) return ;;
     esac
     if [[ $current == -* ]]; then
-        _canwire_words "--without --only --name --bitrate --dbitrate --help"
+        _canwire_words "--without --only --cycle --sender --spread --no-strict --name --bitrate \
+            --dbitrate --help"
         return
     fi
     _canwire_files

@@ -118,8 +118,135 @@ def test_nodes_can_be_left_out(tmp_path):
 def test_what_is_not_sent_is_told(tmp_path):
     del tmp_path
     result = restbus(CAR)
-    assert "Diagnosis (700) has no sender and is left out" in result.stderr
+    assert result.stderr.splitlines() == [
+        f"canwire-restbus: {CAR}: Diagnosis (700) has no sender and is left out; --sender NODE "
+        "sends such messages",
+        f"canwire-restbus: {CAR}: DashButton (400) has no cycle time and is not sent; --cycle TIME "
+        "gives one to all, --cycle MESSAGE=TIME to one"]
     assert "# { send: 400#00 } # DashButton: no cycle time" in result.stdout
+
+
+# ---- What the database does not say --------------------------------------------------------------
+
+
+def without_times(tmp_path):
+    """Writes the database of the car without cycle times."""
+    text = re.sub(r'^BA_ "GenMsgCycleTime".*\n', "", CAR.read_text(), flags=re.MULTILINE)
+    (tmp_path / "silent.dbc").write_text(text)
+    return tmp_path / "silent.dbc"
+
+
+def test_a_silent_bus_is_told(tmp_path):
+    file = without_times(tmp_path)
+    told = restbus(file).stderr
+    assert f"{file}: 5 of 5 messages have no cycle time and are not sent: EngineData (0C9), " \
+        "GearboxData (100), GearboxInfo (300), DashData (18FEF1FE), DashButton (400); " in told
+    assert f"{file}: no message is sent periodically: this bus is silent" in told
+
+
+def test_a_cycle_time_is_for_all_that_have_none_or_for_one(tmp_path):
+    configuration, _ = made(tmp_path, CAR, "--cycle", "250us", "--cycle", "EngineData=1.5s")
+    assert sends(configuration, "DASH") == {"18FEF1FE#0200": {"every": "100ms"},
+                                            "400#00": {"every": "0.25ms"}}
+    assert sends(configuration, "ENGINE") == {"0C9#0000800C3C000000": {"every": "1500ms"}}
+    file = without_times(tmp_path)
+    configuration, _ = made(tmp_path, file, "--cycle", "100ms")
+    assert {rest["every"] for node in configuration["nodes"]
+            for rest in sends(configuration, node["name"]).values()} == {"100ms", "200ms"}
+    assert "cycle time" not in restbus(file, "--cycle", "100ms").stderr
+    told = restbus(file, "--cycle", "EngineData=10ms").stderr
+    assert "4 of 5 messages have no cycle time and are not sent: GearboxData (100), " in told
+
+
+@pytest.mark.parametrize("value", ["0ms", "100", "10bit", "=10ms", "EngineData=", "-1ms"])
+def test_a_wrong_cycle_time_is_refused(value):
+    assert f"'{value}': expected a time such as 100ms" in \
+        restbus(CAR, f"--cycle={value}", status=2).stderr
+
+
+def test_messages_without_a_sender_are_sent_by_the_node_that_is_named(tmp_path):
+    arguments = (CAR, "--sender", "DASH", "--cycle", "100ms", "--only", "DASH")
+    configuration, _ = made(tmp_path, *arguments)
+    assert set(sends(configuration, "DASH")) == {"18FEF1FE#0200", "400#00", "700#" + "00" * 8}
+    assert restbus(*arguments).stderr == (
+        f"canwire-restbus: {CAR}: only one node sends, and nobody acknowledges its frames; add "
+        "another node, such as the ECU with its port\n")
+    configuration, _ = made(tmp_path, CAR, "--sender", "rest of it", "--cycle", "100ms")
+    assert set(sends(configuration, "rest_of_it")) == {"700#" + "00" * 8}
+
+
+def with_attributes(tmp_path, *lines):
+    """Writes the database of the car with further attributes of messages."""
+    kinds = '"Cyclic","Event","cyclicIfActive","NoMsgSendType","CyclicAndSpontaneous"'
+    (tmp_path / "more.dbc").write_text("\n".join([
+        CAR.read_text(), f'BA_DEF_ BO_ "GenMsgSendType" ENUM {kinds};',
+        'BA_DEF_ BO_ "GenMsgStartDelayTime" INT 0 65535;',
+        'BA_DEF_DEF_ "GenMsgSendType" "NoMsgSendType";',
+        'BA_DEF_DEF_ "GenMsgStartDelayTime" 0;', *lines, ""]))
+    return tmp_path / "more.dbc"
+
+
+def test_messages_that_are_sent_at_events_are_told(tmp_path):
+    file = with_attributes(tmp_path, 'BA_ "GenMsgSendType" BO_ 201 1;',
+                           'BA_ "GenMsgSendType" BO_ 256 2;', 'BA_ "GenMsgSendType" BO_ 768 4;')
+    result = restbus(file)
+    assert f"{file}: 2 of 5 messages are not sent: their send type is Event, cyclicIfActive: " \
+        "EngineData (0C9), GearboxData (100); --cycle TIME sends all, " in result.stderr
+    assert f"{file}: DashButton (400) has no cycle time and is not sent; " in result.stderr
+    assert "# { send: 0C9#0000800C3C000000 } # EngineData: Event" in result.stdout
+    assert "- { send: 300##1" in result.stdout
+    configuration, _ = made(tmp_path, file, "--cycle", "EngineData=1s", "--only", "ENGINE")
+    assert sends(configuration, "ENGINE") == {"0C9#0000800C3C000000": {"every": "1000ms"}}
+
+
+def test_start_delays_are_offsets_and_others_are_spread(tmp_path):
+    file = with_attributes(tmp_path, 'BA_ "GenMsgStartDelayTime" BO_ 201 7;',
+                           'BA_ "GenMsgStartDelayTime" BO_ 256 33;')
+    configuration, _ = made(tmp_path, file)
+    assert sends(configuration, "ENGINE") == {
+        "0C9#0000800C3C000000": {"every": "10ms", "offset": "7ms"}}
+    expected = {"100#00000000": {"every": "40ms", "offset": "33ms"},
+                "100#00010000": {"every": "40ms", "offset": "53ms"},
+                "300##1" + "00" * 16: {"every": "1000ms"}}
+    assert sends(configuration, "GEARBOX") == expected
+    configuration, _ = made(tmp_path, file, "--spread")
+    expected["300##1" + "00" * 16]["offset"] = "500ms"  # the third of four
+    assert sends(configuration, "GEARBOX") == expected
+    assert sends(configuration, "DASH") == {"18FEF1FE#0200": {"every": "100ms", "offset": "75ms"}}
+
+
+def test_a_node_has_a_queue_for_all_its_messages(tmp_path):
+    more = "".join(f"BO_ {n} M{n}: 1 DASH\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" ENGINE\n\n"
+                   for n in range(1500, 1520))
+    (tmp_path / "many.dbc").write_text(CAR.read_text().replace("BA_DEF_", more + "BA_DEF_", 1))
+    configuration, path = made(tmp_path, tmp_path / "many.dbc", "--cycle", "100ms")
+    assert [node.get("queue") for node in configuration["nodes"]] == [None, None, 22]
+    sent = sim(path, "--until", "1s", "--log", "-").stdout.splitlines()
+    counts = [sum(f" {n:03X}#" in line for line in sent) for n in range(1500, 1520)]
+    assert set(counts) == {10}
+
+
+def test_nodes_that_send_one_identifier_are_told(tmp_path):
+    text = CAR.read_text().replace("BO_ 1024 DashButton: 1 DASH", "BO_ 201 DashButton: 1 DASH")
+    (tmp_path / "same.dbc").write_text(text.replace(" SG_ 1024 ", " SG_ 201 "))
+    assert "several nodes send 0C9, and destroy each other's frames: EngineData, DashButton\n" in \
+        restbus(tmp_path / "same.dbc", "--cycle", "10ms").stderr
+
+
+def test_checks_of_cantools_can_be_skipped(tmp_path):
+    (tmp_path / "long.dbc").write_text(CAR.read_text().replace("32|8@1+", "60|8@1+"))
+    told = restbus(tmp_path / "long.dbc", status=1).stderr
+    assert "The signal temperature does not fit in message EngineData" in told
+    assert told.endswith("--no-strict skips this check\n")
+    result = restbus(tmp_path / "long.dbc", "--no-strict")
+    assert "GEARBOX" in result.stdout and "# { send: 400#00 } # DashButton" in result.stdout
+    (tmp_path / "bus.yaml").write_text("bus: { bitrate: 500000 }\nnodes:\n  - name: a\n    "
+                                       "traffic: [ { dbc: long.dbc, message: DashButton } ]\n")
+    told = restbus("bus.yaml", status=1, cwd=tmp_path).stderr
+    assert told.startswith("bus.yaml:4:23: dbc: ") and "--no-strict" in told
+    result = restbus("bus.yaml", "--no-strict", cwd=tmp_path)
+    assert "- { send: 400#00 }" in result.stdout or "[ { send: 400#00 } ]" in result.stdout
+    assert "bus.yaml:4: DashButton has no cycle time and is sent once" in result.stderr
 
 
 def test_messages_of_several_frames_are_left_out(tmp_path):
@@ -410,6 +537,8 @@ def test_what_is_no_database_is_refused(tmp_path, content):
     ((CAR, "--without", "ENGIN"), "there is no node 'ENGIN' (did you mean 'ENGINE'?); nodes: DASH, "
                                   "ENGINE, GEARBOX"),
     ((CAR, "--only", "ENGINE", "--without", "ENGINE"), "no node is left that sends"),
+    ((CAR, "--cycle", "EngineDat=1s"), "--cycle: no message 'EngineDat' is sent (did you mean "
+                                       "'EngineData'?)"),
 ])
 def test_bad_databases_and_names(arguments, message):
     assert message in restbus(*arguments, status=1).stderr

@@ -7,6 +7,7 @@ import difflib
 import fractions
 import itertools
 import json
+import logging
 import math
 import os
 import pathlib
@@ -16,7 +17,10 @@ import xml.etree.ElementTree
 
 BITRATE, DBITRATE = 500000, 2000000
 NAME_MAX = 32  # characters of a node
-TRAFFIC_MAX = 4096  # entries of one node
+TRAFFIC_MAX = 4096  # entries of one node, and frames of its queue
+QUEUE = 16  # of a node without the key
+SHOWN = 5  # names in a line about several messages
+UNITS = {"us": fractions.Fraction(1, 1000), "ms": 1, "s": 1000}
 FLOAT_MAX = {16: 65504, 32: (2 ** 24 - 1) << 104, 64: (2 ** 53 - 1) << 971}
 NEAR = 1e-14  # of a number: tools write 15 digits of numbers of 64 bits
 FD_LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)
@@ -52,20 +56,39 @@ def warn(text):
 # ---- Databases -----------------------------------------------------------------------------------
 
 
-def load(path):
-    """Returns a database of any format of cantools: DBC, ARXML, KCD, SYM, CDD."""
+def read(path, strict):
+    """Returns what cantools reads, or raises Problem."""
     cantools, _ = packages()
     try:
-        database = cantools.database.load_file(path, strict=False)
+        return cantools.database.load_file(path, strict=strict)
     except OSError as problem:
         raise Problem(f"{path}: {problem.strerror}") from None
     except Exception as problem:  # each format has errors of its own
         text = " ".join(str(problem).split()) or type(problem).__name__
         raise Problem(f"{path}: {text}") from None
+
+
+def load(path, strict=True):
+    """Returns a database of any format of cantools: DBC, ARXML, KCD, SYM, CDD."""
+    try:
+        database = read(path, strict)
+    except Problem as problem:
+        if not strict or not readable(path):
+            raise
+        raise Problem(f"{problem}; --no-strict skips this check") from None
     if not hasattr(database, "messages"):
         raise Problem(f"{path}: this is no database of messages")
     add_protection_places(database, path)
     return database
+
+
+def readable(path):
+    """Returns true when cantools reads a database without its checks."""
+    try:
+        read(path, False)
+    except Problem:
+        return False
+    return True
 
 
 def attribute(message, name, default=None):
@@ -73,9 +96,28 @@ def attribute(message, name, default=None):
     return found.value if found is not None else default
 
 
+def default_of(message, name):
+    """Returns the default of an attribute in its database, or None."""
+    known = message.dbc.attribute_definitions.get(name) if message.dbc else None
+    return known.default_value if known else None
+
+
 def sender_of(message):
     """Returns the node that sends the message, or None."""
     return next((s for s in message.senders if s and s != "Vector__XXX"), None)
+
+
+def tell(path, messages, total, one, several, hint):
+    """Warns about messages: all of them on one line."""
+    if not messages:
+        return
+    names = [f"{plain(m.name)} ({identifier(m)})" for m in messages]
+    if len(names) == 1:
+        warn(f"{path}: {names[0]} {one}{hint}")
+        return
+    shown = ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more"
+                                        if len(names) > SHOWN else "")
+    warn(f"{path}: {len(names)} of {total} messages {several}: {shown}{hint}")
 
 
 def plain(text):
@@ -357,23 +399,126 @@ def protection(message):
 # ---- The rest of a bus ---------------------------------------------------------------------------
 
 
-def entries(message):
-    """Yields the lines of `traffic` for a message, and comments for what is not sent."""
-    cycle = message.cycle_time
-    name = plain(message.name)
-    if message.length > (64 if message.is_fd else 8) or getattr(message, "is_container", False):
-        warn(f"{name} ({identifier(message)}) is no single frame and is left out")
-        yield f"# {name}: no single frame"
-        return
-    frames = [frame_text(message, data) for data in contents(message)]
-    if not cycle or cycle < 0:
-        yield f"# {{ send: {frames[0]} }} # {name}: no cycle time"
-        return
-    protected = protection(message)
-    for i, frame in enumerate(frames):
-        every = f"every: {cycle * len(frames):.12g}ms"
-        offset = f", offset: {cycle * i:.12g}ms" if i else ""
-        yield f"- {{ send: {frame}, {every}{offset}{protected} }} # {name}"
+# Words of `GenMsgSendType`. Others, such as NoMsgSendType, leave it to the cycle time.
+AT_EVENTS = re.compile("event|spontan|onchange|onwrite|trigger|demand|request", re.IGNORECASE)
+CYCLIC = re.compile("cyclic|periodic", re.IGNORECASE)
+IF_ACTIVE = re.compile("if_?active", re.IGNORECASE)
+
+
+def waits_for(message):
+    """Returns the send type of a message that is not sent just because time goes by, or None."""
+    kind = str(message.send_type or "")
+    at_events = AT_EVENTS.search(kind) and not CYCLIC.search(kind)
+    return kind if at_events or IF_ACTIVE.search(kind) else None
+
+
+def cycle_of(message, options):
+    """Returns the cycle time in ms, or None for a message that is not sent periodically."""
+    if message.name in options.cycles:
+        return options.cycles[message.name]
+    own = message.cycle_time
+    return own if own and own > 0 and not waits_for(message) else options.cycles.get(None)
+
+
+def start_of(message):
+    """Returns the start delay in ms that a database gives a message, or None."""
+    delay = attribute(message, "GenMsgStartDelayTime",
+                      default_of(message, "GenMsgStartDelayTime"))
+    return delay if isinstance(delay, (int, float)) and delay > 0 else None
+
+
+def is_single(message):
+    return message.length <= (64 if message.is_fd else 8) and \
+        not getattr(message, "is_container", False)
+
+
+def ms(value):
+    return f"{float(value):.12g}ms"
+
+
+class Rest:
+    """The messages of all nodes that are sent, and when."""
+
+    def __init__(self, path, found, options):
+        self.path, self.options = path, options
+        self.messages = [message for messages in found.values() for message in messages]
+        self.check_names()
+        periodic = [m for m in self.messages if is_single(m) and cycle_of(m, options)]
+        self.place = {id(message): place for place, message in enumerate(periodic)}
+
+    def check_names(self):
+        known = [message.name for message in self.messages]
+        for name in self.options.cycles:
+            if name is not None and name not in known:
+                near = difflib.get_close_matches(name, known, 1)
+                guess = f" (did you mean '{near[0]}'?)" if near else ""
+                raise Problem(f"{self.path}: --cycle: no message '{name}' is sent{guess}")
+
+    def offset(self, message, cycle):
+        """Returns the time of the first release, in ms. Those without a start delay are spread
+        over their cycle times, in whole microseconds, when that is asked for."""
+        delay = start_of(message)
+        if delay is not None:
+            return delay
+        if not self.options.spread:
+            return 0
+        part = fractions.Fraction(self.place[id(message)], len(self.place))
+        return fractions.Fraction(math.floor(fractions.Fraction(cycle) * part * 1000), 1000)
+
+    def entries(self, message):
+        """Yields the lines of `traffic` for a message, and comments for what is not sent."""
+        name = plain(message.name)
+        if not is_single(message):
+            warn(f"{name} ({identifier(message)}) is no single frame and is left out")
+            yield f"# {name}: no single frame"
+            return
+        try:
+            frames = [frame_text(message, data) for data in contents(message)]
+        except Problem as problem:
+            warn(f"{problem}; it is left out")
+            yield f"# {name}: it cannot be encoded"
+            return
+        cycle = cycle_of(message, self.options)
+        if not cycle:
+            yield f"# {{ send: {frames[0]} }} # {name}: {waits_for(message) or 'no cycle time'}"
+            return
+        protected = protection(message)
+        start = self.offset(message, cycle)
+        for i, frame in enumerate(frames):
+            every = f"every: {ms(cycle * len(frames))}"
+            at = start + cycle * i
+            offset = f", offset: {ms(at)}" if at else ""
+            yield f"- {{ send: {frame}, {every}{offset}{protected} }} # {name}"
+
+    def tell_collisions(self):
+        """Says which frames of several nodes have the same identifier."""
+        by_identifier = {}
+        for message in self.messages:
+            if id(message) in self.place:
+                by_identifier.setdefault(identifier(message), []).append(message)
+        for name, messages in by_identifier.items():
+            if len({sender_of(m) for m in messages}) > 1:
+                warn(f"{self.path}: several nodes send {name}, and destroy each other's frames: "
+                     f"{', '.join(plain(m.name) for m in messages)}")
+
+    def tell(self):
+        """Says which messages are not sent periodically, and what changes that."""
+        silent = [m for m in self.messages if is_single(m) and not cycle_of(m, self.options)]
+        waiting = [m for m in silent if waits_for(m)]
+        total = len(self.messages)
+        tell(self.path, [m for m in silent if m not in waiting], total,
+             "has no cycle time and is not sent", "have no cycle time and are not sent",
+             "; --cycle TIME gives one to all, --cycle MESSAGE=TIME to one")
+        kinds = ", ".join(sorted({waits_for(m) for m in waiting}))
+        tell(self.path, waiting, total, f"is not sent: its send type is {kinds}",
+             f"are not sent: their send type is {kinds}",
+             "; --cycle TIME sends all, --cycle MESSAGE=TIME one")
+        self.tell_collisions()
+        if self.messages and not self.place:
+            warn(f"{self.path}: no message is sent periodically: this bus is silent")
+        elif len({sender_of(m) or self.options.sender for m in self.messages}) == 1:
+            warn(f"{self.path}: only one node sends, and nobody acknowledges its frames; add "
+                 f"another node, such as the ECU with its port")
 
 
 def node_names(senders):
@@ -396,15 +541,14 @@ def scalar(name):
     return name if harmless else f'"{name}"'
 
 
-def find_senders(database, path, without, only):
+def find_senders(database, path, options):
     """Returns the senders that the configuration has, and their messages."""
-    by_sender = {}
+    by_sender, without, only = {}, options.without, options.only
     for message in database.messages:
-        sender = sender_of(message)
-        if sender is None:
-            warn(f"{path}: {message.name} ({identifier(message)}) has no sender and is left out")
-            continue
-        by_sender.setdefault(sender, []).append(message)
+        by_sender.setdefault(sender_of(message) or options.sender, []).append(message)
+    orphans = by_sender.pop(None, [])
+    tell(path, orphans, len(database.messages), "has no sender and is left out",
+         "have no sender and are left out", "; --sender NODE sends such messages")
     known = sorted({*by_sender, *(node.name for node in database.nodes)})
     for name in [*without, *only]:
         if name not in known:
@@ -428,10 +572,12 @@ def rates(database, options, fd):
 def restbus(options):
     """Returns the configuration of all nodes of a database but some."""
     path = options.file
-    database = load(path)
-    found = find_senders(database, path, options.without, options.only)
+    database = load(path, options.strict)
+    found = find_senders(database, path, options)
     if not found:
-        raise Problem(f"{path}: no node is left that sends")
+        raise Problem(f"{path}: " + ("no node is left that sends" if database.messages else
+                                     "it has no message"))
+    rest = Rest(path, found, options)
     if options.name is None:
         options.name = re.sub(r"[^A-Za-z0-9_.-]", "_", pathlib.Path(path).stem)[:NAME_MAX] or "bus"
     names = node_names(found)
@@ -442,13 +588,17 @@ def restbus(options):
               for name in node_names(options.without).values()]
     for sender, messages in found.items():
         lines += [f"  - name: {scalar(names[sender])}"]
-        sent = [line for message in messages for line in entries(message)]
-        if sum(line.startswith("-") for line in sent) > TRAFFIC_MAX:
+        sent = [line for message in messages for line in rest.entries(message)]
+        count = sum(line.startswith("-") for line in sent)
+        if count > TRAFFIC_MAX:
             raise Problem(f"{path}: {sender} sends more than the {TRAFFIC_MAX} entries that the "
                           f"traffic of a node can have")
-        if any(line.startswith("-") for line in sent):
+        if count > QUEUE:
+            lines += [f"    queue: {count}"]
+        if count > 0:
             lines += ["    traffic:"]
         lines += [f"      {line}" for line in sent]
+    rest.tell()
     return "\n".join(lines) + "\n"
 
 
@@ -559,11 +709,11 @@ class Entry:
             self.fail(value, f"{key}: expected a text")
         return text
 
-    def message(self, databases):
+    def message(self, databases, strict):
         path = self.file.parent / self.text("dbc")
         if path not in databases:
             try:
-                databases[path] = load(path)
+                databases[path] = load(path, strict)
             except Problem as problem:
                 self.fail(self.values["dbc"], f"dbc: {problem}")
         name = self.text("message")
@@ -649,18 +799,22 @@ class Entry:
             return self.fail(self.values["message"], f"message: {problem}")
 
     def check_single(self, message):
-        if message.length > (64 if message.is_fd else 8) or \
-                getattr(message, "is_container", False):
+        if not is_single(message):
             self.fail(self.values["message"],
                       f"message: {message.name} ({identifier(message)}) is no single frame")
 
-    def resolved(self, databases):
+    def resolved(self, databases, strict):
         """Returns what replaces the entry."""
-        message = self.message(databases)
+        message = self.message(databases, strict)
         self.check_single(message)
         parts = [f"send: {self.frame(message)}"]
-        if "every" not in self.values and message.cycle_time:
-            parts.append(f"every: {message.cycle_time:.12g}ms")
+        if "every" not in self.values:
+            if message.cycle_time and message.cycle_time > 0:
+                parts.append(f"every: {ms(message.cycle_time)}")
+            else:
+                line = self.node.start_mark.line + 1
+                warn(f"{self.file}:{line}: {plain(message.name)} has no cycle time and is sent "
+                     f"once; `every` repeats it")
         parts += [f"{key}: {flow(self.values[key])}" for key in self.values if key in OTHERS]
         return "{ " + ", ".join(parts) + " }"
 
@@ -708,10 +862,11 @@ def read_text(file):
         raise PlacedProblem(f"{file}:{line}:{column}: this is not UTF-8") from None
 
 
-def replacements(entries, aliases, databases):
+def replacements(entries, aliases, strict):
     """Yields begin, end and text of all that is replaced. Anchors in entries go with these, so
     aliases of such anchors give way to what they stand for."""
-    texts = {id(entry.node): entry.resolved(databases) for entry in entries}
+    databases = {}
+    texts = {id(entry.node): entry.resolved(databases, strict) for entry in entries}
     spans = [(entry.node.start_mark.index, end_of(entry.node)) for entry in entries]
     for (begin, end), text in zip(spans, texts.values()):
         yield begin, end, text
@@ -731,7 +886,7 @@ def resolve(options):
     entries = find_entries(file, root)
     if not entries:
         warn(f"{file}: no traffic names a database ('dbc')")
-    for begin, end, new in sorted(replacements(entries, aliases, {}), reverse=True):
+    for begin, end, new in sorted(replacements(entries, aliases, options.strict), reverse=True):
         text = text[:begin] + new + "\n" * text.count("\n", begin, end) + text[end:]
     return text
 
@@ -739,18 +894,29 @@ def resolve(options):
 # ---- Command line --------------------------------------------------------------------------------
 
 
+def cycle_option(text):
+    """Reads TIME or MESSAGE=TIME: a name or None, and a number of ms."""
+    name, equals, time = text.rpartition("=")
+    found = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)(us|ms|s)", time)
+    if not found or not float(found[1]) or (equals and not name):
+        raise argparse.ArgumentTypeError(f"'{text}': expected a time such as 100ms, or "
+                                         f"MESSAGE=100ms; units are us, ms and s")
+    return name or None, fractions.Fraction(found[1]) * UNITS[found[2]]
+
+
 def arguments(argv):
     parser = argparse.ArgumentParser(
         prog="canwire-restbus", formatter_class=argparse.RawDescriptionHelpFormatter,
         usage="canwire-restbus DATABASE [--without NODE]... [--only NODE]... [options]\n"
-              "       canwire-restbus FILE.yaml",
+              "       canwire-restbus FILE.yaml [--no-strict]",
         description="""\
 Writes a configuration of canwire to standard output: of DATABASE the nodes that send, with their
 periodic messages, or FILE.yaml with frames in place of the messages that it names.
 
 DATABASE is DBC, ARXML, KCD or SYM. A node of it becomes a node with traffic: each message at its
-cycle time with its initial values, a multiplexed one in turn. Messages without a cycle time are
-comments. Messages without a sender are reported and left out.
+cycle time with its initial values, a multiplexed one in turn. Messages without a cycle time, or
+that are sent at events (GenMsgSendType), are comments, unless --cycle gives them one. Messages
+without a sender are left out, unless --sender names one. Standard error tells how many these are.
 
 In FILE.yaml an entry of `traffic` may be { dbc: FILE, message: NAME, signals: { NAME: VALUE } },
 with the keys of `send` beside these. Values are physical ones, or words of the database. Signals
@@ -761,6 +927,15 @@ that are not named have their initial values. Without `every` the cycle time is 
                         help="leave out this node: the ECU itself")
     parser.add_argument("--only", metavar="NODE", action="append", default=[],
                         help="only this node; several are allowed")
+    parser.add_argument("--cycle", metavar="[MESSAGE=]TIME", action="append", default=[],
+                        type=cycle_option, dest="cycle",
+                        help="cycle time of this message, or of all that have none: 100ms")
+    parser.add_argument("--sender", metavar="NODE",
+                        help="this node sends the messages without a sender")
+    parser.add_argument("--spread", action="store_true",
+                        help="messages without a start delay do not all begin at once")
+    parser.add_argument("--no-strict", dest="strict", action="store_false",
+                        help="skip the checks of cantools, as for signals that overlap")
     parser.add_argument("--name", help="name of the bus; by default that of the file")
     parser.add_argument("--bitrate", type=int, metavar="N",
                         help="bit rate; by default that of the database, else 500000")
@@ -772,14 +947,18 @@ that are not named have their initial values. Without `every` the cycle time is 
         parser.error(f"--name: 1 to {NAME_MAX} letters, digits, '_', '.' or '-'")
     if options.bitrate is not None and not 5000 <= options.bitrate <= 1_000_000:
         parser.error(f"--bitrate: expected 5000..1000000, not {options.bitrate}")
-    if options.file.endswith((".yaml", ".yml")) and (options.without or options.only):
-        parser.error("--without and --only are for databases")
+    options.cycles = dict(options.cycle)
+    if options.file.endswith((".yaml", ".yml")) and (options.without or options.only or
+                                                     options.cycles or options.sender or
+                                                     options.spread):
+        parser.error("--without, --only, --cycle, --sender and --spread are for databases")
     return options
 
 
 def main(argv=None):
     """Runs the command; returns its exit status."""
     options = arguments(argv)
+    logging.basicConfig(format="canwire-restbus: %(message)s")  # of cantools
     try:
         is_yaml = options.file.endswith((".yaml", ".yml"))
         text = resolve(options) if is_yaml else restbus(options)
