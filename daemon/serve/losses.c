@@ -16,25 +16,38 @@
 #define LINE_BYTES 600
 #define REMEDY_BYTES 260
 
-/* The texts by kind of loss; NULL: not logged. */
+/* A frame on its way onto the bus was "dropped, bus-off". */
+#define DROP(reason, text)                                                                         \
+    [reason] = "dropped, " text, [LOSS_RECEIVED + (reason)] = "received and dropped, " text
+
 static const char *const texts[LOSS_KINDS] = {
-    [CW_DROP_QUEUE_FULL] = "dropped, queue full",
-    [CW_DROP_LISTEN_ONLY] = "dropped, listen-only",
-    [CW_DROP_BAD_FRAME] = "dropped, no frame of a kind that the node knows",
-    [CW_DROP_LINK_DOWN] = "dropped, link down",
-    [CW_DROP_COUNT] = "received, not taken by the port",
-    [CW_DROP_COUNT + 1] = "lost in the kernel before they could be read",
-    [CW_DROP_COUNT + 2] = "error frames left out",
-    [CW_DROP_COUNT + 3] = "messages that are no frames",
-    [CW_DROP_COUNT + 4] = "connections refused",
-    [CW_DROP_COUNT + 5] = "bus-off",
-    [CW_DROP_COUNT + 6] = "restarts",
-    [CW_DROP_COUNT + 7] = "sent without loopback (cangen -x) and lost, as on any vcan: use vxcan",
-    [CW_DROP_COUNT + 8] = "not taken by single clients of the port",
-    [CW_DROP_COUNT + 9] = "packets of the tunnel that have not come, or not yet",
-    [CW_DROP_COUNT + 10] = "packets or connections of others than the peer",
-    [CW_DROP_COUNT + 11] = "connections ended for new ones, since they had said nothing",
+    DROP(CW_DROP_QUEUE_FULL, "queue full"),
+    DROP(CW_DROP_ONE_SHOT, "one-shot"),
+    DROP(CW_DROP_BUS_OFF, "bus-off"),
+    DROP(CW_DROP_LISTEN_ONLY, "listen-only"),
+    DROP(CW_DROP_BAD_FRAME, "no frame of a kind that the node knows"),
+    DROP(CW_DROP_FAULT, "by a rule"),
+    DROP(CW_DROP_REMOVED, "node removed"),
+    DROP(CW_DROP_LINK_DOWN, "link down"),
+    DROP(CW_DROP_SLOT_MISSED, "slot missed"),
+    [LOSS_NOT_TAKEN] = "received, not taken by the port",
+    [LOSS_KERNEL] = "lost in the kernel before they could be read",
+    [LOSS_ERROR_FRAMES] = "error frames left out",
+    [LOSS_MALFORMED] = "messages that are no frames",
+    [LOSS_REFUSED] = "connections refused",
+    [LOSS_BUS_OFF] = "bus-off",
+    [LOSS_RESTARTS] = "restarts",
+    [LOSS_LOOPLESS] = "sent without loopback (cangen -x) and lost, as on any vcan: use vxcan",
+    [LOSS_CLIENTS] = "not taken by single clients of the port",
+    [LOSS_MISSING] = "packets of the tunnel that have not come, or not yet",
+    [LOSS_STRANGERS] = "packets or connections of others than the peer",
+    [LOSS_GAVE_WAY] = "connections ended for new ones, since they had said nothing",
 };
+
+const char *losses_text(loss_kind kind)
+{
+    return texts[kind];
+}
 
 static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
                     const port_stats *interface)
@@ -42,20 +55,22 @@ static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
     cw_node_stats stats;
     if (cw_node_get_stats(bus, node, &stats) != CW_OK)
         return;
-    for (unsigned kind = 0; kind < CW_DROP_COUNT; kind++)
-        now[kind] = stats.dropped[kind];
-    now[CW_DROP_COUNT] = interface->write_failed;
-    now[CW_DROP_COUNT + 1] = interface->kernel_dropped;
-    now[CW_DROP_COUNT + 2] = interface->errors_left_out;
-    now[CW_DROP_COUNT + 3] = interface->malformed;
-    now[CW_DROP_COUNT + 4] = interface->refused;
-    now[CW_DROP_COUNT + 5] = stats.bus_off;
-    now[CW_DROP_COUNT + 6] = stats.restarts;
-    now[CW_DROP_COUNT + 7] = interface->loopless;
-    now[CW_DROP_COUNT + 8] = interface->clients_lost;
-    now[CW_DROP_COUNT + 9] = interface->missing;
-    now[CW_DROP_COUNT + 10] = interface->strangers;
-    now[CW_DROP_COUNT + 11] = interface->gave_way;
+    for (unsigned why = 0; why < CW_DROP_COUNT; why++) {
+        now[why] = stats.dropped[why];
+        now[LOSS_RECEIVED + why] = stats.rx_dropped[why];
+    }
+    now[LOSS_NOT_TAKEN] = interface->write_failed;
+    now[LOSS_KERNEL] = interface->kernel_dropped;
+    now[LOSS_ERROR_FRAMES] = interface->errors_left_out;
+    now[LOSS_MALFORMED] = interface->malformed;
+    now[LOSS_REFUSED] = interface->refused;
+    now[LOSS_BUS_OFF] = stats.bus_off;
+    now[LOSS_RESTARTS] = stats.restarts;
+    now[LOSS_LOOPLESS] = interface->loopless;
+    now[LOSS_CLIENTS] = interface->clients_lost;
+    now[LOSS_MISSING] = interface->missing;
+    now[LOSS_STRANGERS] = interface->strangers;
+    now[LOSS_GAVE_WAY] = interface->gave_way;
 }
 
 /* Returns "" where the node's program cannot change anything. */
@@ -89,12 +104,12 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
     for (unsigned kind = 0; kind < LOSS_KINDS; kind++) {
         uint64_t added = now[kind] - logged[kind];
         logged[kind] = now[kind];
-        if (added == 0 || !texts[kind] || used >= LINE_BYTES)
+        if (added == 0 || used >= LINE_BYTES)
             continue;
         char remedy[REMEDY_BYTES];
         print_remedy(remedy, kind, node, overflowed);
         int length = snprintf(line + used, LINE_BYTES - used, "%s%" PRIu64 " %s%s",
-                              used ? "; " : "", added, texts[kind], remedy);
+                              used ? "; " : "", added, losses_text(kind), remedy);
         used += length > 0 ? (size_t)length : 0;
     }
     if (used > 0)

@@ -8,7 +8,24 @@
 #include "config/config.h"
 #include "engine/report.h"
 
-#define LOSS_KINDS (CW_DROP_COUNT + 12)
+/* First the reasons of cw_drop for frames on their way onto the bus, then the same for frames on
+ * their way to the host. */
+typedef enum loss_kind {
+    LOSS_RECEIVED = CW_DROP_COUNT,
+    LOSS_NOT_TAKEN = 2 * CW_DROP_COUNT,
+    LOSS_KERNEL,
+    LOSS_ERROR_FRAMES,
+    LOSS_MALFORMED,
+    LOSS_REFUSED,
+    LOSS_BUS_OFF,
+    LOSS_RESTARTS,
+    LOSS_LOOPLESS,
+    LOSS_CLIENTS,
+    LOSS_MISSING,
+    LOSS_STRANGERS,
+    LOSS_GAVE_WAY,
+    LOSS_KINDS
+} loss_kind;
 
 /* The losses that have been logged; starts all zero. */
 typedef struct losses {
@@ -18,8 +35,10 @@ typedef struct losses {
 /* Adapts to a changed configuration, in which nodes have other places. */
 void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX]);
 
-/* Logs a line for each node with losses or a bus-off since the last call. Drops that the
- * configuration asks for (one-shot, faults) and those of bus-off are expected and not logged. */
+/* Returns the text behind the number of a loss, or of going bus-off or restarting. */
+const char *losses_text(loss_kind kind);
+
+/* Logs a line for each node with losses, a bus-off or a restart since the last call. */
 void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *beyond);
 
 #endif

@@ -414,6 +414,20 @@ engine *service_engine(const service *s)
     return s->engine;
 }
 
+/* Returns the frames that the nodes have dropped on their way onto the bus. */
+static uint64_t count_dropped(const service *s)
+{
+    uint64_t sum = 0;
+    for (unsigned i = 0; i < s->config->node_count; i++) {
+        cw_node_stats stats;
+        if (cw_node_get_stats(engine_bus(s->engine), i, &stats) != CW_OK)
+            continue;
+        for (unsigned why = 0; why < CW_DROP_COUNT; why++)
+            sum += stats.dropped[why];
+    }
+    return sum;
+}
+
 void service_report_end(service *s)
 {
     report beyond;
@@ -426,8 +440,9 @@ void service_report_end(service *s)
     losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
     (void)engine_check_books(s->engine);
     cw_bus_get_stats(engine_bus(s->engine), &stats);
-    log_info("stopped: %" PRIu64 " frames, %" PRIu64 " error frames, %" PRIu32 " frames not sent",
-             stats.frames, stats.error_frames, stats.pending);
+    log_info("stopped: %" PRIu64 " frames, %" PRIu64 " error frames, %" PRIu32
+             " frames not sent, %" PRIu64 " dropped",
+             stats.frames, stats.error_frames, stats.pending, count_dropped(s));
     (void)log_enter(NULL);
 }
 

@@ -222,6 +222,16 @@ def test_dropping_can_be_asked_for_and_names_what_helps(rig):
                      line), line
 
 
+def test_frames_that_are_written_in_bus_off_are_told(rig):
+    r = rig(more="faults: [ { name: off, when: { time: 0s }, do: { bus-off: engine } } ]")
+    wait_until(lambda: r.nodes()["engine"]["state"] == "bus-off", "bus-off")
+    r.engine.send([(0x555, number) for number in range(5)])
+    wait_until(lambda: r.nodes()["engine"]["dropped"]["bus-off"] == 5, "the frames")
+    told = r.stop()
+    assert sum(map(int, re.findall(r"node engine: .*?(\d+) dropped, bus-off", told))) == 5
+    assert "stopped: 0 frames, 0 error frames, 0 frames not sent, 5 dropped\n" in told
+
+
 def test_nobody_waits_for_a_node_that_takes_nothing(rig):
     """A bus-off or listen-only node drops all its frames, so a full queue does not pause
     reading."""
