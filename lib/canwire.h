@@ -1567,8 +1567,12 @@ typedef struct cw_bit_node {
 /* Things that a node does at a moment inside of a bit time. */
 typedef enum cw_mark_kind {
     CW_MARK_BEGIN = 0, /* it begins a bit, as the first quantum of many */
-    CW_MARK_DRIVE,     /* it puts another level onto its wire */
+    CW_MARK_DRIVE,     /* it puts another level onto its wire, or a rule makes it another one */
+    CW_MARK_WIRE,      /* the wire of the node has another level; the lowest node of each wire tells
+                          it. It is the AND of what the nodes drive at that moment, with what rules
+                          make of it: as if it were seen without delay */
     CW_MARK_SAMPLE,    /* it samples a level */
+    CW_MARK_LATE_SAMPLE, /* ... at the secondary sample point of a bit that it sends (D13) */
     CW_MARK_HARD_SYNC, /* it has seen an edge, at the end of the quantum of the edge (T4) */
     CW_MARK_RESYNC,    /* ... with a phase error (T5) */
 } cw_mark_kind;
@@ -1579,7 +1583,7 @@ typedef struct cw_mark {
     cw_mark_kind kind;
     int16_t phase_error; /* RESYNC: in quanta */
     uint8_t node;
-    bool level;       /* DRIVE, SAMPLE */
+    bool level;       /* DRIVE, WIRE, SAMPLE, LATE_SAMPLE */
     uint8_t phase;    /* cw_mac_phase of its bit in progress ... */
     cw_place place;   /* ... and place, as in cw_bit_node */
 } cw_mark;
@@ -1592,7 +1596,8 @@ typedef struct cw_bit_view {
     uint64_t driven;      /* the level that each node puts onto its wire */
     uint64_t wire;        /* the level of the wire that it is on */
     uint64_t sampled;     /* the level that its controller takes; its own bits in loopback (M11,
-                             M15) */
+                             M15). All three are those at the begin of the bit where there are
+                             marks, which say what becomes of them */
     uint64_t tx_faults;   /* between controller and wire: driven is changed */
     uint64_t wire_faults; /* wire is not the wired-AND of what is driven */
     uint64_t rx_faults;   /* between wire and controller */

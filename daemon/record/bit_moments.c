@@ -4,6 +4,8 @@
  */
 #include "record/bit_moments.h"
 
+#include <assert.h>
+
 static bool phase_rests(cw_mac_phase phase)
 {
     return phase == CW_MAC_IDLE || phase == CW_MAC_OFF || phase == CW_MAC_BUS_OFF ||
@@ -41,7 +43,8 @@ void bit_walk_begin(bit_walk *w, bit_clocks *clocks, const cw_bit_view *bit)
     w->clocks = clocks;
     w->length = (cw_span)(bit->end - bit->start) * CW_TICK;
     w->next = 0;
-    w->count = bit->mark_count < BIT_MARKS_MAX ? bit->mark_count : BIT_MARKS_MAX;
+    w->count = bit->mark_count;
+    assert(w->count <= BIT_MARKS_MAX);
     sort_marks(w);
 }
 

@@ -8,7 +8,7 @@
 
 #include "canwire.h"
 
-#define BIT_MARKS_MAX 4096u /* of one bit time that are looked at */
+#define BIT_MARKS_MAX 65535u /* of one bit time; 64 nodes at 64 times the bit rate have fewer */
 
 /* The quanta of each node, from bit time to bit time. */
 typedef struct bit_clocks {

@@ -32,9 +32,7 @@
 typedef struct inside {
     bool levels_only; /* the bits of a bus with data rates, whose nodes may fall out of step */
     bit_clocks clocks;
-    uint64_t driven;    /* by the controllers */
-    uint64_t tx_faults; /* rules change what these nodes drive */
-    bool wire_fault;    /* ... or what the wire carries */
+    uint64_t wires;     /* of each node, the level of its wire */
     uint64_t quanta;    /* levels of NODE.tq */
     uint64_t sampling;  /* NODE.sample is 1 */
     uint64_t synced;    /* NODE.sync is not empty */
@@ -491,7 +489,6 @@ static void write_phase_error(vcd *self, unsigned node, int error)
 /* Writes all values at the start of the dump. */
 static void begin_inside(vcd *self, const cw_bit_view *bit)
 {
-    self->inside->driven = bit->driven;
     for (unsigned i = 0; i < bit->node_count && !self->inside->levels_only; i++) {
         write_bit(self, 'u', i, false);
         write_bit(self, 'a', i, false);
@@ -529,15 +526,19 @@ static void put_level(uint64_t *levels, unsigned node, bool level)
 
 static void write_drive(vcd *self, const cw_mark *m)
 {
-    inside *in = self->inside;
     uint64_t driven = self->driven;
-    put_level(&in->driven, m->node, m->level);
-    if (in->tx_faults >> m->node & 1u)
-        return;
     put_level(&driven, m->node, m->level);
-    if (!in->wire_fault)
-        write_level(self, self->time, &self->wire, driven == UINT64_MAX, 'w');
     write_levels(self, self->time, &self->driven, driven, 'd');
+}
+
+/* All wires of a partitioned bus are shown as one. */
+static void write_wire(vcd *self, const cw_bit_view *bit, const cw_mark *m)
+{
+    uint64_t *wires = &self->inside->wires;
+    for (unsigned i = 0; i < bit->node_count; i++)
+        if (bit->nodes[i].wire == bit->nodes[m->node].wire)
+            put_level(wires, i, m->level);
+    write_level(self, self->time, &self->wire, *wires == UINT64_MAX, 'w');
 }
 
 /* Writes the place of a node in its bit: known at its begin, or else at its sample point. */
@@ -550,7 +551,7 @@ static void write_place(vcd *self, const cw_mark *m, bool sampled)
     write_part(self, self->time, m->node, &m->place, (cw_mac_phase)m->phase, sampled);
 }
 
-static void write_mark(vcd *self, const cw_mark *m)
+static void write_mark(vcd *self, const cw_bit_view *bit, const cw_mark *m)
 {
     inside *in = self->inside;
     uint64_t sampled = self->sampled;
@@ -561,6 +562,11 @@ static void write_mark(vcd *self, const cw_mark *m)
         break;
     case CW_MARK_DRIVE:
         write_drive(self, m);
+        break;
+    case CW_MARK_WIRE:
+        write_wire(self, bit, m);
+        break;
+    case CW_MARK_LATE_SAMPLE:
         break;
     case CW_MARK_SAMPLE:
         put_level(&sampled, m->node, m->level);
@@ -599,32 +605,22 @@ static void write_inside(vcd *self, const cw_bit_view *bit)
             continue;
         write_time_inside(self, units_of(self, bit->start, m.at));
         if (m.mark)
-            write_mark(self, m.mark);
+            write_mark(self, bit, m.mark);
         else
             write_quantum(self, m.node);
     }
 }
 
-/* Writes levels at the start of a bit time: those that rules have changed, since all others change
- * inside of it. Without marks the bits are common to all nodes just then. */
+/* Writes levels at the start of a bit time. What nodes sample changes inside of it, but for bits
+ * that are common to all nodes, which have no marks. */
 static void write_levels_at_start(vcd *self, const cw_bit_view *bit)
 {
-    inside *in = self->inside;
-    const bool all = !in || !self->begun || bit->mark_count == 0;
-    uint64_t driven = bit->driven, sampled = bit->sampled;
-    bool wire = bit->wire == UINT64_MAX;
-    if (in && bit->mark_count == 0)
-        in->driven = bit->driven;
-    if (!all) {
-        driven = (in->driven & ~bit->tx_faults) | (bit->driven & bit->tx_faults);
-        sampled = self->sampled;
-        in->tx_faults = bit->tx_faults;
-        in->wire_fault = bit->wire_faults != 0;
-        wire = in->wire_fault ? wire : driven == UINT64_MAX;
-    }
-    write_level(self, bit->start, &self->wire, wire, 'w');
-    write_levels(self, bit->start, &self->driven, driven, 'd');
-    write_levels(self, bit->start, &self->sampled, sampled, 's');
+    const bool marked = self->inside && self->begun && bit->mark_count > 0;
+    if (self->inside)
+        self->inside->wires = bit->wire;
+    write_level(self, bit->start, &self->wire, bit->wire == UINT64_MAX, 'w');
+    write_levels(self, bit->start, &self->driven, bit->driven, 'd');
+    write_levels(self, bit->start, &self->sampled, marked ? self->sampled : bit->sampled, 's');
 }
 
 /* ---- Bits and events ------------------------------------------------------------------------- */
@@ -686,7 +682,8 @@ static changes find_changes(vcd *self, const cw_bit_view *bit)
     for (unsigned i = 0; i < bit->node_count; i++) {
         const vcd_node *n = &self->nodes[i];
         const cw_bit_node *now = &bit->nodes[i];
-        if (n->tec != now->tec || n->rec != now->rec || n->state != now->state)
+        const unsigned counters = (unsigned)(n->tec ^ now->tec) | (unsigned)(n->rec ^ now->rec);
+        if (counters | ((unsigned)n->state ^ (unsigned)now->state))
             found.states |= UINT64_C(1) << i;
     }
     return found;

@@ -316,17 +316,25 @@ static unsigned edges_looked_at(const cw_bus_config *c)
     return room;
 }
 
-/* Returns the room for marks: a node begins, drives and samples its bits, and sees an edge before
- * and one after each sample point. */
+static unsigned room_for_disturbances(const cw_bus_config *c)
+{
+    return 64 + 4u * (c->rule_count + c->rule_room);
+}
+
+/* Returns the room for marks. A node begins and drives its bits, with a level of the controller, of
+ * its line and of its wire; it samples them at one or two moments, and sees an edge before and one
+ * after each sample point. A rule begins and ends to change a line, or all wires. */
 static unsigned mark_room(const cw_bus_config *c)
 {
-    return c->marks ? 6u * (1 + cw_bits_of_bit_time(c)) * c->node_count : 0;
+    const unsigned bits = 1 + cw_bits_of_bit_time(c);
+    const unsigned by_rules = 2u * room_for_disturbances(c) * (c->node_count + 1u);
+    return c->marks ? 8u * bits * c->node_count + by_rules : 0;
 }
 
 static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
 {
     const size_t pairs = (size_t)c->node_count * c->node_count;
-    const unsigned room = 64 + 4u * (c->rule_count + c->rule_room);
+    const unsigned room = room_for_disturbances(c);
     timed_node *nodes = carve(a, c->node_count, sizeof *nodes);
     cw_bit_timing *next_timings = carve(a, c->node_count, sizeof *next_timings);
     timed_rates *rates = cw_has_data_rate(c) ? carve(a, c->node_count, sizeof *rates) : NULL;

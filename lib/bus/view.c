@@ -4,14 +4,26 @@
  */
 #include "bus/bus_private.h"
 
-static void view_node(const cw_bus *bus, unsigned i, cw_bit_node *n)
+static inline void view_node(const cw_bus *bus, unsigned i, cw_bit_node *n)
 {
     const cw_mac *m = &bus->nodes[i].mac;
-    *n = *cw_noted(&bus->note, i);
-    n->wire = bus->note.wire_count > 1 ? bus->note.wires[i] : 0;
+    n->wire = 0;
     n->state = cw_node_state(bus, i);
     n->tec = m->confinement.tec;
     n->rec = m->confinement.rec;
+}
+
+/* Nodes that are alike share what was noted of the lowest. */
+static void view_nodes(const cw_bus *bus, cw_bit_node *nodes)
+{
+    const bit_note *note = &bus->note;
+    const cw_bit_node *shared = note->alike ? cw_noted(note, cw_lowest_node(note->alike)) : NULL;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        nodes[i] = note->alike >> i & 1u ? *shared : note->nodes[i];
+        view_node(bus, i, &nodes[i]);
+    }
+    for (unsigned i = 0; note->wire_count > 1 && i < bus->node_count; i++)
+        nodes[i].wire = note->wires[i];
 }
 
 cw_status cw_bus_get_bit(const cw_bus *bus, cw_bit_view *view)
@@ -26,16 +38,17 @@ cw_status cw_bus_get_bit(const cw_bus *bus, cw_bit_view *view)
     view->driven = levels->driven | ~nodes;
     view->wire = levels->wire | ~nodes;
     view->sampled = note->sampled | ~nodes;
-    view->tx_faults = (levels->driven ^ note->wanted) & nodes;
-    view->wire_faults = (levels->wire ^ levels->clean) & nodes;
-    view->rx_faults = (levels->sampled ^ levels->wire) & nodes;
+    const bool marked = bus->timed.marking && bus->timed.mark_count > 0;
+    const cw_bit_faults inside = marked ? bus->timed.faults : (cw_bit_faults){.tx = 0};
+    view->tx_faults = ((levels->driven ^ note->wanted) | inside.tx) & nodes;
+    view->wire_faults = ((levels->wire ^ levels->clean) | inside.wire) & nodes;
+    view->rx_faults = ((levels->sampled ^ note->came) | inside.rx) & nodes;
     view->alike = note->alike;
     view->fast = note->fast;
     view->node_count = bus->node_count;
     view->wire_count = note->wire_count;
     view->marks = bus->timed.marks;
     view->mark_count = bus->timed.marking ? bus->timed.mark_count : 0;
-    for (unsigned i = 0; i < bus->node_count; i++)
-        view_node(bus, i, &view->nodes[i]);
+    view_nodes(bus, view->nodes);
     return CW_OK;
 }

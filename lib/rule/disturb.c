@@ -88,6 +88,45 @@ static bool changed(const cw_disturbance *d, bool level)
     return d->effect == CW_DISTURB_NOTHING ? level : d->effect == CW_DISTURB_RECESSIVE;
 }
 
+static uint64_t changed_at_source(const cw_disturbance *d, cw_span moment, uint64_t nodes,
+                                  uint64_t levels)
+{
+    if (moment < d->begin || moment >= d->end)
+        return levels;
+    if (d->effect == CW_DISTURB_INVERT)
+        return levels ^ nodes;
+    if (d->effect == CW_DISTURB_NOTHING)
+        return levels;
+    return d->effect == CW_DISTURB_RECESSIVE ? levels | nodes : levels & ~nodes;
+}
+
+uint64_t cw_disturbed_lines_at_source(const cw_disturbances *all, cw_span moment, uint64_t levels)
+{
+    for (unsigned i = 0; i < all->count; i++)
+        levels = changed_at_source(&all->list[i], moment, all->list[i].lines, levels);
+    return levels;
+}
+
+uint64_t cw_disturbed_wires_at_source(const cw_disturbances *all, cw_span moment, uint64_t levels)
+{
+    for (unsigned i = 0; i < all->count; i++)
+        levels = changed_at_source(&all->list[i], moment, all->list[i].wires, levels);
+    return levels;
+}
+
+cw_span cw_disturb_next_change(const cw_disturbances *all, cw_span moment)
+{
+    cw_span next = CW_SPAN_MAX;
+    for (unsigned i = 0; i < all->count; i++) {
+        const cw_disturbance *d = &all->list[i];
+        if (d->begin > moment && d->begin < next)
+            next = d->begin;
+        if (d->end > moment && d->end < next)
+            next = d->end;
+    }
+    return next;
+}
+
 uint64_t cw_disturbed_lines(const cw_disturbances *all, const cw_cable *cable, unsigned node,
                             cw_span moment, uint64_t seen)
 {

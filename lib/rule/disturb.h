@@ -49,6 +49,14 @@ void cw_disturb_forget(cw_disturbances *all, cw_span moment);
 
 void cw_disturb_rebase(cw_disturbances *all, cw_span by);
 
+/* Returns the levels of lines, or of wires, with what rules make of them right after a moment:
+ * where they are made, so without delays. */
+uint64_t cw_disturbed_lines_at_source(const cw_disturbances *all, cw_span moment, uint64_t levels);
+uint64_t cw_disturbed_wires_at_source(const cw_disturbances *all, cw_span moment, uint64_t levels);
+
+/* Returns the first begin or end of a disturbance after a moment. CW_SPAN_MAX: there is none. */
+cw_span cw_disturb_next_change(const cw_disturbances *all, cw_span moment);
+
 /* Returns the nodes whose dominant level comes to a node, after what rules do to their lines. */
 uint64_t cw_disturbed_lines(const cw_disturbances *all, const cw_cable *cable, unsigned node,
                             cw_span moment, uint64_t seen);

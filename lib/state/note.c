@@ -80,6 +80,7 @@ void cw_view_note(cw_bus *bus, const cw_levels *levels)
     note->end = cw_bit_end(bus);
     note->fast = cw_fast_nodes(bus);
     note->levels = *levels;
+    note->came = levels->wire;
     note->sampled = levels->sampled | bus->all;
     note->wanted = UINT64_MAX;
     note->alike = 0;

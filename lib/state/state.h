@@ -96,6 +96,7 @@ typedef struct bit_note {
     uint64_t start; /* tick */
     uint64_t end; /* tick; 0: there is none */
     cw_levels levels;
+    uint64_t came;    /* the level of the wire as it comes to each node, with its delay */
     uint64_t sampled; /* by the controllers, after their modes have hidden levels */
     uint64_t wanted;  /* levels that would be driven without faults */
     uint64_t alike;   /* nodes that follow one controller, and have one level */

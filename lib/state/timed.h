@@ -105,6 +105,13 @@ typedef struct timed_rates {
     cw_data_stats stats;
 } timed_rates;
 
+/* Nodes whose levels rules have changed in a bit time, after its begin. */
+typedef struct cw_bit_faults {
+    uint64_t tx;
+    uint64_t wire;
+    uint64_t rx;
+} cw_bit_faults;
+
 typedef struct cw_timed {
     bool active;    /* the bus is off the grid */
     bool divides;   /* bits are short enough to be divided */
@@ -145,6 +152,10 @@ typedef struct cw_timed {
     cw_mark *marks;          /* of this bit time */
     unsigned mark_room;
     unsigned mark_count;
+    unsigned noted_marks;    /* those before the levels at the begin of the bit time were noted */
+    uint64_t noted_dominant; /* nodes that drove dominant just then */
+    bool together;           /* all bits began with the bit time, but of nodes that nobody sees */
+    cw_bit_faults faults;
 } cw_timed;
 
 /* ---- agenda.c -------------------------------------------------------------------------------- */

@@ -300,7 +300,7 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
     if (cw_timed_compares_late(bus, i))
         cw_timed_compare_late(bus, i, moment);
     if (bus->timed.marking)
-        cw_mark_put(bus, CW_MARK_SAMPLE, i, moment, cw_mac_visible(m, level), 0);
+        cw_mark_sample(bus, i, moment, level);
     if (bus->tt && phase == CW_MAC_FRAME && m->part == CW_PART_LAST_EOF)
         cw_tt_see_eof_at(bus, i, moment);
     cw_mac_sample(m, level, &n->report);

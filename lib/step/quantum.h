@@ -87,8 +87,15 @@ bool cw_timed_level(const cw_bus *bus, unsigned node, cw_span moment);
 /* Returns the level of its wire, without what rules do to its own samples. */
 bool cw_timed_wire(const cw_bus *bus, unsigned node, cw_span moment);
 
-/* Returns all levels right after a moment. */
-void cw_timed_levels(const cw_bus *bus, cw_levels *levels, cw_span moment);
+/* Returns the levels right after a moment where they are made, but not what nodes sample. dominant:
+ * the nodes that drive this level then. */
+void cw_timed_levels_at_source(const cw_bus *bus, cw_levels *levels, uint64_t dominant,
+                               cw_span moment);
+
+/* Returns the levels of the wire right after a moment as they come to the nodes, and what these
+ * would sample. */
+void cw_timed_levels_at_nodes(const cw_bus *bus, uint64_t *came, uint64_t *sampled,
+                              cw_span moment);
 
 /* Returns the level that its controller takes at a sample point (T7). Mostly all edges have arrived
  * long before. */
@@ -222,6 +229,17 @@ void cw_sync_begin_bit_time(cw_bus *bus);
 /* Notes what a node does at a moment, if there is room. phase_error: as in cw_mark. */
 void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsigned node, cw_span moment, bool level,
                  int phase_error);
+
+/* Notes the level that a controller takes, and whether a rule has made it another one than that of
+ * the wire. */
+void cw_mark_sample(cw_bus *bus, unsigned node, cw_span moment, bool level);
+
+/* Notes what nodes drive when the levels at the begin of the bit time are noted. */
+void cw_marks_note(cw_bus *bus);
+
+/* Adds what becomes of these levels in the bit time. Takes all marks out of one whose bits are
+ * common to all nodes, and which no rule touches inside. */
+void cw_marks_end(cw_bus *bus, cw_span end);
 
 /* Counts, reports and marks a synchronisation, for those who want that. phase_error: in quanta
  * (T5). moment: of the look that has found the edge. */

@@ -57,19 +57,33 @@ static void set_bit(uint64_t *levels, unsigned i, bool level)
     *levels = level ? *levels | cw_node_bit(i) : *levels & ~cw_node_bit(i);
 }
 
-void cw_timed_levels(const cw_bus *bus, cw_levels *levels, cw_span moment)
+/* Returns the wired AND of levels, for each node that of its wire. */
+static uint64_t wired_and(const cw_wires *wires, uint64_t driven)
 {
-    const cw_timed *t = &bus->timed;
+    uint64_t level = UINT64_MAX;
+    for (unsigned w = 0; w < wires->count; w++)
+        if ((driven & wires->nodes[w]) != wires->nodes[w])
+            level &= ~wires->nodes[w];
+    return level;
+}
+
+void cw_timed_levels_at_source(const cw_bus *bus, cw_levels *levels, uint64_t dominant,
+                               cw_span moment)
+{
+    const cw_disturbances *all = &bus->timed.disturbances;
+    levels->driven = cw_disturbed_lines_at_source(all, moment, ~dominant);
+    levels->clean = wired_and(&bus->timed.wires, levels->driven);
+    levels->wire = cw_disturbed_wires_at_source(all, moment, levels->clean);
+}
+
+void cw_timed_levels_at_nodes(const cw_bus *bus, uint64_t *came, uint64_t *sampled, cw_span moment)
+{
     const cw_span after = moment + 1; /* T12 */
-    levels->driven = levels->wire = levels->sampled = UINT64_MAX;
+    *came = *sampled = UINT64_MAX;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const uint64_t seen = cw_disturbed_lines(&t->disturbances, &t->cable, i, after,
-                                                 t->cable.dominant);
-        set_bit(&levels->driven, i, !(seen >> i & 1u));
-        set_bit(&levels->wire, i, cw_timed_wire(bus, i, after));
-        set_bit(&levels->sampled, i, cw_timed_level(bus, i, after));
+        set_bit(came, i, cw_timed_wire(bus, i, after));
+        set_bit(sampled, i, cw_timed_level(bus, i, after));
     }
-    levels->clean = t->disturbances.count ? cw_wired_and(bus, levels->driven) : levels->wire;
 }
 
 __attribute__((noinline)) bool cw_timed_find_sample(const cw_bus *bus, unsigned i, cw_span moment)

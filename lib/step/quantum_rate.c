@@ -84,7 +84,10 @@ __attribute__((noinline)) void cw_timed_compare_late(cw_bus *bus, unsigned i, cw
     cw_span moment;
     measure(bus, i, until);
     while (cw_late_is_due(late, m, &moment) && moment <= until) {
-        if (cw_late_compare_next(late, cw_timed_level(bus, i, moment), &error))
+        const bool level = cw_timed_level(bus, i, moment);
+        if (bus->timed.marking)
+            cw_mark_put(bus, CW_MARK_LATE_SAMPLE, i, moment, level, 0);
+        if (cw_late_compare_next(late, level, &error))
             cw_mac_note_late_error(m, error);
     }
 }

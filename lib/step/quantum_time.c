@@ -31,6 +31,8 @@ static void end_bit_time(cw_bus *bus, cw_span end)
 {
     if (bus->dozing)
         cw_timed_doze(bus, end);
+    if (bus->timed.marking)
+        cw_marks_end(bus, end);
     bus->wire = level_of_wires(bus, end);
     if (bus->timed.rates && bus->timed.uniform)
         cw_timed_show_wire(bus);
@@ -88,8 +90,12 @@ static void forget_disturbances(cw_bus *bus, cw_span begin)
 static void note_levels(cw_bus *bus, cw_span moment)
 {
     cw_levels levels;
-    cw_timed_levels(bus, &levels, moment);
+    uint64_t came;
+    cw_timed_levels_at_source(bus, &levels, bus->timed.cable.dominant, moment);
+    cw_timed_levels_at_nodes(bus, &came, &levels.sampled, moment);
     cw_view_note(bus, &levels);
+    bus->note.came = came;
+    cw_marks_note(bus);
 }
 
 /* Counts what is at the data rate, and the time by which busy bits are shorter than others. */

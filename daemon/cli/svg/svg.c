@@ -29,6 +29,7 @@ struct svg {
     size_t capacity;
     note_list notes;
     inside_list *inside; /* NULL: all bits are common to all nodes */
+    uint64_t sampled;      /* by the nodes last, where bits are not common to all */
     uint32_t dbitrate_bps; /* of the first node that has a data rate; 0: none has */
     uint64_t number;       /* bits of the bus before the picture, where there is a data rate */
     struct {
@@ -127,6 +128,23 @@ void svg_skip(svg *self, const cw_bit_view *bit)
     self->notes.end = bit->end;
 }
 
+/* Where nodes sample at moments of their own, each keeps its level from one to the next. */
+static void keep_samples(svg *self, cw_bit_view *bit)
+{
+    uint64_t now = bit->sampled;
+    if (bit->mark_count > 0 && !bit_rests(bit)) {
+        now = bit->sampled = self->count > 0 ? self->sampled : bit->sampled;
+        for (unsigned i = 0; i < bit->mark_count; i++) {
+            const cw_mark *m = &bit->marks[i];
+            const uint64_t node = UINT64_C(1) << m->node;
+            if (m->kind == CW_MARK_SAMPLE)
+                now = m->level ? now | node : now & ~node;
+        }
+    }
+    self->sampled = now;
+    bit->marks = NULL; /* the bus keeps them only for now */
+}
+
 bool svg_bit(svg *self, const cw_bit_view *bit)
 {
     if (self->count >= SVG_BITS_MAX) {
@@ -137,7 +155,8 @@ bool svg_bit(svg *self, const cw_bit_view *bit)
         return false;
     if (self->inside && !inside_bit(self->inside, bit, self->count))
         return false;
-    self->bits[self->count++] = *bit;
+    self->bits[self->count] = *bit;
+    keep_samples(self, &self->bits[self->count++]);
     return notes_bit(&self->notes, bit);
 }
 
@@ -315,24 +334,80 @@ static level wire_level(const cw_bit_view *bit, unsigned wire)
     return (bit->wire & nodes) == nodes ? LEVEL_RECESSIVE : LEVEL_DOMINANT;
 }
 
-/* Draws a line through all bits of the row, recessive high; top is that of the lane. */
-static void draw_wave(const pen *p, int top, level_of *of, unsigned which, const char *attributes)
+/* A lane of levels: of a wire, or of a node. */
+typedef struct level_lane {
+    level_of *at_begin; /* of a bit */
+    inside_kind inside; /* what changes it later in the bit */
+    unsigned which;
+} level_lane;
+
+static bool is_in_lane(const pen *p, const level_lane *l, const inside_moment *m)
 {
-    level before = LEVEL_NONE;
+    const unsigned wire = p->svg->bits[m->bit].nodes[m->node].wire;
+    return m->kind == l->inside && (l->inside == INSIDE_WIRE ? wire : m->node) == l->which;
+}
+
+/* The line of a lane as it is drawn. */
+typedef struct wave {
+    int top;
+    level now;
+} wave;
+
+/* Draws the line up to a place, in hundredths of a pixel, and changes its level there. */
+static void change_wave(const pen *p, wave *w, int x, level to)
+{
+    char place[32];
+    const int y = to == LEVEL_RECESSIVE ? w->top + 2 : w->top + SVG_WAVE - 2;
+    if (to == w->now)
+        return;
+    snprintf(place, sizeof place, x % 100 ? "%d.%02d" : "%d", x / 100, x % 100);
+    if (w->now != LEVEL_NONE)
+        fprintf(p->out, "H%s", place);
+    if (to != LEVEL_NONE && w->now == LEVEL_NONE)
+        fprintf(p->out, "M%s %d", place, y);
+    else if (to != LEVEL_NONE)
+        fprintf(p->out, "V%d", y);
+    w->now = to;
+}
+
+/* Draws what becomes of a level inside of a bit. */
+static void draw_wave_inside(const pen *p, wave *w, const level_lane *l, size_t bit)
+{
+    const inside_list *in = p->svg->inside;
+    const size_t end = in && w->now != LEVEL_NONE ? inside_before(in, bit + 1) : 0;
+    for (size_t i = end ? inside_before(in, bit) : 0; i < end; i++) {
+        const inside_moment *m = &in->list[i];
+        const int x = bit_x(p, bit) * 100 +
+                      (int)(m->place * (unsigned)bit_width(p, bit) * 100 / SVG_PLACES);
+        if (is_in_lane(p, l, m))
+            change_wave(p, w, x, m->level ? LEVEL_RECESSIVE : LEVEL_DOMINANT);
+    }
+}
+
+/* Draws a line through all bits of the row, recessive high; top is that of the lane. */
+static void draw_wave(const pen *p, int top, const level_lane *l, const char *attributes)
+{
+    wave w = {.top = top, .now = LEVEL_NONE};
     fprintf(p->out, "<path%s fill=\"none\" d=\"", attributes);
     for (size_t b = p->row->first; b < p->row->end; b++) {
-        level now = of(&p->svg->bits[b], which);
-        int y = now == LEVEL_RECESSIVE ? top + 2 : top + SVG_WAVE - 2;
-        if (now != LEVEL_NONE && before == LEVEL_NONE)
-            fprintf(p->out, "M%d %d", bit_x(p, b), y);
-        else if (now != LEVEL_NONE && before != now)
-            fprintf(p->out, "V%d", y);
-        level next = b + 1 < p->row->end ? of(&p->svg->bits[b + 1], which) : LEVEL_NONE;
-        if (now != LEVEL_NONE && next != now)
-            fprintf(p->out, "H%d", bit_x(p, b + 1));
-        before = now;
+        change_wave(p, &w, bit_x(p, b) * 100, l->at_begin(&p->svg->bits[b], l->which));
+        draw_wave_inside(p, &w, l, b);
     }
+    change_wave(p, &w, bit_x(p, p->row->end) * 100, LEVEL_NONE);
     fputs("\"/>\n", p->out);
+}
+
+/* Returns the level in the middle of a bit. */
+static level level_in_middle(const pen *p, const level_lane *l, size_t bit)
+{
+    const inside_list *in = p->svg->inside;
+    const size_t end = in ? inside_before(in, bit + 1) : 0;
+    level now = l->at_begin(&p->svg->bits[bit], l->which);
+    for (size_t i = in ? inside_before(in, bit) : 0; i < end; i++)
+        if (now != LEVEL_NONE && in->list[i].place <= SVG_PLACES / 2 &&
+            is_in_lane(p, l, &in->list[i]))
+            now = in->list[i].level ? LEVEL_RECESSIVE : LEVEL_DOMINANT;
+    return now;
 }
 
 /* Marks bits of a lane in which faults have changed the level. */
@@ -358,16 +433,16 @@ static bool node_is_faulty(const cw_bit_view *bit, unsigned node)
 
 /* ---- Wires ----------------------------------------------------------------------------------- */
 
-static void draw_digits(const pen *p, unsigned wire)
+static void draw_digits(const pen *p, const level_lane *l)
 {
     put_rect(p, bit_x(p, p->row->first), p->y + SVG_WAVE + 1,
              bit_x(p, p->row->end) - bit_x(p, p->row->first), 8, " fill=\"#ffffff\"");
     fputs("<g font-size=\"8\" fill=\"" FAINT "\" text-anchor=\"middle\">\n", p->out);
     for (size_t b = p->row->first; b < p->row->end; b++) {
-        level l = wire_level(&p->svg->bits[b], wire);
-        if (l != LEVEL_NONE)
+        const level now = level_in_middle(p, l, b);
+        if (now != LEVEL_NONE)
             put_text(p, bit_x(p, b) + bit_width(p, b) / 2, p->y + SVG_WAVE + 8, "",
-                     l == LEVEL_RECESSIVE ? "1" : "0");
+                     now == LEVEL_RECESSIVE ? "1" : "0");
     }
     fputs("</g>\n", p->out);
 }
@@ -401,8 +476,9 @@ static void draw_wire(pen *p, unsigned wire)
                  names);
     }
     draw_faults(p, p->y, wire_is_faulty, wire);
-    draw_wave(p, p->y, wire_level, wire, " stroke=\"" INK "\" stroke-width=\"1.6\"");
-    draw_digits(p, wire);
+    const level_lane l = {wire_level, INSIDE_WIRE, wire};
+    draw_wave(p, p->y, &l, " stroke=\"" INK "\" stroke-width=\"1.6\"");
+    draw_digits(p, &l);
     fputs("</g>\n", p->out);
     p->y += svg_layout_wire();
 }
@@ -617,17 +693,18 @@ static void draw_inside(const pen *p, unsigned node, int top)
 
 static void draw_node(pen *p, unsigned node)
 {
-    const int wave = p->y + SVG_BAND + 4;
+    const int top = p->y + SVG_BAND + 4;
     fprintf(p->out, "<g class=\"node %s\">\n", p->svg->config->nodes[node].name);
     draw_node_name(p, node);
     draw_parts(p, node);
-    draw_faults(p, wave, node_is_faulty, node);
-    draw_wave(p, wave, sampled_level, node, " class=\"sampled\" stroke=\"" SAMPLED "\"");
-    draw_wave(p, wave, driven_level, node,
-              " class=\"driven\" stroke=\"" DRIVEN "\" stroke-width=\"2\"");
+    draw_faults(p, top, node_is_faulty, node);
+    const level_lane sampled = {sampled_level, INSIDE_SAMPLE, node};
+    const level_lane driven = {driven_level, INSIDE_DRIVE, node};
+    draw_wave(p, top, &sampled, " class=\"sampled\" stroke=\"" SAMPLED "\"");
+    draw_wave(p, top, &driven, " class=\"driven\" stroke=\"" DRIVEN "\" stroke-width=\"2\"");
     if (p->svg->inside)
-        draw_inside(p, node, wave + SVG_WAVE + 2);
-    draw_node_notes(p, node, wave + SVG_WAVE + 2 + p->row->inside);
+        draw_inside(p, node, top + SVG_WAVE + 2);
+    draw_node_notes(p, node, top + SVG_WAVE + 2 + p->row->inside);
     fputs("</g>\n", p->out);
     p->y += svg_layout_node(p->row, node);
 }
@@ -703,7 +780,8 @@ static void draw_legend(const pen *p)
     put_text(p, x + 513, y, "", "receiver");
     if (p->svg->inside)
         put_text(p, x, y += SVG_LEGEND_LINE, "",
-                 "below: time quanta, sample points (longer), synchronisations with phase errors");
+                 "below: time quanta, sample points (longer; secondary ones broken), "
+                 "synchronisations with phase errors");
     if (p->svg->dbitrate_bps)
         draw_rate_legend(p, x, y + SVG_LEGEND_LINE);
     fputs("</g>\n", p->out);

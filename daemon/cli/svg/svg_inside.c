@@ -29,16 +29,18 @@ static bool add(inside_list *self, inside_moment moment)
 
 static bool is_shown(const bit_moment *m)
 {
-    return !m->mark || (m->mark->kind != CW_MARK_BEGIN && m->mark->kind != CW_MARK_DRIVE);
+    return !m->mark || m->mark->kind != CW_MARK_BEGIN;
 }
 
 static inside_kind kind_of(const bit_moment *m)
 {
-    if (!m->mark)
-        return INSIDE_QUANTUM;
-    if (m->mark->kind == CW_MARK_SAMPLE)
-        return INSIDE_SAMPLE;
-    return m->mark->kind == CW_MARK_HARD_SYNC ? INSIDE_HARD_SYNC : INSIDE_RESYNC;
+    static const inside_kind kinds[] = {
+        [CW_MARK_BEGIN] = INSIDE_QUANTUM,   [CW_MARK_DRIVE] = INSIDE_DRIVE,
+        [CW_MARK_WIRE] = INSIDE_WIRE,       [CW_MARK_SAMPLE] = INSIDE_SAMPLE,
+        [CW_MARK_LATE_SAMPLE] = INSIDE_LATE_SAMPLE,
+        [CW_MARK_HARD_SYNC] = INSIDE_HARD_SYNC, [CW_MARK_RESYNC] = INSIDE_RESYNC,
+    };
+    return m->mark ? kinds[m->mark->kind] : INSIDE_QUANTUM;
 }
 
 bool inside_bit(inside_list *self, const cw_bit_view *bit, size_t number)
@@ -58,7 +60,8 @@ bool inside_bit(inside_list *self, const cw_bit_view *bit, size_t number)
                 .place = (uint16_t)(bit_moment_units(m.at, PARTS_OF_TICK) * SVG_PLACES / parts),
                 .phase_error = (int16_t)(m.mark ? m.mark->phase_error : 0),
                 .node = (uint8_t)m.node,
-                .kind = (uint8_t)kind_of(&m)});
+                .kind = (uint8_t)kind_of(&m),
+                .level = m.mark && m.mark->level});
     return good;
 }
 
@@ -87,6 +90,13 @@ void inside_draw(FILE *out, const inside_moment *m, int x, int y, int width, int
     case INSIDE_QUANTUM:
         fprintf(out, "<path class=\"tq\" d=\"M%u.%02u %dv3\" stroke=\"" SAMPLED
                      "\" stroke-width=\".4\"/>\n", whole, part, y);
+        break;
+    case INSIDE_DRIVE:
+    case INSIDE_WIRE:
+        break;
+    case INSIDE_LATE_SAMPLE:
+        fprintf(out, "<path class=\"late-sample\" d=\"M%u.%02u %dv8\" stroke=\"" DRIVEN
+                     "\" stroke-width=\"1.6\" stroke-dasharray=\"2 1\"/>\n", whole, part, y);
         break;
     case INSIDE_SAMPLE:
         fprintf(out, "<path class=\"sample\" d=\"M%u.%02u %dv6\" stroke=\"" DRIVEN "\"/>\n", whole,

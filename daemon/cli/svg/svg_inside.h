@@ -15,6 +15,9 @@
 typedef enum inside_kind {
     INSIDE_QUANTUM = 0,
     INSIDE_SAMPLE,
+    INSIDE_LATE_SAMPLE, /* at the secondary sample point */
+    INSIDE_DRIVE,       /* drawn by the lanes of levels, as that of samples is, too */
+    INSIDE_WIRE,
     INSIDE_HARD_SYNC,
     INSIDE_RESYNC,
 } inside_kind;
@@ -25,6 +28,7 @@ typedef struct inside_moment {
     int16_t phase_error; /* in quanta */
     uint8_t node;
     uint8_t kind;
+    bool level; /* from then on, or as it is sampled */
 } inside_moment;
 
 /* The moments of all nodes, in the order of time. */
