@@ -51,13 +51,15 @@ static void share_frame(engine *e, port *p, const port_frame *frame, uint64_t ti
 
 static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_pair *now)
 {
-    e->frames_read += count;
     for (unsigned i = 0; i < count; i++) {
         uint64_t tick = arrival_tick(e, node, &e->batch[i], now);
         if (e->virtual_time)
             e->batch[i].realtime_ns = now->realtime_ns;
         if (port_is_shared(e->now.ports[node]))
             share_frame(e, e->now.ports[node], &e->batch[i], tick);
+        if (e->batch[i].is_error)
+            continue;
+        e->frames_read++;
         (void)inputs_send(&e->inputs, node, &e->batch[i].frame, tick); /* there is room for the
                                                                           frame */
     }

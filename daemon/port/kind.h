@@ -116,13 +116,16 @@ int port_receive(port *p, int socket, unsigned max);
 /* Returns true when received message i is a frame; raw CAN sockets have no other messages. */
 bool port_is_frame(const port *p, unsigned i);
 
-/* Copies the frames for the bus among the received messages to `frames`; counts the other messages.
- * Returns the number of frames. */
+/* Copies the frames for the bus among the received messages to `frames`, and error frames for other
+ * programs; counts the other messages. Returns the number of frames. */
 unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received);
 
 /* Takes a frame of linux/can.h, by its size. Returns false, and counts the reason, when it is none
- * for the bus. */
-bool port_take_frame(port *p, cw_frame *out, const struct canfd_frame *in, size_t size);
+ * for the bus, and no error frame for other programs either. */
+bool port_take_frame(port *p, port_frame *out, const struct canfd_frame *in, size_t size);
+
+/* Makes a frame of linux/can.h of an error frame that a program has written. Returns its size. */
+size_t port_make_error(struct canfd_frame *out, const cw_frame *in);
 
 /* Makes a frame of linux/can.h. Returns its size. */
 size_t port_make_frame(struct canfd_frame *out, const cw_frame *in);

@@ -189,15 +189,15 @@ static member_result take_frame(member *c, port *p, const message *m, size_t siz
     const size_t bytes = size - sizeof m->head;
     if (bytes == CANFD_MTU && !(c->options & MESSAGE_FD))
         return complain(c, p, MESSAGE_FRAME, EINVAL, "a CAN FD frame without the option");
-    if (!port_take_frame(p, &out->frame, &m->fd, bytes)) {
+    if (!port_take_frame(p, out, &m->fd, bytes)) {
         member_refuse(c, MESSAGE_FRAME, EINVAL, "no frame for the bus");
         return MEMBER_CONTROL;
     }
     out->number = m->head.number;
     out->client = c->id;
     out->options = c->options;
-    c->read++;
-    c->flushable += (c->options & MESSAGE_FLUSHES) != 0;
+    c->read += !out->is_error;
+    c->flushable += !out->is_error && (c->options & MESSAGE_FLUSHES);
     return MEMBER_FRAME;
 }
 

@@ -152,17 +152,26 @@ bool port_is_frame(const port *p, unsigned i)
            !(header->msg_hdr.msg_flags & MSG_TRUNC);
 }
 
-static bool take_frame(port *p, cw_frame *out, const struct canfd_frame *in, size_t size)
+/* Takes an error frame, for the other programs of the port. Returns false without any. */
+static bool take_error(port *p, cw_frame *out, const struct canfd_frame *in)
 {
-    if (in->can_id & CAN_ERR_FLAG) {
-        p->stats.errors_ignored++;
-        return false;
-    }
-    from_socketcan(p, out, in, size);
+    p->stats.errors_ignored++;
+    *out = (cw_frame){.id = in->can_id & CAN_ERR_MASK,
+                      .dlc = in->len < CAN_MAX_DLEN ? in->len : CAN_MAX_DLEN};
+    memcpy(out->data, in->data, out->dlc);
+    return p->shared;
+}
+
+static bool take_frame(port *p, port_frame *out, const struct canfd_frame *in, size_t size)
+{
+    out->is_error = in->can_id & CAN_ERR_FLAG;
+    if (out->is_error)
+        return take_error(p, &out->frame, in);
+    from_socketcan(p, &out->frame, in, size);
     return true;
 }
 
-bool port_take_frame(port *p, cw_frame *out, const struct canfd_frame *in, size_t size)
+bool port_take_frame(port *p, port_frame *out, const struct canfd_frame *in, size_t size)
 {
     if (is_frame(in, size))
         return take_frame(p, out, in, size);
@@ -179,7 +188,7 @@ static bool take_message(port *p, port_frame *out, unsigned i)
     if (m->msg_hdr.msg_flags & MSG_CONFIRM)
         return false;
     if (port_is_frame(p, i))
-        return take_frame(p, &out->frame, &p->messages.frames[i], m->msg_len);
+        return take_frame(p, out, &p->messages.frames[i], m->msg_len);
     p->stats.malformed++;
     return false;
 }
@@ -211,8 +220,7 @@ unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received)
     unsigned count = 0;
     for (int i = 0; i < received; i++)
         if (take_message(p, &frames[count], (unsigned)i))
-            count++;
-    p->stats.read += count;
+            p->stats.read += !frames[count++].is_error;
     return count;
 }
 
@@ -378,6 +386,13 @@ static size_t make_classical(struct canfd_frame *made, const cw_frame *in)
     memcpy(out.data, in->data, cw_frame_length(in));
     memcpy(made, &out, sizeof out);
     return sizeof out;
+}
+
+size_t port_make_error(struct canfd_frame *out, const cw_frame *in)
+{
+    *out = (struct canfd_frame){.can_id = in->id | CAN_ERR_FLAG, .len = in->dlc};
+    memcpy(out->data, in->data, in->dlc);
+    return sizeof(struct can_frame);
 }
 
 size_t port_make_frame(struct canfd_frame *out, const cw_frame *in)

@@ -19,6 +19,8 @@ typedef struct port port;
  * such. */
 typedef struct port_frame {
     cw_frame frame;
+    bool is_error;       /* an error frame: never for the bus, but for the other programs of the
+                            port. Its class is the identifier */
     int64_t realtime_ns; /* CLOCK_REALTIME of arrival; 0: unknown */
     uint32_t client;     /* that has sent it, at a shared port; 0: the plain ECU */
     uint32_t number;     /* that the client has given it */
@@ -97,7 +99,8 @@ typedef struct port_stats {
     uint64_t errors_failed;   /* error frames that the kernel did not take */
     uint64_t errors_left_out; /* error frames not written because there were too many */
     uint64_t errors_unheard; /* error frames for an ECU that was not connected */
-    uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus */
+    uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus.
+                                Other programs of the port get them */
     uint64_t malformed;      /* messages of an ECU that are no frames */
     uint64_t connected;      /* number of connections of an ECU */
     uint64_t refused;        /* connections refused since an ECU was connected already */
@@ -156,7 +159,8 @@ bool port_is_shared(const port *p);
 /* Sets the time of what is sent next. */
 void port_set_time(port *p, uint64_t tick, int64_t realtime_ns);
 
-/* Says that a frame that was read has been handed in, at the time set. */
+/* Says that a frame that was read has been handed in, or that its turn has come for an error frame,
+ * at the time set. */
 void port_handed_in(port *p, const port_frame *frame);
 
 /* Says that the bus has sent (CW_EVENT_TX) or dropped a frame of the node. */

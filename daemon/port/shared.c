@@ -341,9 +341,11 @@ static bool read_client(port *p, member *c, port_frame *frames, unsigned *count)
     const int pid = c->pid;
     const member_result result = member_read(c, p, frames);
     *count = result == MEMBER_FRAME;
-    p->stats.read += *count;
-    own(p)->traffic.frames_in += *count;
-    own(p)->traffic.bytes_in += *count ? cw_frame_length(&frames->frame) : 0;
+    if (*count && !frames->is_error) {
+        p->stats.read++;
+        own(p)->traffic.frames_in++;
+        own(p)->traffic.bytes_in += cw_frame_length(&frames->frame);
+    }
     if (result == MEMBER_GREETS)
         own(p)->ways->greet(p, c);
     else if (result == MEMBER_GONE)
@@ -468,12 +470,19 @@ port_sent shared_send(port *p, const void *frame, size_t size)
     return result;
 }
 
+/* Makes a frame of linux/can.h of what a program has sent. */
+static size_t make_frame(struct canfd_frame *out, const port_frame *frame)
+{
+    return frame->is_error ? port_make_error(out, &frame->frame)
+                           : port_make_frame(out, &frame->frame);
+}
+
 /* Sends a frame of one program to the others. */
 static void pass_on(port *p, const port_frame *frame)
 {
     port_shared *s = own(p);
     struct canfd_frame out;
-    const size_t size = port_make_frame(&out, &frame->frame);
+    const size_t size = make_frame(&out, frame);
     message_head head = head_of(p, MESSAGE_FRAME);
     head.flags = MESSAGE_LOCAL;
     if (frame->client != 0)
@@ -495,7 +504,7 @@ static member *find_client(port_shared *s, uint32_t id)
 static void give_back(port *p, member *sender, const port_frame *frame)
 {
     struct canfd_frame out;
-    const size_t size = port_make_frame(&out, &frame->frame);
+    const size_t size = make_frame(&out, frame);
     message_head head = head_of(p, MESSAGE_FRAME);
     head.flags = MESSAGE_LOCAL | MESSAGE_OWN;
     head.number = frame->number;
@@ -550,9 +559,23 @@ static void count_handed_in(port *p, const port_frame *frame)
     answer_flush(p, c);
 }
 
+/* As on a vcan, the programs of an interface see an error frame that one of them writes. */
+static void share_error(port *p, const port_frame *frame)
+{
+    member *sender = find_client(own(p), frame->client);
+    if (loops_back(frame))
+        pass_on(p, frame);
+    if (sender && comes_back(frame))
+        give_back(p, sender, frame);
+}
+
 void shared_handed_in(port *p, const port_frame *frame)
 {
     port_shared *s = own(p);
+    if (frame->is_error) {
+        share_error(p, frame);
+        return;
+    }
     const bool late = s->sharing.echo == PORT_ECHO_SENT && loops_back(frame);
     const bool told = frame->client != 0 && (frame->options & MESSAGE_TELL_DROPPED);
     if (late || told || comes_back(frame) || flushes(frame))

@@ -370,13 +370,13 @@ static member_result hand_in(member *c, port *p, const void *frame, size_t size,
 {
     struct canfd_frame copy;
     memcpy(&copy, frame, size);
-    if (!port_take_frame(p, &out->frame, &copy, size))
+    if (!port_take_frame(p, out, &copy, size))
         return MEMBER_CONTROL;
     out->realtime_ns = realtime_ns;
     out->number = 0;
     out->client = c->id;
     out->options = c->options;
-    c->read++;
+    c->read += !out->is_error;
     return MEMBER_FRAME;
 }
 

@@ -530,7 +530,7 @@ static bool take_frame(tunnel *t, port_frame *out, bool *good)
     t->in_begin += (size_t)taken;
     t->in_frames -= !t->name.tcp;
     *out = (port_frame){.realtime_ns = t->in_realtime_ns};
-    *good = port_take_frame(&t->base, &out->frame, &frame, size);
+    *good = port_take_frame(&t->base, out, &frame, size);
     t->base.stats.read += *good;
     return true;
 }

@@ -220,10 +220,11 @@ static unsigned read_plain(port *p, port_frame *frames, unsigned max, bool *wait
         refuse_waiting(p);
     else if (gone)
         disconnect_ecu(p);
+    const uint64_t before = p->stats.read;
     const unsigned taken = port_take(p, frames, count);
     if (!nothing)
         port_note_told(p, pid, PORT_TOLD_ROOM);
-    plain_of(p)->read += gone ? 0 : taken;
+    plain_of(p)->read += gone ? 0 : p->stats.read - before;
     return taken;
 }
 

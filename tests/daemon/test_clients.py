@@ -334,12 +334,18 @@ def test_what_is_wrong_is_answered_and_counted(rig, kind, body, code):
 
 def test_error_frames_of_clients_do_not_enter_the_bus(rig):
     r = rig()
-    client, dash = r.client(), r.client("dash")
+    client, dash = r.client(), r.client("dash", error_mask=0x1FFFFFFF)
+    beside, deaf = r.client(error_mask=0x40), r.client()
+    silent = r.client(options=0)
+    silent.send(ERR | 0x40, b"lost")
     client.send(ERR | 0x40, bytes(8))
-    assert client.receive().type == ERROR
+    client.send(ERR | 0x20, b"other")
     client.send(0x123)
-    assert dash.receive().can_id == 0x123
-    assert r.node()["interface"]["errors_ignored"] == 1
+    got = beside.receive()
+    assert (got.can_id, got.data, got.flags) == (ERR | 0x40, bytes(8), LOCAL)
+    for other in (dash, beside, deaf):
+        assert other.receive().can_id == 0x123
+    assert r.node()["interface"]["errors_ignored"] == 3
     r.stop()
 
 

@@ -235,6 +235,8 @@ static void hand_in(rig *r, const port_frame *frame)
         port_set_time(r->port, now, frame->realtime_ns);
         port_handed_in(r->port, frame);
     }
+    if (frame->is_error) /* for other programs alone */
+        return;
     fuzz_bus_send(&r->bus, 0, &frame->frame, now);
     r->read++;
 }

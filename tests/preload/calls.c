@@ -732,6 +732,35 @@ static void bcm(int a, int b)
     (void)close(a);
 }
 
+/* What a program writes with CAN_ERR_FLAG goes to the other sockets of the interface. */
+static void error_frames(void)
+{
+    const int a = bound(interface), b = bound(interface);
+    const struct can_filter passive = {CAN_ERR_FLAG, CAN_ERR_FLAG | CAN_ERR_CRTL};
+    title("error frames");
+    set(a, CAN_RAW_RECV_OWN_MSGS, 1);
+    set(a, CAN_RAW_ERR_FILTER, CAN_ERR_MASK);
+    set(b, CAN_RAW_ERR_FILTER, CAN_ERR_BUSOFF);
+    put(a, 0x108, 1);
+    get_message("own", a, 0);
+    put(a, CAN_ERR_FLAG | CAN_ERR_CRTL, 2);
+    get_message("own error frame", a, 0);
+    put(a, CAN_ERR_FLAG | CAN_ERR_BUSOFF | CAN_ERR_RESTARTED, 3);
+    get_message("own error frame", a, 0);
+    get_message("other", b, 0);
+    get_message("other, of one class", b, 0);
+    set(a, CAN_RAW_LOOPBACK, 0);
+    put(a, CAN_ERR_FLAG | CAN_ERR_BUSOFF, 4);
+    set(a, CAN_RAW_LOOPBACK, 1);
+    (void)setsockopt(b, SOL_CAN_RAW, CAN_RAW_FILTER, &passive, sizeof passive);
+    set(b, CAN_RAW_ERR_FILTER, 0);
+    put(a, CAN_ERR_FLAG | CAN_ERR_ACK, 5);
+    put(a, CAN_ERR_FLAG | CAN_ERR_CRTL, 6);
+    get_message("by a filter", b, 0);
+    (void)close(a);
+    (void)close(b);
+}
+
 int main(int argc, char **argv)
 {
     if (argc != 2)
@@ -753,6 +782,7 @@ int main(int argc, char **argv)
     fd_frames(a, b);
     (void)close(a);
     (void)close(b);
+    error_frames();
     a = bound(interface);
     b = bound(interface);
     addresses(a, b);
