@@ -134,12 +134,14 @@ static size_t add_bus(char line[STATUS_BYTES], size_t used, const cfg *config,
     if (buses == 1)
         return add_status(line, used,
                           "%s: %zu nodes at %u bit/s, load %u.%u %%, %" PRIu64 " frames, %" PRIu64
-                          " error frames%s%s", config->bus_name, config->node_count,
+                          " error frames%s%s%s%s", config->bus_name, config->node_count,
                           config->bitrate_bps, bus->load_permille / 10u, bus->load_permille % 10u,
-                          bus->frames, bus->error_frames, status->trouble, files);
-    return add_status(line, used, "%s%s: load %u.%u %%%s%s%s", used > 0 ? "; " : "",
+                          bus->frames, bus->error_frames, status->trouble, files, *status->lost_rules ? "; " : "",
+                          status->lost_rules);
+    return add_status(line, used, "%s%s: load %u.%u %%%s%s%s%s%s", used > 0 ? "; " : "",
                       config->bus_name, bus->load_permille / 10u, bus->load_permille % 10u,
-                      status->trouble, files, status->refused);
+                      status->trouble, files, *status->lost_rules ? ", " : "",
+                      status->lost_rules, status->refused);
 }
 
 static void report_status(process *p)

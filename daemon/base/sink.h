@@ -42,7 +42,7 @@ const char *sink_kind_name(sink_kind kind);
 json_t *sinks_json(const sink_list *all);
 
 /* Prints ", record drive.log stopped: No space left on device, 3 lost" and so on, first those that
- * are not good. What has no room is counted. Returns the length. */
+ * are not good. Others without room are counted. Returns the length. */
 size_t sinks_print(char *out, size_t size, const sink_list *all);
 
 #endif

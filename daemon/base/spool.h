@@ -87,7 +87,7 @@ bool spool_write_part(spool *s, const void *part, size_t size);
  * ended. */
 bool spool_cut(spool *s);
 
-/* What another program has done to the file. */
+/* Another program has done this to the file. */
 typedef enum spool_found {
     SPOOL_AS_IT_WAS = 0,
     SPOOL_REMOVED,

@@ -23,6 +23,8 @@ static const char help[] =
     "of\n"
     "         rules or {faults: [...]}\n"
     "\n"
+    "      --keep             also at the next starts, until they are cleared or the machine is\n"
+    "                         started anew\n"
     "      --with KEY=VALUE   sets a parameter of a profile; may be given again\n"
     "\n"
     "Options come before BUS. Errors are told as FILE:LINE:COLUMN: message.\n"
@@ -33,6 +35,7 @@ typedef struct injection {
     const char *name; /* of the text, for messages */
     buffer text;
     buffer with; /* lines to append to the text */
+    bool keep;
 } injection;
 
 /* Returns false after a message. */
@@ -114,6 +117,8 @@ static int send_text(const char *bus, const injection *in)
 {
     json_t *request = client_request("inject");
     put_text(request, "name", in->name);
+    if (in->keep)
+        put_bool(request, "keep", true);
     put(request, "text", text_to_json(buffer_first(&in->text), buffer_length(&in->text)));
     json_t *reply = client_ask_once(bus, request);
     const json_t *rules = json_object_get(reply, "rules");
@@ -131,12 +136,13 @@ int cli_inject(int argc, char **argv)
 {
     injection in = {.name = NULL};
     int first = 0;
-    const command c = {.usage = "canwire inject [--with KEY=VALUE]... BUS FILE|YAML",
+    const command c = {.usage = "canwire inject [--keep] [--with KEY=VALUE]... BUS FILE|YAML",
                        .help = help,
                        .words_min = 2,
                        .words_max = 2,
                        .options_first = true,
-                       .options = {{.name = "with", .text = add_parameter}},
+                       .options = {{.name = "with", .text = add_parameter},
+                                   {.name = "keep", .flag = &in.keep}},
                        .user = &in};
     int status = command_parse(&c, &first, argc, argv);
     if (status < 0)

@@ -33,13 +33,18 @@ static intmax_t number(const json_t *object, const char *key)
 
 /* Returns "" for a missing text. A bus may send any text: it is made plain in place, which keeps
  * its length. */
-static const char *text(const json_t *object, const char *key)
+static const char *plain_text(const json_t *string)
 {
-    char *value = (char *)(uintptr_t)json_string_value(json_object_get(object, key));
+    char *value = (char *)(uintptr_t)json_string_value(string);
     if (!value)
         return "";
     plain_make(value, '?');
     return value;
+}
+
+static const char *text(const json_t *object, const char *key)
+{
+    return plain_text(json_object_get(object, key));
 }
 
 static const char *upper(char out[UPPER_MAX], const char *word)
@@ -499,6 +504,19 @@ static void print_sink(FILE *out, const json_t *sink)
     fputc('\n', out);
 }
 
+/* Prints texts of rules that are kept for the next start: "kept noise.yaml: hum, hiss". */
+static void print_kept(FILE *out, const json_t *kept)
+{
+    for (size_t i = 0; i < json_array_size(kept); i++) {
+        const json_t *one = json_array_get(kept, i), *rules = json_object_get(one, "rules");
+        fprintf(out, "kept %s:", text(one, "name"));
+        for (size_t k = 0; k < json_array_size(rules); k++)
+            fprintf(out, "%s %s", k > 0 ? "," : "", plain_text(json_array_get(rules, k)));
+        fputs(json_is_true(json_object_get(one, "refused")) ? " (refused, see the log)\n" : "\n",
+              out);
+    }
+}
+
 void status_print(FILE *out, const json_t *status)
 {
     const json_t *sinks = json_object_get(status, "sinks");
@@ -510,6 +528,10 @@ void status_print(FILE *out, const json_t *status)
         print_node(out, json_array_get(nodes, i), i + 1, number(bus, "bitrate"));
     for (size_t i = 0; i < json_array_size(sinks); i++)
         print_sink(out, json_array_get(sinks, i));
+    const char *lost = text(json_object_get(status, "lost_rules"), "note");
+    if (*lost)
+        fprintf(out, "%s\n", lost);
+    print_kept(out, json_object_get(status, "kept_rules"));
     gateways_print(out, json_object_get(status, "gateways"));
 }
 

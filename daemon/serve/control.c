@@ -234,6 +234,11 @@ void control_on_reload(control *c, control_reload *call, void *user)
     c->world.reload_user = user;
 }
 
+void control_keep(control *c, kept *k)
+{
+    c->world.kept = k;
+}
+
 void control_show_more(control *c, control_more *more, void *user)
 {
     c->world.more = more;

@@ -9,6 +9,7 @@
 
 #include "engine/engine.h"
 #include "run/live.h"
+#include "serve/kept.h"
 
 #include <ev.h>
 #include <jansson.h>
@@ -32,6 +33,9 @@ void control_stop(control *c);
 
 /* Adapts to a changed configuration, in which nodes have other places. */
 void control_remap(control *c, const uint8_t from[CW_NODES_MAX]);
+
+/* Remembers injected rules there. */
+void control_keep(control *c, kept *k);
 
 /* Sets who puts the service's part of the status: recordings, journal, sinks, gateways. */
 typedef void control_more(void *user, json_t *status);

@@ -11,11 +11,12 @@
 #include "base/nearest.h"
 #include "run/settings.h"
 
+#include <errno.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define KEYS_MAX 2
+#define KEYS_MAX 3
 #define ERROR_TEXT_MAX 400
 #define BUS_KINDS (((1u << CW_EVENT_COUNT) - 1u) & ~(1u << CW_EVENT_TOLERATED))
 #define EVERY_KIND (BUS_KINDS | REQUEST_WATCH_RECORD)
@@ -209,17 +210,36 @@ static json_t *names_of(const cfg_rules *rules)
     return names;
 }
 
+/* Remembers the rules beyond a crash. When that fails, rules that are to be kept go again. */
+static bool note_injected(request *r, const char *name, const cfg_rules *rules, bool keep)
+{
+    kept *k = r->world->kept;
+    if (!k || kept_note(k, json_object_get(r->asked, "text"), name,
+                        json_object_get(r->reply, "rules"), keep))
+        return true;
+    const char *why = strerror(errno);
+    for (size_t i = 0; i < rules->count; i++) {
+        unsigned index;
+        if (live_find(r->world->config, &index, rules->rules[i].name))
+            inputs_clear(r->inputs, index);
+    }
+    return refuse(r, "the rules cannot be remembered, and are not injected: %s", why);
+}
+
 static bool run_inject(request *r)
 {
-    const char *name = text_of(r, "name");
+    const char *name = text_of(r, "name") ? text_of(r, "name") : "inject";
     const json_t *text = json_object_get(r->asked, "text");
+    const bool keep = json_is_true(json_object_get(r->asked, "keep"));
+    if (keep && !r->world->kept)
+        return refuse(r, "keep: there is no control socket beside which they could be kept");
     char *errors = NULL;
     size_t length = 0;
     FILE *stream = open_memstream(&errors, &length);
     if (!stream)
         return refuse(r, "out of memory");
     cfg_rules *rules = inputs_inject(r->inputs, json_string_value(text), json_string_length(text),
-                                     name ? name : "inject", stream);
+                                     name, stream);
     (void)fclose(stream);
     if (rules)
         put(r->reply, "rules", names_of(rules));
@@ -227,15 +247,32 @@ static bool run_inject(request *r)
         (void)refuse_lines(r, errors ? errors : "");
     if (rules && *rules->warnings)
         put(r->reply, "warnings", lines_of(rules->warnings));
+    const bool good = rules && note_injected(r, name, rules, keep);
     cfg_free_rules(rules);
     free(errors);
-    return rules != NULL;
+    return good;
 }
 
 static void clear_rule(request *r, json_t *cleared, unsigned index)
 {
-    put_text_last(cleared, live_config(r->world->config)->rules[index].name);
+    const char *name = live_config(r->world->config)->rules[index].name;
+    put_text_last(cleared, name);
+    if (r->world->kept)
+        (void)kept_clear(r->world->kept, name);
     inputs_clear(r->inputs, index);
+}
+
+/* Takes away a rule that is kept, but that the bus does not have, since it has refused it. */
+static bool clear_refused(request *r)
+{
+    const char *name = text_of(r, "rule");
+    if (!r->world->kept || !kept_clear(r->world->kept, name))
+        return false;
+    json_t *cleared = json_array();
+    put_text_last(cleared, name);
+    put(r->reply, "rules", cleared);
+    kept_save(r->world->kept);
+    return true;
 }
 
 /* Clears one rule, or all, or all injected ones. */
@@ -247,6 +284,8 @@ static bool run_clear(request *r)
     bool injected = json_is_true(json_object_get(r->asked, "injected"));
     if (one && injected)
         return refuse(r, "either rule or injected");
+    if (one && !live_find(config, &only, text_of(r, "rule")) && clear_refused(r))
+        return true;
     if (one && !find_rule(r, &only))
         return false;
     json_t *cleared = json_array();
@@ -254,6 +293,10 @@ static bool run_clear(request *r)
         if (live_config(config)->rules[i].name && (!one || i == only) &&
             (!injected || live_is_injected(config, i)))
             clear_rule(r, cleared, i);
+    if (r->world->kept && !one)
+        kept_clear_all(r->world->kept);
+    if (r->world->kept)
+        kept_save(r->world->kept);
     put(r->reply, "rules", cleared);
     return true;
 }
@@ -351,7 +394,8 @@ void request_reloaded(json_t *reply, const char *errors)
 static const request_kind kinds[] = {
     {"status", run_status, false, {{NULL, JSON_NULL, false}}},
     {"faults", run_faults, false, {{NULL, JSON_NULL, false}}},
-    {"inject", run_inject, true, {{"text", JSON_STRING, true}, {"name", JSON_STRING, false}}},
+    {"inject", run_inject, true,
+     {{"text", JSON_STRING, true}, {"name", JSON_STRING, false}, {"keep", JSON_TRUE, false}}},
     {"clear", run_clear, false, {{"rule", JSON_STRING, false}, {"injected", JSON_TRUE, false}}},
     {"fire", run_fire, false, {{"rule", JSON_STRING, true}}},
     {"restart", run_restart, false, {{"node", JSON_STRING, true}}},

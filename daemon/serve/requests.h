@@ -7,6 +7,7 @@
 
 #include "engine/engine.h"
 #include "run/live.h"
+#include "serve/kept.h"
 #include "serve/status.h"
 
 #include <jansson.h>
@@ -27,6 +28,7 @@ typedef struct request_world {
     const status_errors *errors;
     request_reload *reload; /* or NULL */
     void *reload_user;
+    kept *kept;           /* or NULL */
     void (*more)(void *user, json_t *status); /* puts the service's part of a status; or NULL */
     void *more_user;
 } request_world;

@@ -9,6 +9,7 @@
 #include "config/files.h"
 #include "engine/reloader.h"
 #include "serve/control.h"
+#include "serve/kept.h"
 #include "serve/losses.h"
 #include "serve/publish.h"
 #include "serve/recordings.h"
@@ -16,6 +17,8 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
 
 struct service {
     host *host;
@@ -25,6 +28,8 @@ struct service {
     publisher *publisher;
     engine *engine;
     control *control;
+    kept *kept; /* NULL without a control socket */
+    ev_timer again; /* injects kept rules after a reload */
     recordings *recordings;
     losses losses;
     reloader *reloader;
@@ -227,8 +232,25 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
         s->statistics.repeat = seconds(s->config->lcm.period, s->config->rate);
         ev_timer_again(s->host->loop, &s->statistics);
     }
+    if (s->kept) /* not here, inside the engine's turn */
+        ev_timer_start(s->host->loop, &s->again);
     if (!is_reloading(s->host))
         notify_ready(s->host->notifier);
+}
+
+static void apply_kept(service *s)
+{
+    kept_apply(s->kept, engine_change(s->engine));
+    engine_update(s->engine);
+}
+
+static void on_again(struct ev_loop *loop, ev_timer *timer, int events)
+{
+    (void)loop;
+    (void)events;
+    enter(timer->data);
+    apply_kept(timer->data);
+    (void)log_enter(NULL);
 }
 
 /* ---- Statistics and status ------------------------------------------------------------------- */
@@ -266,6 +288,8 @@ static void put_more(void *user, json_t *status)
     if (s->host->journal)
         put(status, "journal", journal_to_json(s->host->journal));
     put(status, "sinks", sinks_json(&all));
+    if (s->kept)
+        kept_put(s->kept, status);
     if (s->host->group)
         put(status, "gateways", gateways_json(s));
 }
@@ -331,6 +355,9 @@ void service_update(service *s, service_status *out)
     cw_bus_get_stats(engine_bus(s->engine), &out->bus);
     print_trouble(out->trouble, s, &beyond);
     out->refused = s->refused;
+    out->lost_rules = s->kept ? kept_lost(s->kept) : "";
+    if (s->kept)
+        kept_live(s->kept);
     out->sinks = own_sinks(s);
     (void)log_enter(NULL);
 }
@@ -354,6 +381,23 @@ service *service_new(host *h, live *config)
     return s;
 }
 
+/* Remembers injected rules beside the control socket, if that has a path. */
+static bool start_kept(service *s, int inherited)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    socklen_t size = sizeof address - 1;
+    const char *path = s->config->control;
+    if (!path && getsockname(inherited, (struct sockaddr *)&address, &size) == 0)
+        path = address.sun_path;
+    if (!path || !*path)
+        return true;
+    s->kept = kept_open(path, s->config->bus_name);
+    control_keep(s->control, s->kept);
+    ev_timer_init(&s->again, on_again, 0.0, 0.0);
+    s->again.data = s;
+    return s->kept;
+}
+
 /* Starts the control socket at the configured path, or at the socket of the service manager. */
 static bool start_control(service *s, int inherited)
 {
@@ -364,7 +408,7 @@ static bool start_control(service *s, int inherited)
         return false;
     control_on_reload(s->control, on_reload_request, s);
     control_show_more(s->control, put_more, s);
-    return true;
+    return start_kept(s, inherited);
 }
 
 bool service_start(service *s, engine *bus, int inherited)
@@ -391,6 +435,10 @@ bool service_start(service *s, engine *bus, int inherited)
 
 void service_run(service *s)
 {
+    enter(s);
+    if (s->kept)
+        apply_kept(s);
+    (void)log_enter(NULL);
     if (!s->publisher)
         return;
     double period = seconds(s->config->lcm.period, s->config->rate);
@@ -453,6 +501,10 @@ void service_stop(service *s)
     s->reloader = NULL;
     control_stop(s->control);
     s->control = NULL;
+    if (s->kept)
+        ev_timer_stop(s->host->loop, &s->again);
+    kept_close(s->kept);
+    s->kept = NULL;
     recordings_stop(s->recordings);
     s->recordings = NULL;
     (void)log_enter(NULL);

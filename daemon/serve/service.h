@@ -37,7 +37,7 @@ service *service_new(host *h, live *config);
  * Returns false after logging the reason. */
 bool service_start(service *s, engine *bus, int inherited);
 
-/* Starts the timer of the statistics. */
+/* Injects the rules that are kept, and starts the timer of the statistics. */
 void service_run(service *s);
 
 const cfg *service_config(const service *s);
@@ -51,6 +51,7 @@ void service_hang_up(service *s);
 typedef struct service_status {
     cw_bus_stats bus;
     char trouble[SERVICE_TROUBLE_BYTES]; /* ", engine bus-off" and so on, or empty */
+    const char *lost_rules;              /* see kept_lost() */
     const char *refused;                 /* "; reload refused: ...", or empty */
     sink_list sinks;                         /* of the bus: all but the journal */
 } service_status;

@@ -264,6 +264,22 @@ def test_a_bus_that_is_killed_comes_back(bus):
     assert one.status()["pid"] == one.pid()
 
 
+def test_injected_rules_and_a_crash(bus):
+    one = bus("rules")
+    rule = '{{name: {}, when: {{frame: "7FF"}}, do: {{flip: "crc[3]"}}}}'
+    run("canwire", "inject", one.name, rule.format("passing"))
+    run("canwire", "inject", "--keep", one.name, rule.format("stays"))
+    pid = one.pid()
+    os.kill(pid, signal.SIGKILL)
+    wait_until(lambda: one.pid() not in (0, pid) and one.show("ActiveState") == "active",
+               "the restart")
+    assert "1 injected rule was lost with the crash at 20" in one.show("StatusText")
+    assert [m["PRIORITY"] for m in one.messages() if m["MESSAGE"].endswith(": passing")] == ["4"]
+    faults = json.loads(run("canwire", "faults", one.name, "--json"))
+    assert [fault["name"] for fault in faults] == ["stays"]
+    run("canwire", "clear", one.name)
+
+
 def test_recordings_have_a_place(bus):
     one = bus("record", lambda text: text + "record: [ { file: /var/lib/canwire/record.log } ]\n")
     assert one.carries()

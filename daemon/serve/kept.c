@@ -1,0 +1,356 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * kept.c - remembers injected rules beyond the end of the process.
+ */
+#include "serve/kept.h"
+
+#include "base/jsonput.h"
+#include "base/log.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#define MODE 0640
+#define FORMAT_KEY "canwire-rules"
+#define FORMAT 1
+#define DATE_BYTES 32
+
+struct kept {
+    char *path;
+    char *next; /* becomes PATH */
+    char *bad;  /* a damaged one is moved here */
+    const char *bus;
+    json_t *entries;  /* that are kept: objects with text, name, rules, cleared */
+    json_t *passing;  /* names of the others */
+    json_t *lost;     /* names, or NULL */
+    char crashed[DATE_BYTES];
+    char note[KEPT_NOTE_BYTES];
+};
+
+/* ---- The file -------------------------------------------------------------------------------- */
+
+static json_t *state_of(const kept *k)
+{
+    json_t *state = json_object();
+    put_count(state, FORMAT_KEY, FORMAT);
+    put_text(state, "bus", k->bus);
+    put(state, "kept", json_incref(k->entries));
+    put(state, "passing", json_incref(k->passing));
+    return state;
+}
+
+static bool write_state(const kept *k)
+{
+    const int fd = open(k->next, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, MODE);
+    if (fd < 0)
+        return false;
+    json_t *state = state_of(k);
+    bool good = json_dumpfd(state, fd, JSON_COMPACT) == 0;
+    const int number = good ? 0 : errno;
+    json_decref(state);
+    good = close(fd) == 0 && good && rename(k->next, k->path) == 0;
+    if (number != 0)
+        errno = number;
+    return good;
+}
+
+/* Writes the file, or removes it when there is nothing to remember. */
+static bool save(const kept *k)
+{
+    if (json_array_size(k->entries) + json_array_size(k->passing) > 0)
+        return write_state(k);
+    return unlink(k->path) == 0 || errno == ENOENT;
+}
+
+void kept_save(kept *k)
+{
+    if (!save(k))
+        log_error("rules %s: not written: %s", k->path, strerror(errno));
+}
+
+static bool all_texts(const json_t *array)
+{
+    bool good = json_is_array(array);
+    for (size_t i = 0; i < json_array_size(array); i++)
+        good = good && json_is_string(json_array_get(array, i));
+    return good;
+}
+
+static bool is_entry(const json_t *entry)
+{
+    return json_is_string(json_object_get(entry, "text")) &&
+           json_is_string(json_object_get(entry, "name")) &&
+           all_texts(json_object_get(entry, "rules")) &&
+           all_texts(json_object_get(entry, "cleared"));
+}
+
+/* Returns the reason why a state is of no use, or NULL. */
+static const char *find_fault(const kept *k, const json_t *state)
+{
+    const json_t *entries = json_object_get(state, "kept");
+    const char *bus = json_string_value(json_object_get(state, "bus"));
+    if (json_integer_value(json_object_get(state, FORMAT_KEY)) != FORMAT || !bus ||
+        !json_is_array(entries) || !all_texts(json_object_get(state, "passing")))
+        return "it is damaged";
+    for (size_t i = 0; i < json_array_size(entries); i++)
+        if (!is_entry(json_array_get(entries, i)))
+            return "it is damaged";
+    return strcmp(bus, k->bus) == 0 ? NULL : "it is of another bus";
+}
+
+static void move_away(const kept *k, const char *why)
+{
+    const bool moved = rename(k->path, k->bad) == 0;
+    log_error("rules %s: %s; the rules in it are not injected, %s%s", k->path, why,
+              moved ? "it is now " : "and it stays: ", moved ? k->bad : strerror(errno));
+}
+
+/* ---- A crash --------------------------------------------------------------------------------- */
+
+static void print_note(kept *k)
+{
+    const size_t count = json_array_size(k->lost);
+    int used = snprintf(k->note, sizeof k->note, "%zu injected rule%s lost with the crash at %s",
+                        count, count == 1 ? " was" : "s were", k->crashed);
+    for (size_t i = 0; i < count && used > 0 && (size_t)used < sizeof k->note; i++)
+        used += snprintf(k->note + used, sizeof k->note - (size_t)used, "%s%s", i > 0 ? ", " : ": ",
+                         json_string_value(json_array_get(k->lost, i)));
+}
+
+static void note_crash(kept *k, json_t *lost, const struct stat *file)
+{
+    struct tm date;
+    if (json_array_size(lost) == 0)
+        return;
+    (void)strftime(k->crashed, sizeof k->crashed, "%Y-%m-%d %H:%M:%S",
+                   localtime_r(&file->st_mtim.tv_sec, &date));
+    k->lost = json_incref(lost);
+    print_note(k);
+    log_warning("%s", k->note);
+}
+
+static void forget_crash(kept *k)
+{
+    json_decref(k->lost);
+    k->lost = NULL;
+    k->note[0] = '\0';
+}
+
+static void read_file(kept *k)
+{
+    struct stat file;
+    const int fd = open(k->path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    if (fd < 0 && errno == ENOENT)
+        return;
+    json_t *state = fd >= 0 && fstat(fd, &file) == 0 && S_ISREG(file.st_mode)
+                        ? json_loadfd(fd, JSON_ALLOW_NUL, NULL) : NULL;
+    const char *why = fd < 0 ? strerror(errno) : find_fault(k, state);
+    if (fd >= 0)
+        (void)close(fd);
+    if (why) {
+        move_away(k, why);
+    } else {
+        json_decref(k->entries);
+        k->entries = json_incref(json_object_get(state, "kept"));
+        note_crash(k, json_object_get(state, "passing"), &file);
+        kept_save(k);
+    }
+    json_decref(state);
+}
+
+/* ---- Rules ----------------------------------------------------------------------------------- */
+
+static bool remove_text(json_t *array, const char *text)
+{
+    for (size_t i = 0; i < json_array_size(array); i++)
+        if (strcmp(json_string_value(json_array_get(array, i)), text) == 0)
+            return json_array_remove(array, i) == 0;
+    return false;
+}
+
+static void clear_again(inputs *in, const json_t *entry)
+{
+    const json_t *cleared = json_object_get(entry, "cleared");
+    for (size_t i = 0; i < json_array_size(cleared); i++) {
+        unsigned index;
+        if (live_find(in->config, &index, json_string_value(json_array_get(cleared, i))))
+            inputs_clear(in, index);
+    }
+}
+
+static void log_refused(const char *name, char *errors)
+{
+    log_error("rules of %s, which are kept, are refused:", name);
+    for (char *line = strtok_r(errors, "\n", &errors); line; line = strtok_r(NULL, "\n", &errors))
+        log_error("%s", line);
+}
+
+static void apply_entry(inputs *in, json_t *entry)
+{
+    const json_t *text = json_object_get(entry, "text");
+    const char *name = json_string_value(json_object_get(entry, "name"));
+    char *errors = NULL;
+    size_t length = 0;
+    FILE *stream = open_memstream(&errors, &length);
+    if (!stream)
+        return;
+    cfg_rules *rules =
+        inputs_inject(in, json_string_value(text), json_string_length(text), name, stream);
+    (void)fclose(stream);
+    put_bool(entry, "refused", !rules);
+    if (rules)
+        clear_again(in, entry);
+    else
+        log_refused(name, errors);
+    cfg_free_rules(rules);
+    free(errors);
+}
+
+void kept_apply(kept *k, inputs *in)
+{
+    if (json_array_size(k->passing) > 0) {
+        log_info("reload: %zu injected rules are gone", json_array_size(k->passing));
+        (void)json_array_clear(k->passing);
+        kept_save(k);
+    }
+    for (size_t i = 0; i < json_array_size(k->entries); i++)
+        apply_entry(in, json_array_get(k->entries, i));
+}
+
+bool kept_note(kept *k, const json_t *text, const char *name, const json_t *rules, bool keep)
+{
+    if (keep) {
+        json_t *entry = json_object();
+        put_text(entry, "name", name);
+        put(entry, "text", json_copy((json_t *)(uintptr_t)text));
+        put(entry, "rules", json_copy((json_t *)(uintptr_t)rules));
+        put(entry, "cleared", json_array());
+        put_last(k->entries, entry);
+    }
+    for (size_t i = 0; !keep && i < json_array_size(rules); i++)
+        put_text_last(k->passing, json_string_value(json_array_get(rules, i)));
+    forget_crash(k);
+    if (!keep)
+        kept_save(k);
+    if (!keep || save(k))
+        return true;
+    const int number = errno;
+    (void)json_array_remove(k->entries, json_array_size(k->entries) - 1);
+    errno = number;
+    return false;
+}
+
+bool kept_clear(kept *k, const char *rule)
+{
+    forget_crash(k);
+    if (remove_text(k->passing, rule))
+        return true;
+    for (size_t i = 0; i < json_array_size(k->entries); i++) {
+        const json_t *entry = json_array_get(k->entries, i);
+        if (!remove_text(json_object_get(entry, "rules"), rule))
+            continue;
+        put_text_last(json_object_get(entry, "cleared"), rule);
+        if (json_array_size(json_object_get(entry, "rules")) == 0)
+            (void)json_array_remove(k->entries, i);
+        return true;
+    }
+    return false;
+}
+
+void kept_clear_all(kept *k)
+{
+    forget_crash(k);
+    (void)json_array_clear(k->entries);
+    (void)json_array_clear(k->passing);
+}
+
+/* ---- Start, end, status ---------------------------------------------------------------------- */
+
+static void free_kept(kept *k)
+{
+    json_decref(k->entries);
+    json_decref(k->passing);
+    json_decref(k->lost);
+    free(k->path);
+    free(k->next);
+    free(k->bad);
+    free(k);
+}
+
+static char *path_with(const char *path, const char *end)
+{
+    char *text = NULL;
+    return asprintf(&text, "%s%s", path, end) < 0 ? NULL : text;
+}
+
+kept *kept_open(const char *control, const char *bus)
+{
+    kept *k = calloc(1, sizeof *k);
+    if (!k) {
+        log_error("out of memory");
+        return NULL;
+    }
+    *k = (kept){.path = path_with(control, ".rules"),
+                .next = path_with(control, ".rules.new"),
+                .bad = path_with(control, ".rules.bad"),
+                .bus = bus,
+                .entries = json_array(),
+                .passing = json_array()};
+    if (k->path && k->next && k->bad) {
+        read_file(k);
+        return k;
+    }
+    log_error("out of memory");
+    free_kept(k);
+    return NULL;
+}
+
+void kept_live(kept *k)
+{
+    if (json_array_size(k->passing) > 0)
+        (void)utimensat(AT_FDCWD, k->path, NULL, AT_SYMLINK_NOFOLLOW);
+}
+
+const char *kept_lost(const kept *k)
+{
+    return k->note;
+}
+
+static json_t *kept_json(const json_t *entry)
+{
+    json_t *object = json_object();
+    put(object, "name", json_incref(json_object_get(entry, "name")));
+    put(object, "rules", json_incref(json_object_get(entry, "rules")));
+    put_bool(object, "refused", json_is_true(json_object_get(entry, "refused")));
+    return object;
+}
+
+void kept_put(const kept *k, json_t *status)
+{
+    json_t *array = json_array();
+    for (size_t i = 0; i < json_array_size(k->entries); i++)
+        put_last(array, kept_json(json_array_get(k->entries, i)));
+    put(status, "kept_rules", array);
+    if (!k->lost)
+        return;
+    json_t *lost = json_object();
+    put_text(lost, "crashed", k->crashed);
+    put(lost, "rules", json_incref(k->lost));
+    put_text(lost, "note", k->note);
+    put(status, "lost_rules", lost);
+}
+
+void kept_close(kept *k)
+{
+    if (!k)
+        return;
+    (void)json_array_clear(k->passing);
+    kept_save(k);
+    free_kept(k);
+}

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: MIT
+"""Injected rules and the end of canwired: a crash loses them and the next start says which; those
+that are kept are there again.
+
+CANWIRE and CANWIRED are the programs.
+"""
+
+import json
+import os
+import re
+import subprocess
+
+import pytest
+
+from simtool import CANWIRED, answer, kill_all, stop_canwired
+from test_record import wait_until
+
+PATIENCE_S = 60
+
+BUS = """bus: { name: day, bitrate: 500000 }
+control: day.sock
+nodes: [ { name: load, traffic: [ { send: 123#11, every: 10ms } ] }, { name: dash } ]
+"""
+RULE = '{{name: {}, when: {{frame: "7FF"}}, do: {{flip: "crc[3]"}}}}'
+LOST = r"2 injected rules were lost with the crash at \d{4}-\d\d-\d\d \d\d:\d\d:\d\d: a, b"
+
+
+class Bus:
+    """A canwired that is started again and again in one folder."""
+
+    def __init__(self, folder):
+        self.folder, self.log, self.process = folder, folder / "stderr", None
+        self.rules, self.bad = folder / "day.sock.rules", folder / "day.sock.rules.bad"
+        self.write(BUS)
+
+    def write(self, text):
+        (self.folder / "day.yaml").write_text(text)
+
+    def start(self):
+        with self.log.open("w") as log:
+            self.process = subprocess.Popen([CANWIRED, "-c", "day.yaml"], cwd=self.folder,
+                                            stderr=log)
+        wait_until(lambda: "nodes at" in self.log.read_text(), "the bus")
+
+    def crash(self):
+        self.process.kill()
+        self.process.wait()
+        self.start()
+
+    def stop(self):
+        return stop_canwired(self.process, self.log)
+
+    def canwire(self, *words, status=0):
+        return answer(self.folder, *words, status=status)
+
+    def inject(self, name, *options):
+        self.canwire("inject", *options, "./day.sock", RULE.format(name))
+
+    def status(self):
+        return json.loads(self.canwire("status", "./day.sock", "--json"))
+
+    def present(self):
+        return {f["name"] for f in json.loads(self.canwire("faults", "./day.sock", "--json"))}
+
+
+@pytest.fixture(name="bus")
+def fixture_bus(tmp_path):
+    bus = Bus(tmp_path)
+    bus.start()
+    yield bus
+    kill_all([bus.process])
+
+
+def test_a_crash_loses_injected_rules_and_says_which(bus):
+    bus.inject("a")
+    bus.inject("b")
+    bus.inject("c")
+    bus.canwire("clear", "./day.sock", "c")
+    bus.crash()
+    assert re.search(f"warning: {LOST}\n", bus.log.read_text())
+    assert bus.present() == set()
+    assert re.search(f"^{LOST}$", bus.canwire("status", "./day.sock"), re.M)
+    assert bus.status()["lost_rules"]["rules"] == ["a", "b"]
+    bus.crash()
+    assert "lost with the crash" not in bus.log.read_text(), "this one has lost none"
+    bus.inject("a")
+    bus.crash()
+    bus.inject("d")
+    assert "lost_rules" not in bus.status(), "somebody has been here"
+
+
+def test_rules_that_go_by_request_are_not_lost(bus):
+    bus.inject("a")
+    bus.canwire("reload", "./day.sock")
+    wait_until(lambda: "reload: 1 injected rules are gone" in bus.log.read_text(), "the reload")
+    bus.inject("a")
+    bus.stop()
+    assert not bus.rules.exists()
+    bus.start()
+    assert "lost with the crash" not in bus.log.read_text()
+
+
+def test_kept_rules_are_there_again(bus):
+    bus.inject("a", "--keep")
+    bus.canwire("inject", "--keep", "./day.sock", f"[{RULE.format('b')}, {RULE.format('c')}]")
+    bus.canwire("clear", "./day.sock", "b")
+    for again in (bus.crash, lambda: (bus.stop(), bus.start())):
+        again()
+        assert bus.present() == {"a", "c"}
+        assert "lost with the crash" not in bus.log.read_text()
+    bus.canwire("reload", "./day.sock")
+    wait_until(lambda: "configuration reloaded" in bus.log.read_text(), "the reload")
+    wait_until(lambda: bus.present() == {"a", "c"}, "the rules")
+    assert [(k["rules"], k["refused"]) for k in bus.status()["kept_rules"]] == [
+        (["a"], False), (["c"], False)]
+    assert "\nkept inject: a\nkept inject: c\n" in bus.canwire("status", "./day.sock")
+    bus.canwire("clear", "./day.sock")
+    assert not bus.rules.exists()
+    bus.crash()
+    assert bus.present() == set()
+
+
+def test_kept_rules_that_the_configuration_refuses_wait_for_another_one(bus):
+    rule = '{name: a, do: {noise: 1e-9, at: [dash]}}'
+    bus.canwire("inject", "--keep", "./day.sock", rule)
+    bus.stop()
+    bus.write(BUS.replace("name: dash", "name: board"))
+    bus.start()
+    assert "error: rules of inject, which are kept, are refused:" in bus.log.read_text()
+    assert bus.present() == set()
+    assert "kept inject: a (refused, see the log)" in bus.canwire("status", "./day.sock")
+    bus.write(BUS)
+    bus.crash()
+    assert bus.present() == {"a"}
+    bus.write(BUS.replace("name: dash", "name: board"))
+    bus.crash()
+    bus.canwire("clear", "./day.sock", "a")
+    assert bus.status()["kept_rules"] == []
+    assert not bus.rules.exists()
+
+
+@pytest.mark.parametrize("content, why", [
+    ("{", "it is damaged"), ('{"canwire-rules":1,"bus":"day","kept":[7],"passing":[]}', "damaged"),
+    ('{"canwire-rules":1,"bus":"night","kept":[],"passing":["a"]}', "it is of another bus")])
+def test_a_file_that_is_of_no_use_is_moved_away(bus, content, why):
+    bus.stop()
+    bus.rules.write_text(content)
+    bus.start()
+    assert re.search(rf"error: rules .*{why}; .* it is now .*{bus.bad.name}", bus.log.read_text())
+    assert bus.bad.read_text() == content
+    bus.inject("a", "--keep")
+
+
+def test_rules_that_cannot_be_remembered_are_refused(bus):
+    bus.rules.with_name("day.sock.rules.new").mkdir()
+    told = bus.canwire("inject", "--keep", "./day.sock", RULE.format("a"), status=1)
+    assert "cannot be remembered, and are not injected: Is a directory" in told
+    assert bus.present() == set()
+    bus.inject("b")
+    assert "not written: Is a directory" in bus.log.read_text(), "a crash would not tell of it"
+    bus.canwire("clear", "./day.sock", "b")
+    os.rmdir(bus.rules.with_name("day.sock.rules.new"))
+    bus.inject("a", "--keep")
