@@ -45,6 +45,15 @@ static json_t *state_of(const kept *k)
     return state;
 }
 
+/* Says in the time of the file that the process lives now. */
+static void stamp(int fd)
+{
+    struct timespec times[2] = {{.tv_sec = 0}};
+    (void)clock_gettime(CLOCK_REALTIME, &times[0]);
+    times[1] = times[0];
+    (void)futimens(fd, times);
+}
+
 static bool write_state(const kept *k)
 {
     const int fd = open(k->next, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, MODE);
@@ -54,6 +63,7 @@ static bool write_state(const kept *k)
     bool good = json_dumpfd(state, fd, JSON_COMPACT) == 0;
     const int number = good ? 0 : errno;
     json_decref(state);
+    stamp(fd);
     good = close(fd) == 0 && good && rename(k->next, k->path) == 0;
     if (number != 0)
         errno = number;
@@ -313,8 +323,13 @@ kept *kept_open(const char *control, const char *bus)
 
 void kept_live(kept *k)
 {
-    if (json_array_size(k->passing) > 0)
-        (void)utimensat(AT_FDCWD, k->path, NULL, AT_SYMLINK_NOFOLLOW);
+    if (json_array_size(k->passing) == 0)
+        return;
+    const int fd = open(k->path, O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    if (fd < 0)
+        return;
+    stamp(fd);
+    (void)close(fd);
 }
 
 const char *kept_lost(const kept *k)

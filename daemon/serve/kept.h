@@ -2,7 +2,8 @@
  *
  * kept.h - remembers injected rules beyond the end of the process.
  *
- * The next start injects those again that are to be kept. Of the others it says which a crash has lost.
+ * The next start injects those again that are to be kept. Of the others it says which a crash has
+ * lost.
  *
  * The file is PATH.rules beside the control socket at PATH, and is replaced as a whole. So a crash
  * leaves either the old or the new one. Its time is that of the last second in which the process
@@ -25,8 +26,8 @@ typedef struct kept kept;
  * memory. */
 kept *kept_open(const char *control, const char *bus);
 
-/* Injects the rules that are kept, after a start or a reload: the bus has no injected rules then. It
- * logs those that the bus refuses; they stay for another configuration. */
+/* Injects the rules that are kept, after a start or a reload: the bus has no injected rules then.
+ * It logs those that the bus refuses; they stay for another configuration. */
 void kept_apply(kept *k, inputs *in);
 
 /* Notes that rules have been injected with a text; keep: they are to be kept. Returns false,
