@@ -37,6 +37,8 @@ typedef struct scale_unit {
     uint64_t size; /* 0: ends a list */
 } scale_unit;
 
+#define NUMBER_MAX 32u /* bytes of a number that people write, and of its unit */
+#define UNIT_MAX 8u
 #define SIZE_DIGITS_MAX 9u /* so that nothing overflows */
 static const char size_problem[] = "expected a size such as 64kB, 100MB, 2GB or 512MiB";
 
@@ -97,6 +99,43 @@ const char *text_parse_uint(uint64_t *out, const char *text)
             return "the number is too large";
     *out = value;
     return NULL;
+}
+
+/* Copies a number without the separators of its digits. Returns where its unit begins, or NULL when
+ * it has no digit or is too long. */
+static const char *join_digits(char out[NUMBER_MAX], const char *text)
+{
+    size_t used = 0;
+
+    for (; *text; text++) {
+        const bool between = used > 0 && text[1] >= '0' && text[1] <= '9';
+        if ((*text >= '0' && *text <= '9') || (*text == '.' && between))
+            out[used++] = *text;
+        else if (!between || !strchr("_' ", *text))
+            break;
+        if (used == NUMBER_MAX)
+            return NULL;
+    }
+    out[used] = '\0';
+    return used > 0 ? text + (*text == ' ') : NULL;
+}
+
+bool text_meant_uint(uint64_t *out, const char *text)
+{
+    static const scale_unit units[] = {
+        {"", 1},          {"bit/s", 1},          {"bps", 1},          {"Hz", 1},
+        {"k", 1000},      {"kbit/s", 1000},      {"kbps", 1000},      {"kHz", 1000},
+        {"kbit", 1000},   {"kbaud", 1000},       {"kb/s", 1000},      {"K", 1000},
+        {"M", 1000000},   {"Mbit/s", 1000000},   {"Mbps", 1000000},   {"MHz", 1000000},
+        {"Mbit", 1000000}, {"Mbaud", 1000000},   {"Mb/s", 1000000},   {NULL, 0},
+    };
+    char number[NUMBER_MAX + UNIT_MAX];
+    const char *unit = join_digits(number, text);
+
+    if (!unit || strlen(unit) >= UNIT_MAX)
+        return false;
+    strcat(number, unit);
+    return parse_quantity(out, number, units);
 }
 
 const char *text_parse_probability(uint64_t *out, const char *text)

@@ -24,6 +24,10 @@ const char *text_parse_percent(uint16_t *permille, const char *text);
 /* Reads a decimal integer 0..2^64-1: digits only, no leading 0. */
 const char *text_parse_uint(uint64_t *out, const char *text);
 
+/* Reads what people write for such an integer: 500k, 0.5M, 500kbit/s, 500_000, "500 000", 500000.0.
+ * Returns false for a text that is none of these. A message can then say what to write. */
+bool text_meant_uint(uint64_t *out, const char *text);
+
 /* Reads a decimal fraction 0..1 such as 0.05 or 1e-5, as a fraction of 2^64 rounded down. 1 is
  * UINT64_MAX. The result is exact, without floating point. */
 const char *text_parse_probability(uint64_t *out, const char *text);

@@ -31,17 +31,34 @@ static const char *allowed_keys(schema *self, const schema_key *keys);
 static bool is_text(const yaml_node_t *node, const char *text);
 static const char *scalar_text(const yaml_node_t *node);
 static const char *shown(schema *self, const yaml_node_t *node);
+static const char *quoted(schema *self, const yaml_node_t *node, const char *quote);
 static const char *allowed_choices(schema *self, const schema_choice *choices);
 static void store_uint(void *target, size_t bytes, uint64_t value);
 static size_t clamp_count(schema *self, const schema_key *key, const yaml_node_t *list, size_t min,
                           size_t max);
 
+/* Shows what a name alone would be as a map, such as `- engine` in a list of nodes. */
+static void complain_no_map(schema *self, const char *what, const yaml_node_t *value,
+                            const schema_key *keys)
+{
+    const char *text = scalar_text(value);
+    bool named = false;
+
+    for (const schema_key *key = keys; key->name; key++)
+        named = named || (key->read && strcmp(key->name, "name") == 0);
+    if (named && text && *text)
+        schema_complain(self, value, "%s %s is a map: name: %s", strchr("aeiou", *what) ? "an" : "a",
+                        what, quoted(self, value, ""));
+    else
+        schema_complain(self, value, "%s: expected a map with the keys %s, not %s", what,
+                        allowed_keys(self, keys), shown(self, value));
+}
+
 void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_key *keys,
                 void *object)
 {
     if (map->type != YAML_MAPPING_NODE) {
-        schema_complain(self, map, "%s: expected a map with the keys %s, not %s", what,
-                        allowed_keys(self, keys), shown(self, map));
+        complain_no_map(self, what, map, keys);
         return;
     }
     bool complete = !self->errors->overflow && check_keys(self, what, map, keys);
@@ -188,6 +205,9 @@ void schema_read_uint(schema *self, const schema_key *key, yaml_node_t *value, v
         store_uint(schema_member(key, object), range->bytes, number);
         return;
     }
+    problem = text && text_meant_uint(&number, text) && number >= range->min && number <= range->max
+                  ? schema_print(self, "write %" PRIu64, number)
+                  : problem;
     schema_complain(
         self, value, "%s: expected a decimal integer %" PRIu64 "..%" PRIu64 ", not %s%s%s%s",
         key->name, range->min, range->max, shown(self, value), problem && *problem ? " (" : "",
@@ -265,6 +285,14 @@ const char *schema_suggestion(schema *self, const nearest *guess)
     return text ? text : "";
 }
 
+const char *schema_allowed(schema *self, const nearest *guess, const char *list)
+{
+    const char *text = guess->best ? schema_suggestion(self, guess)
+                                   : arena_print(self->arena, "; allowed: %s", list);
+
+    return text ? text : "";
+}
+
 const char *schema_join(schema *self, const char *list, const char *word)
 {
     const char *longer = arena_print(self->arena, "%s%s%s", list, *list ? ", " : "", word);
@@ -323,8 +351,8 @@ static void complain_unknown(schema *self, const char *what, const yaml_node_t *
     for (const schema_key *key = keys; key->name; key++)
         if (key->read)
             nearest_consider(&guess, key->name);
-    schema_complain(self, name, "%s: unknown key %s%s; allowed: %s", what, shown(self, name),
-                    schema_suggestion(self, &guess), allowed_keys(self, keys));
+    schema_complain(self, name, "%s: unknown key %s%s", what, shown(self, name),
+                    schema_allowed(self, &guess, allowed_keys(self, keys)));
 }
 
 /* Returns the index of a key in its table; that of the end when the key is unknown. */
@@ -388,8 +416,8 @@ static const char *scalar_text(const yaml_node_t *node)
     return strlen(text) == node->data.scalar.length ? text : NULL;
 }
 
-/* Returns a quoted, bounded copy on one line; a cut never leaves half a UTF-8 character. */
-static const char *quoted(schema *self, const yaml_node_t *node)
+/* Returns a bounded copy on one line, in quotes; a cut never leaves half a UTF-8 character. */
+static const char *quoted(schema *self, const yaml_node_t *node, const char *quote)
 {
     const unsigned char *text = node->data.scalar.value;
     size_t length = node->data.scalar.length;
@@ -397,9 +425,10 @@ static const char *quoted(schema *self, const yaml_node_t *node)
 
     while (kept < length && kept > 0 && (text[kept] & 0xC0) == 0x80)
         kept--;
-    char *copy = arena_print(self->arena, "'%*s'%s", (int)kept, "", kept < length ? "..." : "");
+    char *copy = arena_print(self->arena, "%s%*s%s%s", quote, (int)kept, "", quote,
+                             kept < length ? "..." : "");
     for (size_t i = 0; copy && i < kept; i++)
-        copy[i + 1] = (char)(text[i] ? text[i] : '?');
+        copy[strlen(quote) + i] = (char)(text[i] ? text[i] : '?');
     if (copy)
         plain_make(copy, '?');
     return copy ? copy : "?";
@@ -410,7 +439,7 @@ static const char *shown(schema *self, const yaml_node_t *node)
 {
     switch (node->type) {
     case YAML_SCALAR_NODE:
-        return node->data.scalar.length == 0 ? "nothing" : quoted(self, node);
+        return node->data.scalar.length == 0 ? "nothing" : quoted(self, node, "'");
     case YAML_SEQUENCE_NODE:
         return "a list";
     case YAML_MAPPING_NODE:

@@ -128,6 +128,9 @@ void schema_problem(schema *self, const schema_key *key, const yaml_node_t *valu
  * words. */
 const char *schema_suggestion(schema *self, const nearest *guess);
 
+/* Returns the suggestion, or without one "; allowed: LIST": a list of all words would hide it. */
+const char *schema_allowed(schema *self, const nearest *guess, const char *list);
+
 /* Returns a list with ", word" added; "" starts one. */
 const char *schema_join(schema *self, const char *list, const char *word);
 

@@ -129,8 +129,10 @@ static bool take_number(uint32_t *out, const char *option, const char *text, uin
         *out = (uint32_t)value;
         return true;
     }
-    snprintf(allowed, sizeof allowed, "expected a whole number from %" PRIu32 " to %" PRIu32,
-             lowest, highest);
+    int used = snprintf(allowed, sizeof allowed,
+                        "expected a whole number from %" PRIu32 " to %" PRIu32, lowest, highest);
+    if (text_meant_uint(&value, text) && value >= lowest && value <= highest)
+        snprintf(allowed + used, sizeof allowed - (size_t)used, ", write %" PRIu64, value);
     return refuse_value(option, text, allowed);
 }
 

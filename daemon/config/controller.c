@@ -158,8 +158,8 @@ static void read_model_name(schema *self, const schema_key *key, yaml_node_t *va
     }
     for (unsigned i = 0; i < CFG_MODELS; i++)
         nearest_consider(&guess, models[i].name);
-    schema_complain(self, value, "%s: expected one of %s, not '%.40s'%s", key->name, MODEL_NAMES,
-                    text, schema_suggestion(self, &guess));
+    schema_complain(self, value, "%s: there is no model '%.40s'%s", key->name, text,
+                    schema_allowed(self, &guess, MODEL_NAMES));
 }
 
 /* Complains about keys that the model does not have. */
@@ -271,8 +271,8 @@ static void read_name(schema *self, const schema_key *key, const yaml_node_t *va
         nearest_consider(&guess, all[i].name);
         list = schema_join(self, list, all[i].name);
     }
-    schema_complain(self, value, "%s: there is no controller '%.40s'%s; allowed: %s", key->name,
-                    text, schema_suggestion(self, &guess), list);
+    schema_complain(self, value, "%s: there is no controller '%.40s'%s", key->name, text,
+                    schema_allowed(self, &guess, list));
 }
 
 bool cfg_is_model(schema *self, const char *key, const yaml_node_t *value)

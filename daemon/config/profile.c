@@ -305,8 +305,8 @@ static void complain_unknown(schema *self, const parameters *declared, const par
         nearest_consider(&guess, declared->list[i].name);
         list = schema_join(self, list, declared->list[i].name);
     }
-    schema_complain(self, given->at, "with: the profile has no parameter '%s'%s; it has: %s",
-                    given->name, schema_suggestion(self, &guess), *list ? list : "none");
+    schema_complain(self, given->at, "with: the profile has no parameter '%s'%s", given->name,
+                    schema_allowed(self, &guess, *list ? list : "none"));
 }
 
 /* Gives the parameters their values; a missing one is reported at `at`. */

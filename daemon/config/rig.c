@@ -167,8 +167,8 @@ static void complain_bus(schema *self, const schema_key *key, const yaml_node_t 
         nearest_consider(&guess, r->buses[i]->bus_name);
         list = schema_join(self, list, r->buses[i]->bus_name);
     }
-    schema_complain(self, value, "%s: there is no bus '%.40s'%s; allowed: %s", key->name, name,
-                    schema_suggestion(self, &guess), list);
+    schema_complain(self, value, "%s: there is no bus '%.40s'%s", key->name, name,
+                    schema_allowed(self, &guess, list));
 }
 
 static void complain_node(schema *self, const schema_key *key, const yaml_node_t *value,

@@ -125,8 +125,9 @@ static void complain_missing(schema *self, const yaml_node_t *map)
             nearest_consider(&guess, kinds[k].keys[0].name);
         if (*text == '\0' || is_known_key(text))
             continue;
-        schema_complain(self, name, "traffic: unknown key '%s'%s; one of 'send', 'replay' and "
-                        "'reply' is needed", text, schema_suggestion(self, &guess));
+        schema_complain(self, name, "traffic: unknown key '%s'%s", text,
+                        guess.best ? schema_suggestion(self, &guess)
+                                   : "; one of 'send', 'replay' and 'reply' is needed");
         return;
     }
     schema_complain(self, map, "traffic: one of the keys 'send', 'replay' and 'reply' is missing");

@@ -108,9 +108,10 @@ static bool unknown(reading *r, const pair *p)
     nearest guess = {.word = p->key};
     for (size_t i = 0; i < sizeof keys / sizeof keys[0] - !r->name->tcp; i++)
         nearest_consider(&guess, keys[i]);
-    return wrong(r, "unknown key '%s'%s%s%s; %s has listen, peer, timeout, mtu%s", p->key,
-                 guess.best ? " (did you mean '" : "", guess.best ? guess.best : "",
-                 guess.best ? "'?)" : "", transport(r), r->name->tcp ? ", connect" : "");
+    if (guess.best)
+        return wrong(r, "unknown key '%s' (did you mean '%s'?)", p->key, guess.best);
+    return wrong(r, "unknown key '%s'; %s has listen, peer, timeout, mtu%s", p->key, transport(r),
+                 r->name->tcp ? ", connect" : "");
 }
 
 static bool take(reading *r, const pair *p)

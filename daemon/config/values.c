@@ -392,8 +392,8 @@ static void complain_no_node(schema *self, const schema_key *key, const yaml_nod
     }
     /* Without any node, the missing list of nodes is the only useful complaint. */
     if (config->node_count > 0)
-        schema_complain(self, value, "%s: there is no node '%.40s'%s; allowed: %s", key->name, name,
-                        schema_suggestion(self, &guess), list);
+        schema_complain(self, value, "%s: there is no node '%.40s'%s", key->name, name,
+                        schema_allowed(self, &guess, list));
 }
 
 /* Makes a further node of that name, for a profile that is checked without a bus. Returns its index

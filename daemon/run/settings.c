@@ -131,8 +131,12 @@ static bool set_number(cw_settings *s, char *error, const number_key *key, const
 {
     uint64_t number = 0;
     if (!read_number(&number, value) || number < key->min || number > key->max) {
-        snprintf(error, SETTINGS_ERROR_MAX, "%s: expected a number from %" PRIu64 " to %" PRIu64,
-                 key->name, key->min, key->max);
+        const char *text = json_string_value(value);
+        int used = snprintf(error, SETTINGS_ERROR_MAX,
+                            "%s: expected a number from %" PRIu64 " to %" PRIu64, key->name,
+                            key->min, key->max);
+        if (text && text_meant_uint(&number, text) && number >= key->min && number <= key->max)
+            snprintf(error + used, SETTINGS_ERROR_MAX - (size_t)used, ", write %" PRIu64, number);
         return false;
     }
     put_number(s, key->which, number);

@@ -68,6 +68,7 @@ VALUES = [
     ("campaign", "--minimise", "soon", "60s, up to 24h"),
     ("sim", "--until-event", "explosion", "expected [NODE:]EVENT"),
     ("timing", "--bitrate", "999", "a whole number from 1000 to 20000000"),
+    ("timing", "--bitrate", "500k", "to 20000000, write 500000"),
     ("timing", "--clock", "quick", "16MHz"),
     ("timing", "--tq", "7", "a whole number from 8 to 25"),
     ("timing", "--sample-point", "100%", "from 10% to 99.9%"),

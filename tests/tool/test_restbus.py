@@ -471,8 +471,9 @@ def test_signals_of_64_bits_keep_all_bits(tmp_path):
 ERRORS = [
     (("EngineData", "EngineDat"),
      "6:34: message: car.dbc has no 'EngineDat' (did you mean 'EngineData'?)"),
-    (("rpm:", "rmp:"), "6:57: signals: EngineData has no 'rmp' (did you mean 'rpm'?); it has rpm, "
-                       "temperature, running"),
+    (("rpm:", "rmp:"), "6:57: signals: EngineData has no 'rmp' (did you mean 'rpm'?)"),
+    (("rpm:", "wxyz:"), "6:57: signals: EngineData has no 'wxyz'; it has rpm, temperature, "
+                        "running"),
     (("2000 }", "fast }"), "6:62: rpm: expected a number"),
     (("2000 }", "20000 }"), "6:62: rpm: 20000 is not 0..16383 1/min"),
     (("gear: first", "gear: fifth"),
@@ -534,8 +535,8 @@ def test_what_is_no_database_is_refused(tmp_path, content):
 @pytest.mark.parametrize("arguments, message", [
     (("none.dbc",), "canwire-restbus: none.dbc: No such file or directory"),
     ((ROOT / "README.md",), "canwire-restbus: "),
-    ((CAR, "--without", "ENGIN"), "there is no node 'ENGIN' (did you mean 'ENGINE'?); nodes: DASH, "
-                                  "ENGINE, GEARBOX"),
+    ((CAR, "--without", "ENGIN"), "there is no node 'ENGIN' (did you mean 'ENGINE'?)"),
+    ((CAR, "--without", "XYZ"), "there is no node 'XYZ'; it has DASH, ENGINE, GEARBOX"),
     ((CAR, "--only", "ENGINE", "--without", "ENGINE"), "no node is left that sends"),
     ((CAR, "--cycle", "EngineDat=1s"), "--cycle: no message 'EngineDat' is sent (did you mean "
                                        "'EngineData'?)"),

@@ -83,6 +83,9 @@ static void check_bad(const char *path)
         if (!line || !fits(line, path, expected + strlen(EXPECT)))
             fail_msg("%s: expected %s\ngot %s", path, expected + strlen(EXPECT),
                      line ? line : "nothing");
+        /* a list of what is allowed would hide the suggestion */
+        if (strstr(line, "did you mean") && strcmp(line + strlen(line) - 3, "'?)") != 0)
+            fail_msg("%s: the suggestion is not the last word", line);
     }
     if (rest && *rest)
         fail_msg("%s: not expected: %s", path, rest);

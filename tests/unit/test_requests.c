@@ -374,6 +374,8 @@ static const refusal refusals[] = {
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"queue\":0}}", "from 1 to 4096", false},
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"queue\":-1}}", "from 1 to 4096", false},
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"queue\":1.5}}", "from 1 to 4096", false},
+    {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"queue\":\"1k\"}}",
+     "from 1 to 4096, write 1000", false},
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"order\":\"lifo\"}}", "priority or fifo",
      false},
     {"{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"loopback\":1}}", "on or off", false},

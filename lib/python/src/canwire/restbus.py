@@ -56,6 +56,13 @@ def warn(text):
 # ---- Databases -----------------------------------------------------------------------------------
 
 
+def meant(name, known):
+    """Returns the name that was probably meant, for a message, or without one all that there are.
+    """
+    near = difflib.get_close_matches(name, known, 1)
+    return f" (did you mean '{near[0]}'?)" if near else f"; it has {', '.join(known)}"
+
+
 def read(path, strict):
     """Returns what cantools reads, or raises Problem."""
     cantools, _ = packages()
@@ -552,9 +559,7 @@ def find_senders(database, path, options):
     known = sorted({*by_sender, *(node.name for node in database.nodes)})
     for name in [*without, *only]:
         if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            guess = f" (did you mean '{near[0]}'?)" if near else ""
-            raise Problem(f"{path}: there is no node '{name}'{guess}; nodes: {', '.join(known)}")
+            raise Problem(f"{path}: there is no node '{name}'{meant(name, known)}")
     return {sender: messages for sender, messages in by_sender.items()
             if sender not in without and (not only or sender in only)}
 
@@ -721,9 +726,8 @@ class Entry:
             if message.name == name:
                 return message
         known = [message.name for message in databases[path].messages]
-        near = difflib.get_close_matches(name, known, 1)
-        guess = f" (did you mean '{near[0]}'?)" if near else ""
-        return self.fail(self.values["message"], f"message: {path.name} has no '{name}'{guess}")
+        return self.fail(self.values["message"],
+                         f"message: {path.name} has no '{name}'{meant(name, known)}")
 
     def raw(self, message):
         """Returns the raw values of the signals that the entry gives."""
@@ -739,10 +743,7 @@ class Entry:
             name = target_of(key).value
             if not isinstance(name, str) or name not in known:
                 name = name if isinstance(name, str) else "?"
-                near = difflib.get_close_matches(name, known, 1)
-                guess = f" (did you mean '{near[0]}'?)" if near else ""
-                self.fail(key, f"signals: {message.name} has no '{name}'{guess}; it has "
-                               f"{', '.join(known)}")
+                self.fail(key, f"signals: {message.name} has no '{name}'{meant(name, known)}")
             if name in result:
                 self.fail(key, f"signals: '{name}' is there twice")
             result[name] = self.raw_of(known[name], value)
