@@ -53,7 +53,8 @@ typedef struct options {
     bool background;
 } options;
 
-static const char usage[] = "usage: canwired -c FILE [--background] [--journal F [--journal-files N]]\n";
+static const char usage[] =
+    "usage: canwired -c FILE [--background] [--journal F [--journal-files N]] [--verbose]\n";
 
 static const char help[] =
     "\n"
@@ -67,6 +68,7 @@ static const char help[] =
     "                          standard error\n"
     "      --journal F         write down all that is done to the bus, for canwire sim --journal\n"
     "      --journal-files N   how many journals are kept, F, F.1 ...: 2 to 1000, default 5\n"
+    "      --verbose           log more: each client, and how much room the kernel grants\n"
     "  -h, --help              this text\n"
     "      --version           the version\n"
     "\n"
@@ -400,6 +402,7 @@ static int parse_options(options *o, int argc, char **argv)
                                           {"background", no_argument, NULL, 'b'},
                                           {"journal", required_argument, NULL, 'j'},
                                           {"journal-files", required_argument, NULL, 'k'},
+                                          {"verbose", no_argument, NULL, 'V'},
                                           {"help", no_argument, NULL, 'h'},
                                           {"version", no_argument, NULL, 'v'},
                                           {NULL, 0, NULL, 0}};
@@ -421,6 +424,9 @@ static int parse_options(options *o, int argc, char **argv)
             files = true;
             if (!read_journal_files(o, optarg))
                 return 2;
+            break;
+        case 'V':
+            log_set_verbose();
             break;
         case 'h':
             fputs(usage, stdout);

@@ -45,6 +45,7 @@ static struct {
     char bus[NAME_BYTES];
     const char *program;
     bool rig; /* of several buses */
+    bool verbose;
     atomic_uint lost;
 } state = {.once = PTHREAD_ONCE_INIT, .journal = -1, .program = "canwired"};
 
@@ -174,6 +175,21 @@ const char *log_enter(const char *bus)
     const char *before = entered;
     entered = state.rig ? bus : NULL;
     return before;
+}
+
+void log_set_verbose(void)
+{
+    state.verbose = true;
+}
+
+void log_detail(const char *format, ...)
+{
+    va_list args;
+    if (!state.verbose)
+        return;
+    va_start(args, format);
+    print(INFO, NULL, format, args);
+    va_end(args);
 }
 
 void log_info(const char *format, ...)

@@ -23,6 +23,12 @@ const char *log_enter(const char *bus);
 /* Lets log_enter() name buses. Call it before other threads are started. */
 void log_set_rig(void);
 
+/* Lets log_detail() log. Call it before other threads are started. */
+void log_set_verbose(void);
+
+/* Logs what is needed to look for a fault only. */
+void log_detail(const char *format, ...) __attribute__((format(printf, 1, 2)));
+
 void log_info(const char *format, ...) __attribute__((format(printf, 1, 2)));
 void log_warning(const char *format, ...) __attribute__((format(printf, 1, 2)));
 void log_error(const char *format, ...) __attribute__((format(printf, 1, 2)));

@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/time.h>
 #include <sys/un.h>
 #include <time.h>
@@ -95,19 +96,31 @@ static bool is_path(const char *bus)
     return strchr(bus, '/') != NULL;
 }
 
-static bool find_socket(const client *c, struct sockaddr_un *address)
+static bool is_socket(const char *path)
 {
-    int length;
+    struct stat found;
+    return stat(path, &found) == 0 && S_ISSOCK(found.st_mode);
+}
+
+/* Writes the path of the socket of a bus, which may be a socket in the current folder, as far as no
+ * bus has that name. Returns false when the path is too long. */
+static bool find_socket(struct sockaddr_un *address, const char *bus)
+{
+    char *path = address->sun_path;
+    const size_t room = sizeof address->sun_path;
+    int length = is_path(bus) ? snprintf(path, room, "%s", bus)
+                              : snprintf(path, room, "%s/%s.sock", client_folder(), bus);
+    if (!is_path(bus) && !(length >= 0 && (size_t)length < room && is_socket(path)) &&
+        is_socket(bus))
+        length = snprintf(path, room, "%s", bus);
     address->sun_family = AF_UNIX;
-    if (is_path(c->bus))
-        length = snprintf(address->sun_path, sizeof address->sun_path, "%s", c->bus);
-    else
-        length = snprintf(address->sun_path, sizeof address->sun_path, "%s/%s.sock",
-                          client_folder(), c->bus);
-    if (length >= 0 && (size_t)length < sizeof address->sun_path)
-        return true;
-    complain(c, "the path of its socket is too long");
-    return false;
+    return length >= 0 && (size_t)length < room;
+}
+
+bool client_has_socket(const char *bus)
+{
+    struct sockaddr_un address;
+    return find_socket(&address, bus) && is_socket(address.sun_path);
 }
 
 static void complain_unreachable(const client *c, const char *path, int error)
@@ -145,8 +158,10 @@ bool client_open(client *c, const char *bus)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     *c = (client){.bus = bus, .fd = -1};
-    if (!find_socket(c, &address))
+    if (!find_socket(&address, bus)) {
+        complain(c, "the path of its socket is too long");
         return false;
+    }
     c->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
     if (c->fd >= 0)
         set_patience(c->fd, reply_patience_s);

@@ -37,8 +37,11 @@ void client_set_wait(uint64_t ns);
  * after a failure of another kind, and when that time is over. */
 bool client_wait(int error);
 
-/* Connects to a bus: its name, or the path of its socket, which contains a '/'. The name must live
- * longer. Returns false after a message. */
+/* Returns true for a bus that has a socket; it need not run. */
+bool client_has_socket(const char *bus);
+
+/* Connects to a bus: its name, or the path of its socket, which contains a '/' or is a file in the
+ * current folder. The name must live longer. Returns false after a message. */
 bool client_open(client *c, const char *bus);
 
 /* Sends a request, takes it over, and waits for the reply, which the caller releases. Returns NULL

@@ -11,6 +11,7 @@
 #include <getopt.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #define WAIT_DEFAULT_NS UINT64_C(2000000000)
 #define OPTION_BASE 256 /* first value of our options for getopt, beyond all letters */
@@ -22,8 +23,8 @@ static void print_help(const command *c)
            "  -h, --help       this text\n"
            "\n"
            "BUS is the name of a bus, whose socket is /run/canwire/BUS.sock, or the path of its\n"
-           "socket, with a '/'. Exit status: 0, 1 refused or not reachable, or a value or a file\n"
-           "is bad, 2 wrong usage.\n",
+           "socket. Exit status: 0, 1 refused or not reachable, or a value or a file is bad,\n"
+           "2 wrong usage.\n",
            c->usage, c->help);
 }
 
@@ -70,6 +71,20 @@ static bool take_option(const command *c, int value)
     return true;
 }
 
+/* Returns true for a word that can be no bus: a file, or YAML. */
+static bool is_no_bus(const char *word)
+{
+    struct stat found;
+    return strpbrk(word, "{[\n") || (stat(word, &found) == 0 && S_ISREG(found.st_mode));
+}
+
+/* Returns true when the second word is the bus and the first one is not. */
+static bool is_swapped(const char *first, const char *second)
+{
+    return !client_has_socket(first) &&
+           (client_has_socket(second) || (is_no_bus(first) && !is_no_bus(second)));
+}
+
 int command_parse(const command *c, int *first, int argc, char **argv)
 {
     struct option known[COMMAND_FLAGS_MAX + 3];
@@ -90,6 +105,11 @@ int command_parse(const command *c, int *first, int argc, char **argv)
     int words = argc - optind;
     if (words < c->words_min || (c->words_max >= 0 && words > c->words_max))
         return refuse(c);
+    if (words > 1 && is_swapped(argv[optind], argv[optind + 1])) {
+        plain_print(stderr, "%s: the bus comes first, and that is %s\n", argv[0],
+                    argv[optind + 1]);
+        return refuse(c);
+    }
     *first = optind;
     return -1;
 }

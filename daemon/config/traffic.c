@@ -309,7 +309,7 @@ static void look_into_file(schema *self, const yaml_node_t *at, const cfg_traffi
             first = record;
     }
     if (result != TRACE_BAD && first.kind == TRACE_FRAME && !found) {
-        trace_complain(problem, reader, &first, TRACE_NO_TIME);
+        trace_complain_no_time(problem, reader, &first);
         schema_complain_elsewhere(self, at, problem);
     }
     if (result == TRACE_BAD)

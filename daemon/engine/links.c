@@ -114,9 +114,9 @@ static void report_small_buffer(engine *e, unsigned node)
     if (!p || e->links.reported_small || port_buffer_bytes(p) >= PORT_BUFFER_BYTES)
         return;
     e->links.reported_small = true;
-    log_warning("an interface may have %u KiB of frames waiting, not %d, before the kernel drops "
-                "more: sysctl net.core.rmem_max=%d",
-                port_buffer_bytes(p) / 1024u, PORT_BUFFER_BYTES / 1024, PORT_BUFFER_BYTES);
+    log_detail("an interface may have %u KiB of frames waiting, not %d, before the kernel drops "
+               "more: sysctl net.core.rmem_max=%d",
+               port_buffer_bytes(p) / 1024u, PORT_BUFFER_BYTES / 1024, PORT_BUFFER_BYTES);
 }
 
 static void gain_port(engine *e, unsigned node)

@@ -76,7 +76,7 @@ static void explain(char error[PORT_ERROR_TEXT_MAX], const char *interface, bool
     if (number == ENODEV && found)
         remedy = " for CAN: it is another kind of interface";
     else if (number == ENODEV)
-        remedy = " (make it: ip link add NAME type vcan; ip link set NAME up)";
+        remedy = " (canwire vcan up FILE makes it)";
     else if (number == EAFNOSUPPORT)
         remedy = " (this kernel has no CAN: modprobe can-raw vcan)";
     else if (number == EMFILE)

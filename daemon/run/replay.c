@@ -214,7 +214,7 @@ static trace_result next_entry(replay *r, trace_record *record)
 static void leave_untimed(replay *r, const trace_record *record)
 {
     if (r->untimed.count == 0)
-        trace_complain(r->problem, r->reader, record, TRACE_NO_TIME);
+        trace_complain_no_time(r->problem, r->reader, record);
     count(r, &r->untimed, record);
 }
 
@@ -340,7 +340,7 @@ bool replay_note(const replay *r, bool known, char note[REPLAY_NOTE_MAX])
     }
     if (!known && r->stepped_back.count > 0 && !r->traffic->fast) {
         add_tally(r, out, any ? "; " : "", steps, &r->stepped_back, NULL);
-        fputs(", sent at once (if candump -t d made it, say 'format: candump-delta')", out);
+        fprintf(out, ", sent at once (%s)", trace_stepped_back(r->reader));
         any = true;
     }
     if (r->passes > 0 && r->traffic->channel && !r->heard && r->other_count > 0) {

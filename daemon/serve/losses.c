@@ -80,14 +80,11 @@ static const char *waiting_remedy(const cfg_node *node)
     return possible && node->when_full == CFG_WHEN_FULL_DROP ? ", or waits (when-full: wait)" : "";
 }
 
-/* Prints remedies for a full queue, since more room is not the only one; "" for other losses. */
-static void print_remedy(char out[REMEDY_BYTES], unsigned kind, const cfg_node *node,
-                         const cw_frame *overflowed)
+/* Prints remedies for a full queue, since more room is not the only one. */
+static void print_queue_remedy(char out[REMEDY_BYTES], const cfg_node *node,
+                               const cw_frame *overflowed)
 {
     char frame[FRAME_TEXT_MAX];
-    out[0] = '\0';
-    if (kind != CW_DROP_QUEUE_FULL)
-        return;
     text_print_frame(frame, overflowed);
     frame[strcspn(frame, "#")] = '\0';
     (void)snprintf(out, REMEDY_BYTES,
@@ -96,8 +93,23 @@ static void print_remedy(char out[REMEDY_BYTES], unsigned kind, const cfg_node *
                    frame, node->queue, waiting_remedy(node));
 }
 
+/* Prints what would prevent such losses; "" when it is not known. */
+static void print_remedy(char out[REMEDY_BYTES], unsigned kind, const cfg_node *node,
+                         const report_node *beyond)
+{
+    const bool interface = node->port && portname_is_interface(node->port);
+    out[0] = '\0';
+    if (kind == CW_DROP_QUEUE_FULL)
+        print_queue_remedy(out, node, &beyond->overflowed);
+    else if (kind == LOSS_KERNEL && interface && beyond->port &&
+             port_buffer_bytes(beyond->port) < PORT_BUFFER_BYTES)
+        (void)snprintf(out, REMEDY_BYTES,
+                       " (it has room for %u KiB: sysctl net.core.rmem_max=%d, then restart)",
+                       port_buffer_bytes(beyond->port) / 1024u, PORT_BUFFER_BYTES);
+}
+
 static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS],
-                     const cfg_node *node, const cw_frame *overflowed)
+                     const cfg_node *node, const report_node *beyond)
 {
     char line[LINE_BYTES] = "";
     size_t used = 0;
@@ -107,7 +119,7 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
         if (added == 0 || used >= LINE_BYTES)
             continue;
         char remedy[REMEDY_BYTES];
-        print_remedy(remedy, kind, node, overflowed);
+        print_remedy(remedy, kind, node, beyond);
         int length = snprintf(line + used, LINE_BYTES - used, "%s%" PRIu64 " %s%s",
                               used ? "; " : "", added, losses_text(kind), remedy);
         used += length > 0 ? (size_t)length : 0;
@@ -126,6 +138,6 @@ void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *b
     for (unsigned i = 0; i < config->node_count; i++) {
         uint64_t now[LOSS_KINDS] = {0};
         collect(now, bus, i, &beyond->nodes[i].interface);
-        log_node(l->logged[i], now, &config->nodes[i], &beyond->nodes[i].overflowed);
+        log_node(l->logged[i], now, &config->nodes[i], &beyond->nodes[i]);
     }
 }

@@ -386,12 +386,6 @@ static void make_room(server *s, uid_t user)
 
 /* ---- New clients ----------------------------------------------------------------------------- */
 
-static void log_peer(server *s, const struct ucred *peer, const char *what)
-{
-    if (may_log(s))
-        log_info("control: %s: uid %jd, pid %jd", what, (intmax_t)peer->uid, (intmax_t)peer->pid);
-}
-
 static void take_in(server *s, server_client *c, int fd, uid_t user)
 {
     c->fd = fd;
@@ -427,12 +421,13 @@ static void admit(server *s, int fd)
         if (s->clients[i].fd >= 0)
             continue;
         take_in(s, &s->clients[i], fd, peer.uid);
-        log_peer(s, &peer, "client");
+        log_detail("control: client: uid %jd, pid %jd", (intmax_t)peer.uid, (intmax_t)peer.pid);
         return;
     }
-    if (known)
-        log_peer(s, &peer, "too many clients, one is refused");
-    else if (may_log(s))
+    if (known && may_log(s))
+        log_info("control: too many clients, one is refused: uid %jd, pid %jd",
+                 (intmax_t)peer.uid, (intmax_t)peer.pid);
+    else if (!known && may_log(s))
         log_warning("control: a client is refused, who it is cannot be told: %s", strerror(errno));
     refuse(s, fd);
 }

@@ -13,6 +13,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#define PLACE_MAX 48 /* bytes of "LINE:COLUMN" or " byte N" */
 #define DETECT_BYTES 1024u
 
 struct trace_reader {
@@ -279,16 +280,36 @@ const char *trace_damage(const trace_reader *reader)
     return reader->damage + reader->damage_place;
 }
 
-/* Uses only members of the reader that do not change while it reads. */
-void trace_complain(char out[TRACE_PROBLEM_MAX], const trace_reader *reader,
-                    const trace_record *record, const char *what)
+/* What a user can do about the times of a file, by its format. */
+static const struct {
+    const char *no_time;
+    const char *stepped_back;
+} remedies[] = {
+    [TRACE_CANDUMP] = {"record with candump -L or -t a", "if candump -t d made it, say 'format: "
+                                                         "candump-delta'"},
+    [TRACE_CANDUMP_DELTA] = {"record with candump -t d", "candump -t d makes no such times"},
+    [TRACE_ASC] = {"each event of an ASC file begins with one",
+                   "if its times are relative, its header needs 'timestamps relative'"},
+    [TRACE_PCAPNG] = {"simple packets of pcapng have none", "reordercap sorts them"},
+};
+
+const char *trace_stepped_back(const trace_reader *reader)
 {
+    return remedies[reader->format].stepped_back;
+}
+
+/* Uses only members of the reader that do not change while it reads. */
+void trace_complain_no_time(char out[TRACE_PROBLEM_MAX], const trace_reader *reader,
+                            const trace_record *record)
+{
+    char place[PLACE_MAX];
     if (reader->format == TRACE_PCAPNG)
-        (void)snprintf(out, TRACE_PROBLEM_MAX, "%s: byte %" PRIu64 ": %s", reader->file,
-                       record->place, what);
+        (void)snprintf(place, sizeof place, " byte %" PRIu64, record->place);
     else
-        (void)snprintf(out, TRACE_PROBLEM_MAX, "%s:%" PRIu64 ":%u: %s", reader->file, record->place,
-                       record->column, what);
+        (void)snprintf(place, sizeof place, "%" PRIu64 ":%u", record->place, record->column);
+    (void)snprintf(out, TRACE_PROBLEM_MAX,
+                   "%s:%s: there is no time stamp: %s, or replay with 'speed: max'", reader->file,
+                   place, remedies[reader->format].no_time);
 }
 
 void trace_print_place(char out[TRACE_CHANNEL_MAX], const trace_reader *reader, uint64_t place)

@@ -78,12 +78,12 @@ const char *trace_problem(const trace_reader *reader);
  * after the first record of kind TRACE_DAMAGED, and does not change any more. */
 const char *trace_damage(const trace_reader *reader);
 
-#define TRACE_NO_TIME                                                                              \
-    "there is no time stamp: record with candump -L or -t a, or replay with 'speed: max'"
+/* Writes a message about an entry without time stamp in the form of trace_problem(). */
+void trace_complain_no_time(char out[TRACE_PROBLEM_MAX], const trace_reader *reader,
+                            const trace_record *record);
 
-/* Writes a message about an entry in the form of trace_problem(). */
-void trace_complain(char out[TRACE_PROBLEM_MAX], const trace_reader *reader,
-                    const trace_record *record, const char *what);
+/* Returns what to do about entries that step back in time in a file of this format. */
+const char *trace_stepped_back(const trace_reader *reader);
 
 /* Prints "line 12" or "byte 4096", the beginning of an entry. */
 void trace_print_place(char out[TRACE_CHANNEL_MAX], const trace_reader *reader, uint64_t place);

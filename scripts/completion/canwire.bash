@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 # shellcheck shell=bash
 #
-# canwire.bash - completes the command lines of canwire and canwired in bash.
+# canwire.bash - completes the command lines of canwire, canwired, canwire-usb and canwire-restbus in
+# bash, which reads it by the name of each of them.
 #
 # Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
 
@@ -18,6 +19,17 @@ _canwire_words() {
 _canwire_files() {
     compopt -o filenames 2>/dev/null
     mapfile -t COMPREPLY < <(compgen -f -- "$current")
+}
+
+# Configurations and folders; any file where there is neither.
+_canwire_yaml() {
+    compopt -o filenames 2>/dev/null
+    mapfile -t COMPREPLY < <(
+        compgen -f -X '!*.yaml' -- "$current"
+        compgen -f -X '!*.yml' -- "$current"
+        compgen -d -- "$current"
+    )
+    ((${#COMPREPLY[@]})) || _canwire_files
 }
 
 _canwire_buses() {
@@ -114,9 +126,8 @@ _canwire_place() {
 # Completes argument $place of subcommand $1.
 _canwire_argument() {
     case $1:$place in
-    analyse:0 | check:0 | sim:0 | timing:0 | inject:1 | record:1 | vcan:1 | campaign:[1-9]*)
-        _canwire_files
-        ;;
+    analyse:0 | check:0 | sim:0 | timing:0 | inject:1 | vcan:1) _canwire_yaml ;;
+    record:1 | campaign:[1-9]*) _canwire_files ;;
     vcan:0) _canwire_words "up down" ;;
     campaign:0) _canwire_words "plan run show files report" ;;
     status:0 | watch:0 | top:* | record:0 | faults:0 | inject:0 | clear:0 | fire:0 | restart:0 | \
@@ -206,9 +217,21 @@ _canwire() {
 _canwired() {
     local current=${COMP_WORDS[COMP_CWORD]}
     case ${COMP_WORDS[COMP_CWORD - 1]} in
-    -c | --config | --journal) _canwire_files ;;
-    *) _canwire_words "-c --config --background --journal --journal-files --help --version" ;;
+    -c | --config) _canwire_yaml ;;
+    --journal) _canwire_files ;;
+    *) _canwire_words "-c --config --background --journal --journal-files --verbose --help --version" ;;
     esac
+}
+
+_canwire_usb() {
+    local current=${COMP_WORDS[COMP_CWORD]}
+    if [[ ${COMP_WORDS[COMP_CWORD - 1]} == --user ]]; then
+        mapfile -t COMPREPLY < <(compgen -u -- "$current")
+    elif [[ $current == -* ]]; then
+        _canwire_words "--user --help --version"
+    else
+        _canwire_yaml
+    fi
 }
 
 _canwire_restbus() {
@@ -226,4 +249,5 @@ _canwire_restbus() {
 
 complete -F _canwire canwire
 complete -F _canwire_restbus canwire-restbus
+complete -F _canwire_usb canwire-usb
 complete -F _canwired canwired

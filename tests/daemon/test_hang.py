@@ -223,7 +223,7 @@ def test_it_ends_while_a_reload_waits(bus, how):
 
 
 def test_who_asks_meanwhile_gets_what_the_file_says_then(bus):
-    running = bus()
+    running = bus("--verbose")
     fill(running)
     with contextlib.ExitStack() as stack:
         with running.hanging("disk/bus.yaml"):

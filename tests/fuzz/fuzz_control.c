@@ -34,6 +34,11 @@
 
 /* ---- Messages, of which there would be many -------------------------------------------------- */
 
+void log_detail(const char *format, ...)
+{
+    (void)format;
+}
+
 void log_info(const char *format, ...)
 {
     (void)format;

@@ -44,7 +44,7 @@ class Control:
         self.folder, self.path = folder, folder / "powertrain.sock"
         self.text = BUS.format(path=self.path)
         self.environment = dict(os.environ, CANWIRE_RUN=str(folder))
-        self.daemon = canwired(self.text)
+        self.daemon = canwired(self.text, after=["--verbose"])
 
     def tool(self, *words, status=0, **more):
         """Runs canwire; returns what it wrote to standard output, or to both if it fails."""

@@ -49,15 +49,18 @@ def room_without_capability():
         return s.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
 
 
-@pytest.mark.parametrize("words", [(), ("setpriv", "--bounding-set", "-all", "--inh-caps", "-all")],
-                         ids=["root", "no capability"])
-def test_too_little_room_is_told_once(vcan, canwired, words):
+POWERLESS = ("setpriv", "--bounding-set", "-all", "--inh-caps", "-all")
+
+
+@pytest.mark.parametrize("before", [(), POWERLESS], ids=["root", "no capability"])
+@pytest.mark.parametrize("after", [(), ("--verbose",)], ids=["", "verbose"])
+def test_too_little_room_is_told_once(vcan, canwired, before, after):
     """Root gets its 8 MiB. Another process gets what net.core.rmem_max is, 208 KiB by default."""
     vcan(2)
-    text = canwired(TWO, before=words).stop()
-    room = room_without_capability() if words else 8 << 20
+    text = canwired(TWO, before=before, after=after).stop()
+    room = room_without_capability() if before else 8 << 20
     lines = [line for line in text.splitlines() if "net.core.rmem_max" in line]
-    assert len(lines) == (room < 8 << 20)
+    assert len(lines) == (room < 8 << 20 and after != ())
     for line in lines:
         assert line.endswith(f"an interface may have {room // 1024} KiB of frames waiting, not "
                              "8192, before the kernel drops more: sysctl net.core.rmem_max=8388608")
@@ -89,11 +92,12 @@ def test_an_interface_that_takes_no_more(vcan, canwired, can_socket):
     stop(daemon)
 
 
-def test_frames_that_the_kernel_lost_are_counted_and_told(vcan, canwired, can_socket):
+@pytest.mark.parametrize("before", [(), POWERLESS], ids=["root", "no capability"])
+def test_frames_that_the_kernel_lost_are_counted_and_told(vcan, canwired, can_socket, before):
     """More frames than the daemon's socket holds, while it is stopped."""
     count = 60000
     vcan(2)
-    daemon = canwired(TWO)
+    daemon = canwired(TWO, before=before)
     engine, errors = can_socket("vcan0"), CanSocket("vcan0")
     errors.socket.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, 0x4)
     errors.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
@@ -117,6 +121,8 @@ def test_frames_that_the_kernel_lost_are_counted_and_told(vcan, canwired, can_so
         wait_until(lambda: nodes(daemon)["engine"]["tx_frames"] == node["tx_frames"] + 1, "a frame")
         log = stop(daemon)
         assert f"{interface['kernel_dropped']} lost in the kernel before they could be read" in log
+        assert ("sysctl net.core.rmem_max=8388608, then restart" in log) == (
+            before != () and room_without_capability() < 8 << 20)
     finally:
         errors.close()
 

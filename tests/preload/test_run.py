@@ -77,13 +77,28 @@ def test_the_status_of_the_program_is_told(bus, tmp_path):
     r.stop()
 
 
-def test_static_programs_are_warned_of(bus, tmp_path):
+# As the Go compiler leaves it in a program, beside other notes.
+GO_NOTE = r"""
+__asm__(".pushsection .note.other,\"a\",@note\n.long 4, 1, 1\n.asciz \"abc\"\n.long 7\n"
+        ".section .note.go.buildid,\"a\",@note\n.long 4, 2, 4\n.asciz \"Go\"\n.byte 0, 88, 89, 0, 0\n"
+        ".popsection");
+"""
+
+
+def test_programs_out_of_reach_are_warned_of(bus, tmp_path):
     r = bus()
-    (tmp_path / "static.c").write_text("int main(void) { return 5; }\n")
-    subprocess.run(["cc", "-static", "-o", "static", "static.c"], cwd=tmp_path, check=True)
-    said = r.run("engine", "./static", status=5).stderr
-    assert said == ("canwire run: ./static will find no interfaces: it is linked statically; see "
-                    "canwire-run(7)\n")
+    main = "int main(void) { return 5; }\n"
+    for name, text, option, status, why in (
+            ("static", main, "-static", 5, "it is linked statically"),
+            ("go", GO_NOTE + main, "-O0", 5,
+             "it is written in Go, which makes system calls without the C library"),
+            ("musl", main, "-Wl,--dynamic-linker=/lib/ld-musl-none.so.1", 127,
+             "it is made for another C library, musl")):
+        (tmp_path / f"{name}.c").write_text(text)
+        subprocess.run(["cc", option, "-o", name, f"{name}.c"], cwd=tmp_path, check=True)
+        said = r.run("engine", f"./{name}", status=status).stderr
+        assert said.startswith(f"canwire run: ./{name} will find no interfaces: {why}; see "
+                               "canwire-run(7)\n")
     assert r.run("engine", "true").stderr == r.run("engine", "/bin/true").stderr == ""
     r.stop()
 

@@ -6,6 +6,7 @@ import os
 import pathlib
 import re
 import subprocess
+import sys
 
 import pytest
 
@@ -120,6 +121,35 @@ def test_completion_knows_all_commands_and_options():
         told = set(re.findall(r"^ +(?:-\w, )?(--[a-z][a-z-]*)", run(CANWIRE, name, "--help"),
                               re.MULTILINE))
         assert set(options) - {"--help"} == told - {"--help"}, name
+
+
+def completed(folder, *words):
+    """Returns the answers to a Tab behind these words."""
+    script = ROOT / "scripts/completion/canwire.bash"
+    ask = f"source {script}; COMP_WORDS=(\"$@\"); COMP_CWORD=$(($# - 1)); " \
+          "words=($(complete -p \"$1\")); ${words[-2]}; printf '%s\\n' \"${COMPREPLY[@]}\""
+    done = subprocess.run(["bash", "-c", ask, "bash", *words], cwd=folder, capture_output=True,
+                          text=True, check=True)
+    return sorted(done.stdout.split())
+
+
+@pytest.mark.parametrize("words", [
+    ("canwire", "sim"), ("canwire", "check"), ("canwire", "inject", "bus"), ("canwired", "-c"),
+    ("canwire-usb",)])
+def test_completion_of_configurations(tmp_path, words):
+    for name in ("a.yaml", "b.yml", "c.log", "d/e.yaml"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert completed(tmp_path, *words, "") == ["a.yaml", "b.yml", "d"]
+    assert completed(tmp_path, *words, "c") == ["c.log"]
+
+
+@pytest.mark.parametrize("program", ["canwired", "canwire-usb", "canwire-restbus"])
+def test_completion_of_the_other_programs(tmp_path, program):
+    words = [sys.executable, ROOT / "lib/python/src/canwire/restbus.py"] \
+        if program == "canwire-restbus" else [CANWIRE.with_name(program)]
+    told = set(re.findall(r"^ +(?:-\w, )?(--[a-z][a-z-]*)", run(*words, "--help"), re.MULTILINE))
+    assert set(completed(tmp_path, program, "--")) == told
 
 
 def keys_of(schema):

@@ -452,6 +452,12 @@ def test_a_loop_tells_what_it_leaves_out_after_its_first_pass(write, tmp_path):
     assert sim(path, "--until", "1s").stderr.count("1 damaged entry") == 1
 
 
+def block(kind, body):
+    """Returns a block of a little-endian pcapng."""
+    size = struct.pack("<I", len(body) + 12)
+    return struct.pack("<I", kind) + size + body + size
+
+
 PCAPNG_HEAD = bytes.fromhex("0a0d0d0a1c0000004d3c2b1a01000000ffffffffffffffff1c000000")
 
 # Bad recordings, the place of the error in each, and its message.
@@ -463,6 +469,9 @@ BAD_RECORDINGS = {
     "asc": (b"base hex timestamps absolute\n0.1 1 123 Rx d 9G\n", ":2:16: ", "0 to 15"),
     "asc head": (b"base oct timestamps absolute\n", ":1:6: ", "'hex' or 'dec'"),
     "pcapng": (PCAPNG_HEAD + b"\1\0\0\0\7\0\0\0", ": byte 28: ", ""),
+    "pcapng without times": (PCAPNG_HEAD + block(1, struct.pack("<HHI", 227, 0, 0)) +
+                             block(3, struct.pack("<I", 8) + bytes.fromhex("0000012300000000")),
+                             ": byte 48: there is no time stamp: ", "simple packets of pcapng"),
     "neither": (b"hello\n", ":1:1: ", "neither a candump log, nor Vector ASC, nor pcapng"),
 }
 

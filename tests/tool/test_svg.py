@@ -313,6 +313,16 @@ def test_a_run_that_ends_too_early_is_in_the_caption(write, until, to, told):
     assert f"500000 bit/s, {told}" in shown.text
 
 
+@pytest.mark.parametrize("to, end", [("1200us", "1200us"), ("1201us", "1202us")])
+def test_traffic_without_an_end_ends_with_the_window(write, tmp_path, to, end):
+    path = write(small("100#, every: 1ms"))
+    assert "never ends" in sim(path, "--svg", "-", status=1).stderr
+    wanted = sim(path, "--svg", "-", "--until", "20ms", "--to", to).stdout
+    log = tmp_path / "log"
+    assert sim(path, "--svg", "-", "--to", to, "--events", log).stdout == wanted
+    assert log.read_text() == sim(path, "--events", "-", "--until", end).stdout
+
+
 # ---- Window and size -----------------------------------------------------------------------------
 
 

@@ -887,6 +887,11 @@ static const replay_case replays[] = {
      "(5.0) a 001#\n(4.0) a 002#\n(5.5) a 003#\n(5.2) a 004#\n",
      "0 001#\n0 002#\n40000000 003#\n40000000 004#\nnote: 2 entries that step back in time (the "
      "first at line 2), sent at once (if candump -t d made it, say 'format: candump-delta')\n"},
+    {{.count = 1},
+     0,
+     "base hex timestamps absolute\n0.2 1 001 Rx d 0\n0.1 1 002 Rx d 0\n",
+     "0 001#\n0 002#\nnote: 1 entry that steps back in time (line 3), sent at once (if its times "
+     "are relative, its header needs 'timestamps relative')\n"},
     {{.count = 1, .format = TRACE_CANDUMP_DELTA},
      0,
      "(5.0) a 001#\n(0.5) a 002#\n(0.5) a 003#\n",

@@ -106,7 +106,7 @@ static const char help[] =
     "                 whose decoder for CAN knows no error frames\n"
     "  --svg F        the same as a picture, for reports; of 2000 bits at most\n"
     "  --from TIME    of these only the bits from this bus time on\n"
-    "  --to TIME      ... up to this one\n"
+    "  --to TIME      ... up to this one. Traffic without an end ends there, without --until\n"
     "  --junit F      what has become of the expectations in FILE, as JUnit XML\n"
     "  --step         simulate every node in every bit: slower, the same results\n"
     "  --seeds A..B   run FILE with each of these seeds; a line of JSON for each: outcome,\n"
@@ -121,13 +121,17 @@ static const char help[] =
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
-static bool set_until(sim *s, const time_option *o)
+static bool set_until(sim *s, const time_option *o, const time_option *to)
 {
     const bool endless = !s->journal.player && cfg_find_unending(s->config, NULL);
+    const cw_rate rate = s->run.config->rate;
     if (o->text) {
         /* the last tick whose time in events, truncated to nanoseconds, is not after TIME */
         const cfg_time beyond = {.ns = 1};
-        s->run.until = text_time_ticks_sum(o->time, 1, beyond, s->run.config->rate) - 1;
+        s->run.until = text_time_ticks_sum(o->time, 1, beyond, rate) - 1;
+    } else if (endless && !s->awaited.text && to->text) {
+        /* at the end of the last bit of the window */
+        s->run.until = cw_rate_next_bit(rate, text_time_ticks(to->time, rate));
     } else if (endless && !s->awaited.text) {
         sim_endless_tell(s->config);
         return false;
@@ -301,7 +305,8 @@ static bool set_up(sim *s, const sim_options *o)
     add_writer(s, o);
     if (s->config)
         watch_losses(s);
-    return set_event(s, o) && set_until(s, &o->until) && set_window(s, o) && open_outputs(s, o) &&
+    return set_event(s, o) && set_until(s, &o->until, &o->to) && set_window(s, o) &&
+           open_outputs(s, o) &&
            sim_judge_start(&s->judge, &s->run, o->journal) &&
            sim_trace_start(&s->trace, &s->run, known_end(s, o), "canwire sim");
 }
