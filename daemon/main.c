@@ -6,6 +6,7 @@
 #include "base/log.h"
 #include "base/plain.h"
 #include "base/standardfds.h"
+#include "base/unit.h"
 #include "config/files.h"
 #include "engine/engine.h"
 #include "engine/group.h"
@@ -72,7 +73,8 @@ static const char help[] =
     "  -h, --help              this text\n"
     "      --version           the version\n"
     "\n"
-    "Exit status: 0, 1 bad configuration or a port that cannot be opened, 2 wrong usage.\n";
+    "Exit status: 0, 1 bad configuration or a port that cannot be opened, 2 wrong usage. As the\n"
+    "service, 1 is a bad configuration, and 75 all else, after which systemd starts it again.\n";
 
 /* ---- Signals --------------------------------------------------------------------------------- */
 
@@ -518,13 +520,13 @@ static void *allocate(void *memory, long size)
     if (now)
         return now;
     log_error("out of memory");
-    exit(1);
+    exit(unit_failure());
 }
 
 static void on_system_error(const char *what)
 {
     log_error("%s: %s", what, strerror(errno));
-    exit(1);
+    exit(unit_failure());
 }
 
 static struct ev_loop *make_loop(void)
@@ -537,12 +539,25 @@ static struct ev_loop *make_loop(void)
     return loop;
 }
 
-/* Ends a start that has failed before the loop. */
-static int give_up(process *p, cfg *config)
+/* Ends a start that has failed; the service manager shows the reason. */
+static int give_up(process *p, cfg *config, int status)
 {
+    char why[LOG_LAST_BYTES];
+    log_last_error(why);
+    notify_status(p->host.notifier, "%s", why);
     cfg_free(config);
     end(p);
-    return 1;
+    return status;
+}
+
+/* Waiting clients of the service manager's socket would have it start a bad configuration again at
+ * once. */
+static int refuse_config(process *p, cfg *config)
+{
+    char why[LOG_LAST_BYTES];
+    log_last_error(why);
+    activation_refuse("control", why);
+    return give_up(p, config, 1);
 }
 
 int main(int argc, char **argv)
@@ -563,14 +578,13 @@ int main(int argc, char **argv)
     if (o.journal) /* the keeper examines all of these, however many it keeps */
         fileuses_add(&p.host.files, &(fileuse){.what = "--journal", .path = o.journal,
                                                .written = true, .older = JOURNAL_FILES_MAX});
-    if (!load_config(&p, &config, o.config))
-        return give_up(&p, config);
     if (!(p.host.loop = make_loop()))
-        return give_up(&p, config);
-    if (!add_services(&p, config))
-        return give_up(&p, NULL);
+        return give_up(&p, config, unit_failure());
     p.host.notifier = notify_open(p.host.loop);
-    bool good = run(&p, &o);
+    if (!load_config(&p, &config, o.config))
+        return refuse_config(&p, config);
+    if (!add_services(&p, config) || !run(&p, &o))
+        return give_up(&p, NULL, unit_failure());
     end(&p);
-    return good ? 0 : 1;
+    return 0;
 }

@@ -4,12 +4,14 @@
  */
 #include "base/jsonput.h"
 
+#include "base/unit.h"
+
 #include <stdlib.h>
 
 static _Noreturn void end_without_memory(void)
 {
     fputs("canwire: out of memory\n", stderr);
-    exit(EXIT_FAILURE);
+    exit(unit_failure());
 }
 
 void json_no_memory(void)

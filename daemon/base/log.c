@@ -46,8 +46,13 @@ static struct {
     const char *program;
     bool rig; /* of several buses */
     bool verbose;
+    pthread_mutex_t lock;
+    char last_error[LOG_LAST_BYTES]; /* guarded by it */
     atomic_uint lost;
-} state = {.once = PTHREAD_ONCE_INIT, .journal = -1, .program = "canwired"};
+} state = {.once = PTHREAD_ONCE_INIT,
+           .journal = -1,
+           .program = "canwired",
+           .lock = PTHREAD_MUTEX_INITIALIZER};
 
 static _Thread_local const char *entered; /* the bus of a rig, or NULL */
 
@@ -132,11 +137,21 @@ static const char *word(priority p)
     return "";
 }
 
+static void keep_error(const char *text, size_t length)
+{
+    (void)pthread_mutex_lock(&state.lock);
+    (void)snprintf(state.last_error, LOG_LAST_BYTES, "%.*s",
+                   (int)(length < LOG_LAST_BYTES ? length : LOG_LAST_BYTES), text);
+    (void)pthread_mutex_unlock(&state.lock);
+}
+
 /* Writes each message with one call, so that lines of several threads do not mix. */
 static void put(message *m)
 {
     (void)pthread_once(&state.once, open_journal);
     plain_make(m->text, ' ');
+    if (m->priority == ERROR)
+        keep_error(m->text, strlen(m->text));
     if (state.journal < 0)
         fprintf(stderr, "%s: %s%s\n", state.program, word(m->priority), m->text);
     else
@@ -262,4 +277,13 @@ void log_warnings(const char *lines)
 void log_as_is(const char *lines)
 {
     report_lines(lines, log_error);
+    if (*lines)
+        keep_error(lines, strcspn(lines, "\n"));
+}
+
+void log_last_error(char out[LOG_LAST_BYTES])
+{
+    (void)pthread_mutex_lock(&state.lock);
+    memcpy(out, state.last_error, LOG_LAST_BYTES);
+    (void)pthread_mutex_unlock(&state.lock);
 }

@@ -46,4 +46,9 @@ void log_as_is(const char *lines);
 /* Logs warnings in the same way. */
 void log_warnings(const char *lines);
 
+#define LOG_LAST_BYTES 512
+
+/* Copies the last error, of lines that were logged together the first one; "" when there is none. */
+void log_last_error(char out[LOG_LAST_BYTES]);
+
 #endif

@@ -7,6 +7,7 @@
 
 #include "base/lockfile.h"
 #include "base/log.h"
+#include "base/unit.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -164,7 +165,8 @@ bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, con
     s->path = strdup(path);
     int number = open_path(s, type, backlog, what);
     if (number != 0)
-        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", explain(s, number));
+        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s%s", explain(s, number),
+                       unit_hint(s->path, number));
     return number == 0;
 }
 

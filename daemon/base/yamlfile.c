@@ -4,6 +4,7 @@
  */
 #include "base/yamlfile.h"
 
+#include "base/unit.h"
 #include "base/yamlmend.h"
 
 #include <errno.h>
@@ -100,7 +101,7 @@ static int open_file(const char *file, bool regular, diag *errors)
     int fd = open(file, O_RDONLY | O_CLOEXEC | O_NOCTTY | (regular ? O_NONBLOCK : 0));
 
     if (fd < 0) {
-        diag_add(errors, 0, 0, "%s", strerror(errno));
+        diag_add(errors, 0, 0, "%s%s", strerror(errno), unit_hint(file, errno));
         return -1;
     }
     if (!regular || (fstat(fd, &info) == 0 && S_ISREG(info.st_mode)))

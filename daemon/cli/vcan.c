@@ -12,6 +12,7 @@
 #include "config/fdnodes.h"
 #include "config/portname.h"
 #include "config/rig.h"
+#include "port/claim.h"
 #include "port/links.h"
 
 #include <errno.h>
@@ -36,7 +37,8 @@ static const char help[] =
     "  up     makes those that are missing and sets all up: vcan, or for a node with a\n"
     "         peer a pair of vxcan with the other end in the network namespace of the peer;\n"
     "         with \"vxcan: yes\" in FILE a pair for each, the ECU's end called as its node\n"
-    "  down   removes what `up` has made for FILE, which need not be there any more\n"
+    "  down   removes what `up` has made for FILE, which need not be there any more, but for\n"
+    "         interfaces that a running bus uses\n"
     "\n"
     "  -h, --help   this text\n"
     "\n"
@@ -350,11 +352,24 @@ typedef struct name_list {
     bool no_memory;
 } name_list;
 
+/* Tells of an interface that a running bus uses. The file of that bus may be another one. */
+static bool is_claimed(const link_info *info)
+{
+    char key[CLAIM_KEY_BYTES];
+    claim_owner owner;
+    claim_print_port(key, info->index);
+    if (!claim_find(&owner, key))
+        return false;
+    plain_print(stderr, "canwire vcan: %s stays: it is in use by bus %s of canwired, pid %ld\n",
+                info->name, owner.name, owner.pid);
+    return true;
+}
+
 static bool collect(void *user, const link_info *info)
 {
     name_list *list = user;
 
-    if (!is_ours(list->owner, info))
+    if (!is_ours(list->owner, info) || is_claimed(info))
         return true;
     void *longer = realloc(list->names, (list->count + 1) * sizeof list->names[0]);
     list->no_memory = !longer;

@@ -44,8 +44,7 @@ void cfg_add_files_written(fileuses *all, const cfg *config)
     }
 }
 
-/* Adds the sockets of control, of virtual time and of ports. */
-static void add_sockets(fileuses *all, const cfg *config)
+void cfg_add_sockets(fileuses *all, const cfg *config)
 {
     fileuse use = at_place(config, config->control_place);
     use.what = "control";
@@ -86,7 +85,7 @@ bool cfg_check_all_files(const cfg *const *configs, size_t count, const fileuses
     fileuses all = {.count = 0};
     for (size_t i = 0; i < count; i++) {
         cfg_add_files_read(&all, configs[i]);
-        add_sockets(&all, configs[i]);
+        cfg_add_sockets(&all, configs[i]);
     }
     add_all(&all, others);
     for (size_t i = 0; i < count; i++)

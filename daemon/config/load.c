@@ -4,6 +4,7 @@
  */
 #include "config/config.h"
 
+#include "base/unit.h"
 #include "config/parts.h"
 #include "config/portname.h"
 #include "config/source.h"
@@ -176,6 +177,21 @@ static void complete_root(yaml_document_t *document, schema *self)
         diag_add(self->errors, 0, 0, "out of memory");
 }
 
+/* Gives a bus of the service a control socket where its clients look: by the name of the unit, those
+ * of a rig by their own. */
+static void complete_control(schema *self, cfg *config)
+{
+    const char *instance = unit_instance();
+    const char *slash = strrchr(config->file, '/');
+    const char *file = slash ? slash + 1 : config->file;
+    if (!instance || config->control)
+        return;
+    const size_t length = strlen(instance);
+    const bool own = strncmp(file, instance, length) == 0 && strcmp(file + length, ".yaml") == 0;
+    config->control =
+        schema_print(self, UNIT_RUN_FOLDER "/%s.sock", own ? instance : config->bus_name);
+}
+
 static void read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted kind)
 {
     cfg_walk *walk = self->user;
@@ -192,6 +208,8 @@ static void read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted 
         schema_complain(self, root, "this is a rig of several buses; expected the file of one bus");
     else
         schema_map(self, "configuration", root, file_keys, walk->config);
+    if (!*is_profile)
+        complete_control(self, walk->config);
     if (root->type == YAML_MAPPING_NODE && !*is_profile)
         cfg_complete_virtual(self, root, walk->config);
 }

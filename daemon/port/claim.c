@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * claim.c - an interface belongs to one canwired at a time.
+ * claim.c - an interface belongs to one canwired at a time, and others can find out to which one.
  */
 #include "port/claim.h"
 
 #include <errno.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -15,14 +16,12 @@
 #define SOCKETS_FILE "/proc/self/net/unix" /* list of the abstract namespace, among others */
 #define LINE_BYTES 512
 #define NAME_BYTES 108 /* of sun_path, with a 0 before the name; numbers and texts are shorter */
-#define PREFIX_BYTES 32
-#define BUS_NAME_MAX 40
 
 /* Returns a socket with an abstract name; -1 with errno set. */
 static int bind_name(const char *name)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
-    size_t length = strlen(name);
+    size_t length = strnlen(name, NAME_BYTES - 1);
     memcpy(address.sun_path + 1, name, length); /* behind a 0: abstract */
     int fd = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     if (fd < 0)
@@ -36,57 +35,59 @@ static int bind_name(const char *name)
     return -1;
 }
 
-/* Finds the owner's text behind the prefix of its name; returns false when there is none. */
-static bool find_owner(char out[NAME_BYTES], const char *prefix)
+void claim_print_port(char key[CLAIM_KEY_BYTES], unsigned index)
 {
-    char line[LINE_BYTES];
+    (void)snprintf(key, CLAIM_KEY_BYTES, "port/%u", index);
+}
+
+static void print_prefix(char out[NAME_BYTES], const char *key)
+{
+    (void)snprintf(out, NAME_BYTES, "canwire/owner/%.*s/", CLAIM_KEY_BYTES - 1, key);
+}
+
+/* Reads PID/NAME, which is behind the prefix of an owner. */
+static bool read_owner(claim_owner *owner, const char *text)
+{
+    char *end;
+    owner->pid = strtol(text, &end, 10);
+    if (end == text || *end != '/')
+        return false;
+    (void)snprintf(owner->name, CLAIM_OWNER_BYTES, "%.*s", (int)strcspn(end + 1, "\n"), end + 1);
+    return true;
+}
+
+bool claim_find(claim_owner *owner, const char *key)
+{
+    char line[LINE_BYTES], prefix[NAME_BYTES];
     bool found = false;
+    print_prefix(prefix, key);
     FILE *sockets = fopen(SOCKETS_FILE, "re");
     while (sockets && !found && fgets(line, sizeof line, sockets)) {
         const char *name = strchr(line, '@');
-        found = name && strncmp(name + 1, prefix, strlen(prefix)) == 0;
-        if (found)
-            (void)snprintf(out, NAME_BYTES, "%.*s", (int)strcspn(name + 1 + strlen(prefix), "\n"),
-                           name + 1 + strlen(prefix));
+        found = name && strncmp(name + 1, prefix, strlen(prefix)) == 0 &&
+                read_owner(owner, name + 1 + strlen(prefix));
     }
     if (sockets)
         (void)fclose(sockets);
     return found;
 }
 
-/* Writes the reason from the owner's text, PID/BUS. */
-static void explain_owner(char *error, size_t size, const char *prefix)
+int claim_take(claim *c, const char *key, const char *name)
 {
-    char owner[NAME_BYTES];
-    char *bus = find_owner(owner, prefix) ? strchr(owner, '/') : NULL;
-    if (bus)
-        (void)snprintf(error, size, "in use by bus %s of canwired, pid %.*s", bus + 1,
-                       (int)(bus - owner), owner);
-    else
-        (void)snprintf(error, size, "in use by another canwired");
-}
-
-bool claim_take(claim *c, unsigned index, const char *bus, char *error, size_t error_size)
-{
-    char lock[PREFIX_BYTES];
-    char prefix[PREFIX_BYTES];
-    char owner[NAME_BYTES];
+    char lock[NAME_BYTES], prefix[NAME_BYTES], owner[2 * NAME_BYTES];
     *c = (claim)CLAIM_NONE;
-    (void)snprintf(lock, sizeof lock, "canwire/port/%u", index);
-    (void)snprintf(prefix, sizeof prefix, "canwire/owner/%u/", index);
-    (void)snprintf(owner, sizeof owner, "%s%ld/%.*s", prefix, (long)getpid(), BUS_NAME_MAX, bus);
+    print_prefix(prefix, key);
+    (void)snprintf(lock, sizeof lock, "canwire/%.*s", CLAIM_KEY_BYTES - 1, key);
+    (void)snprintf(owner, sizeof owner, "%s%ld/%.*s", prefix, (long)getpid(),
+                   CLAIM_OWNER_BYTES - 1, name);
     c->lock = bind_name(lock);
-    if (c->lock < 0 && errno == EADDRINUSE) {
-        explain_owner(error, error_size, prefix);
-        return false;
-    }
     if (c->lock >= 0)
         c->owner = bind_name(owner);
     if (c->owner >= 0)
-        return true;
-    (void)snprintf(error, error_size, "cannot be claimed: %s", strerror(errno));
+        return 0;
+    const int number = errno;
     claim_release(c);
-    return false;
+    return number;
 }
 
 void claim_release(claim *c)

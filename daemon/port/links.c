@@ -147,7 +147,7 @@ static void read_link(link_info *out, struct nlmsghdr *message)
 {
     struct ifinfomsg *info = NLMSG_DATA(message);
     attributes in = {.first = (char *)IFLA_RTA(info), .size = IFLA_PAYLOAD(message)};
-    *out = (link_info){.up = info->ifi_flags & IFF_UP};
+    *out = (link_info){.index = (unsigned)info->ifi_index, .up = info->ifi_flags & IFF_UP};
     for (struct rtattr *a; (a = take_attribute(&in));) {
         if (a->rta_type == IFLA_IFNAME)
             copy_text(out->name, sizeof out->name, a);

@@ -23,6 +23,7 @@ typedef struct link_info {
     char kind[LINKS_KIND_BYTES];   /* vcan, vxcan, ...; empty for most hardware */
     char alias[LINKS_ALIAS_BYTES]; /* empty: none */
     uint32_t mtu;
+    unsigned index;
     bool up;
 } link_info;
 

@@ -147,10 +147,20 @@ static bool is_own_name(const port *p, const char *interface, char error[PORT_ER
 static bool claim_interface(socketcan_port *s, const char *interface, const char *bus,
                             char error[PORT_ERROR_TEXT_MAX])
 {
-    char why[PORT_ERROR_TEXT_MAX - IF_NAMESIZE - 2];
-    if (claim_take(&s->claim, s->port.index, bus, why, sizeof why))
+    char key[CLAIM_KEY_BYTES];
+    claim_owner owner;
+    claim_print_port(key, s->port.index);
+    const int number = claim_take(&s->claim, key, bus);
+    if (number == 0)
         return true;
-    (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%.*s: %s", IF_NAMESIZE - 1, interface, why);
+    if (number != EADDRINUSE)
+        (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: cannot be claimed: %s", interface,
+                       strerror(number));
+    else if (claim_find(&owner, key))
+        (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: in use by bus %s of canwired, pid %ld",
+                       interface, owner.name, owner.pid);
+    else
+        (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: in use by another canwired", interface);
     return false;
 }
 

@@ -4,12 +4,17 @@
  */
 #include "serve/activation.h"
 
+#include "base/jsonput.h"
+
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <systemd/sd-daemon.h>
+#include <unistd.h>
+
+#define REFUSED_MAX 1024u /* clients that wait */
 
 static void free_names(char **names, int count)
 {
@@ -46,4 +51,27 @@ bool activation_take(int *fd, const char *name, char error[ACTIVATION_ERROR_MAX]
     (void)snprintf(error, ACTIVATION_ERROR_MAX,
                    "LISTEN_FDNAMES: '%s' is no Unix stream socket that listens", name);
     return false;
+}
+
+void activation_refuse(const char *name, const char *why)
+{
+    char error[ACTIVATION_ERROR_MAX];
+    int listening, fd;
+    if (!activation_take(&listening, name, error) || listening < 0)
+        return;
+    json_t *reply = json_object();
+    put_bool(reply, "ok", false);
+    put_text(reply, "error", why);
+    char *text = json_dumps(reply, JSON_COMPACT);
+    const int flags = fcntl(listening, F_GETFL);
+    (void)fcntl(listening, F_SETFL, flags | O_NONBLOCK);
+    for (unsigned i = 0; i < REFUSED_MAX && text && (fd = accept4(listening, NULL, NULL,
+                                                                 SOCK_CLOEXEC)) >= 0; i++) {
+        (void)send(fd, text, strlen(text), MSG_NOSIGNAL | MSG_DONTWAIT);
+        (void)send(fd, "\n", 1, MSG_NOSIGNAL | MSG_DONTWAIT);
+        (void)close(fd);
+    }
+    (void)fcntl(listening, F_SETFL, flags);
+    free(text);
+    json_decref(reply);
 }

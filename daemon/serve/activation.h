@@ -15,4 +15,7 @@
  * to error. */
 bool activation_take(int *fd, const char *name, char error[ACTIVATION_ERROR_MAX]);
 
+/* Answers the clients that wait at that socket with an error, and ends their connections. */
+void activation_refuse(const char *name, const char *why);
+
 #endif

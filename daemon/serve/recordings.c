@@ -10,6 +10,7 @@
 #include "base/jsonput.h"
 #include "base/log.h"
 #include "base/thread.h"
+#include "base/unit.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
@@ -89,8 +90,9 @@ static void log_begun(entry *e)
 
 static void log_not_begun(const recordings *all, const entry *e)
 {
-    log_error("%s:%d:%d: record %s: %s", all->config->file, e->what.place.line,
-              e->what.place.column, e->what.file, spool_explain(e->error));
+    log_error("%s:%d:%d: record %s: %s%s", all->config->file, e->what.place.line,
+              e->what.place.column, e->what.file, spool_explain(e->error),
+              unit_hint(e->what.file, e->error));
 }
 
 /* Begins an entry at the start of the bus, which waits for the disk. */

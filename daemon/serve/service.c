@@ -6,14 +6,18 @@
 
 #include "base/jsonput.h"
 #include "base/log.h"
+#include "base/unit.h"
 #include "config/files.h"
 #include "engine/reloader.h"
+#include "port/claim.h"
+#include "serve/confined.h"
 #include "serve/control.h"
 #include "serve/kept.h"
 #include "serve/losses.h"
 #include "serve/publish.h"
 #include "serve/recordings.h"
 
+#include <errno.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -36,6 +40,7 @@ struct service {
     uint64_t hangups[2];                 /* rounds of reloads that SIGHUP has requested */
     char refused[SERVICE_TROUBLE_BYTES]; /* reason of the last refused reload, or empty */
     ev_timer statistics;
+    claim name; /* of the bus, among units */
 };
 
 /* Names the bus of the messages that follow. */
@@ -225,6 +230,7 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
     if (s->host->journal)
         journal_retry(s->host->journal, engine_inputs(s->engine));
     observe_bits(s);
+    confined_warn(s->config);
     if (s->control)
         control_remap(s->control, from);
     if (s->publisher) {
@@ -372,7 +378,8 @@ service *service_new(host *h, live *config)
         return NULL;
     }
     *s = (service){
-        .host = h, .place = h->count, .live = config, .config = live_config(config)};
+        .host = h, .place = h->count, .live = config, .config = live_config(config),
+        .name = CLAIM_NONE};
     if (s->config->lcm.enabled && !(s->publisher = publisher_start(s->config))) {
         log_error("out of memory");
         free(s);
@@ -411,6 +418,20 @@ static bool start_control(service *s, int inherited)
     return start_kept(s, inherited);
 }
 
+/* Tells when another unit runs a bus of this name, which LCM and logs then mix up. */
+static void claim_name(service *s)
+{
+    char key[CLAIM_KEY_BYTES];
+    claim_owner other;
+    if (!unit_instance())
+        return;
+    (void)snprintf(key, sizeof key, "bus/%s", s->config->bus_name);
+    if (claim_take(&s->name, key, unit_instance()) == EADDRINUSE && claim_find(&other, key))
+        log_warning("canwired@%s, pid %ld, runs a bus of the same name, %s: their messages over LCM "
+                    "and in the journal cannot be told apart; give one another `bus: { name: ... }`",
+                    other.name, other.pid, s->config->bus_name);
+}
+
 bool service_start(service *s, engine *bus, int inherited)
 {
     enter(s);
@@ -430,6 +451,8 @@ bool service_start(service *s, engine *bus, int inherited)
         return false;
     engine_observe(bus, on_event, s);
     observe_bits(s);
+    claim_name(s);
+    confined_warn(s->config);
     return true;
 }
 
@@ -514,6 +537,7 @@ void service_free(service *s)
 {
     if (!s)
         return;
+    claim_release(&s->name);
     publisher_stop(s->publisher);
     live_free(s->live);
     free(s);

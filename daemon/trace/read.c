@@ -4,6 +4,8 @@
  */
 #include "trace/format.h"
 
+#include "base/unit.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
@@ -43,7 +45,8 @@ static bool open_file(trace_reader *reader, const char *file, char problem[TRACE
     struct stat info;
     reader->input.fd = open(file, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (reader->input.fd < 0 || fstat(reader->input.fd, &info) != 0) {
-        (void)snprintf(problem, TRACE_PROBLEM_MAX, "%s: %s", file, strerror(errno));
+        (void)snprintf(problem, TRACE_PROBLEM_MAX, "%s: %s%s", file, strerror(errno),
+                       unit_hint(file, errno));
         return false;
     }
     if (!S_ISREG(info.st_mode)) {

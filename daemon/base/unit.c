@@ -1,0 +1,89 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * unit.c - the service canwired@INSTANCE, whose unit sets CANWIRE_SERVICE to INSTANCE.
+ */
+#include "base/unit.h"
+
+#include <errno.h>
+#include <pthread.h>
+#include <pwd.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sysexits.h>
+#include <unistd.h>
+
+#define USER_BYTES 64
+#define USER_BUFFER 4096 /* for getpwuid_r() */
+
+/* ProtectHome=yes hides the first ones, PrivateTmp=yes has the others anew. */
+static const struct {
+    const char *folder;
+    const char *hint;
+} private_folders[] = {
+    {"/home/", " (the service does not see /home)"},
+    {"/root/", " (the service does not see /root)"},
+    {"/run/user/", " (the service does not see /run/user)"},
+    {"/tmp/", " (the service has a /tmp of its own)"},
+    {"/var/tmp/", " (the service has a /var/tmp of its own)"},
+};
+
+#define FOLDERS (sizeof private_folders / sizeof private_folders[0])
+
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static char user_hint[USER_BYTES]; /* " (as the user canwire)" */
+
+const char *unit_instance(void)
+{
+    const char *instance = getenv("CANWIRE_SERVICE");
+    return instance && *instance ? instance : NULL;
+}
+
+int unit_failure(void)
+{
+    return unit_instance() ? EX_TEMPFAIL : 1;
+}
+
+/* Returns FOLDERS for none. */
+static size_t find_folder(const char *path)
+{
+    size_t i = 0;
+    while (i < FOLDERS && strncmp(path, private_folders[i].folder,
+                                  strlen(private_folders[i].folder)) != 0)
+        i++;
+    return i;
+}
+
+const char *unit_private_folder(const char *path)
+{
+    const size_t i = unit_instance() ? find_folder(path) : FOLDERS;
+    return i < FOLDERS ? private_folders[i].folder : NULL;
+}
+
+static void name_user(void)
+{
+    char buffer[USER_BUFFER];
+    struct passwd entry, *found = NULL;
+    (void)getpwuid_r(geteuid(), &entry, buffer, sizeof buffer, &found);
+    if (found)
+        (void)snprintf(user_hint, sizeof user_hint, " (as the user %.32s)", found->pw_name);
+    else
+        (void)snprintf(user_hint, sizeof user_hint, " (as the user %lu)",
+                       (unsigned long)geteuid());
+}
+
+const char *unit_hint(const char *path, int number)
+{
+    if (!unit_instance() || (number != ENOENT && number != EACCES && number != EROFS))
+        return "";
+    const size_t folder = path ? find_folder(path) : FOLDERS;
+    if (folder < FOLDERS)
+        return private_folders[folder].hint;
+    if (number == EROFS)
+        return " (the service may write to " UNIT_RUN_FOLDER " and /var/lib/canwire)";
+    if (number == ENOENT)
+        return "";
+    (void)pthread_once(&once, name_user);
+    return user_hint;
+}

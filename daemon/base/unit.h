@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * unit.h - the service canwired@INSTANCE, whose unit sets CANWIRE_SERVICE to INSTANCE.
+ *
+ * It sees other files than its administrator, and how it ends decides whether it is started again.
+ */
+#ifndef CANWIRE_BASE_UNIT_H
+#define CANWIRE_BASE_UNIT_H
+
+#include <stdbool.h>
+
+#define UNIT_RUN_FOLDER "/run/canwire" /* of its control sockets */
+
+/* Returns the instance, or NULL when this is no process of the service. */
+const char *unit_instance(void);
+
+/* Returns the exit status of what another start may mend: 1, in the service 75 (EX_TEMPFAIL). There 1
+ * is for a bad configuration alone, with which systemd does not start it again. */
+int unit_failure(void);
+
+/* Returns the folder that the service has of its own, or does not see, and that has this path in it;
+ * NULL: none, or this is not the service. */
+const char *unit_private_folder(const char *path);
+
+/* Returns what to say behind strerror(number) about a path, " (...)" or "". NULL: any path that is
+ * written. The text is constant. */
+const char *unit_hint(const char *path, int number);
+
+#endif

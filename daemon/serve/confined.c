@@ -1,0 +1,132 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * confined.c - what a bus asks for that the unit of the service keeps from it, without an error.
+ *
+ * Files in a private /tmp are made and never found, and packets that IPAddressDeny= drops look like
+ * a network that is slow.
+ */
+#include "serve/confined.h"
+
+#include "base/log.h"
+#include "base/unit.h"
+#include "config/files.h"
+#include "config/portname.h"
+#include "config/tunnelname.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <netinet/in.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#define DISCARD 9 /* the port of a packet to this host that nobody needs */
+#define TCPQ "tcpq://"
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+static void warn_of_file(const fileuse *use)
+{
+    const char *folder = use->lock ? NULL : unit_private_folder(use->path);
+    if (folder)
+        log_warning("%s:%d:%d: %s: %s: the service has a %.*s of its own, where nobody else finds "
+                    "it: use %s", use->file, use->line, use->column, use->what, use->path,
+                    (int)strlen(folder) - 1, folder,
+                    use->socket ? UNIT_RUN_FOLDER : "/var/lib/canwire");
+}
+
+static void warn_of_files(const cfg *config)
+{
+    fileuses made = {.count = 0};
+    cfg_add_files_written(&made, config);
+    cfg_add_sockets(&made, config);
+    for (size_t i = 0; i < made.count; i++)
+        warn_of_file(&made.uses[i]);
+    fileuses_free(&made);
+}
+
+/* ---- Hosts ----------------------------------------------------------------------------------- */
+
+/* Returns the errno of a packet to an address of this host, which no network sees. */
+static int try_address(const struct sockaddr_in *own)
+{
+    struct sockaddr_in to = *own;
+    to.sin_port = htons(DISCARD);
+    int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    if (fd < 0)
+        return errno;
+    ssize_t sent = sendto(fd, "", 0, MSG_NOSIGNAL, (const struct sockaddr *)&to, sizeof to);
+    int number = sent < 0 ? errno : 0;
+    (void)close(fd);
+    return number;
+}
+
+static bool is_loopback(const struct sockaddr_in *address)
+{
+    return ntohl(address->sin_addr.s_addr) >> 24 == IN_LOOPBACKNET;
+}
+
+/* Returns true when the addresses of this host in its networks are out of reach. Without any, the
+ * unit is taken for what it is by default. */
+static bool is_shut_in(void)
+{
+    struct ifaddrs *all;
+    bool open = false;
+    if (getifaddrs(&all) != 0)
+        return true;
+    for (const struct ifaddrs *one = all; one && !open; one = one->ifa_next) {
+        const struct sockaddr_in *address = (const void *)one->ifa_addr;
+        open = address && address->sin_family == AF_INET && (one->ifa_flags & IFF_UP) &&
+               !is_loopback(address) && try_address(address) != EPERM;
+    }
+    freeifaddrs(all);
+    return !open;
+}
+
+/* Returns true for an address that other hosts reach or have. */
+static bool is_elsewhere(const net_address *address)
+{
+    return strncmp(address->host, "127.", 4) != 0 && strcmp(address->host, "::1") != 0 &&
+           !address_of_many(address);
+}
+
+static bool wants_hosts(const cfg_node *node)
+{
+    tunnelname tunnel;
+    const portname name = portname_parse(node->port ? node->port : "");
+    if (name.kind == PORTNAME_TCP)
+        return is_elsewhere(&name.address);
+    return name.kind == PORTNAME_TUNNEL && tunnelname_parse(&tunnel, node->port) &&
+           is_elsewhere(tunnel.has_peer ? &tunnel.peer : &tunnel.listen);
+}
+
+static bool wants_server(const cfg_lcm *lcm)
+{
+    const char *host = lcm->url + strlen(TCPQ);
+    return lcm->enabled && strncmp(lcm->url, TCPQ, strlen(TCPQ)) == 0 &&
+           strncmp(host, "127.", 4) != 0 && strncmp(host, "localhost", strlen("localhost")) != 0;
+}
+
+static void warn_of_hosts(const cfg *config)
+{
+    const char *what = NULL;
+    for (size_t i = 0; i < config->node_count && !what; i++)
+        what = wants_hosts(&config->nodes[i]) ? config->nodes[i].port : NULL;
+    if (!what && config->lcm.enabled && wants_server(&config->lcm))
+        what = config->lcm.url;
+    if (what && is_shut_in())
+        log_warning("%s: the service drops packets from and to other hosts (IPAddressDeny=): allow "
+                    "them by sudo systemctl set-property canwired@%s.service "
+                    "IPAddressAllow=192.168.0.0/16 or whatever their network is; see canwired(8)",
+                    what, unit_instance());
+}
+
+void confined_warn(const cfg *config)
+{
+    if (!unit_instance())
+        return;
+    warn_of_files(config);
+    warn_of_hosts(config);
+}
