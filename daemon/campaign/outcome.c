@@ -200,6 +200,45 @@ static void write_nodes(rowtext *row, const scenario *s)
     rowtext_put(row, "}");
 }
 
+/* ---- Losses ---------------------------------------------------------------------------------- */
+
+typedef struct loss_writer {
+    rowtext *row;
+    bool any;
+} loss_writer;
+
+static void write_loss(void *user, const loss_words *w)
+{
+    loss_writer *l = user;
+    if (!l->any)
+        rowtext_key(l->row, "lost");
+    rowtext_put(l->row, l->any ? ",{" : "[{");
+    l->any = true;
+    rowtext_string(l->row, w->is_rule ? "rule" : "node", w->name);
+    rowtext_string(l->row, "why", w->why);
+    if (!w->is_rule)
+        rowtext_number(l->row, "frames", w->frames);
+    if (w->ids[0])
+        rowtext_string(l->row, "ids", w->ids);
+    if (w->help[0])
+        rowtext_string(l->row, "help", w->help);
+    rowtext_put(l->row, "}");
+}
+
+/* Writes a key only where something was lost. */
+static void write_losses(rowtext *row, const scenario *s)
+{
+    loss_writer l = {.row = row};
+    char before[CFG_NODE_NAME_MAX + 2];
+    for (size_t i = 0; i < s->count; i++) {
+        const scenario_bus *b = &s->buses[i];
+        (void)snprintf(before, sizeof before, "%s:", b->config->bus_name);
+        losses_tell(&b->lost, b->run.bus, s->rig ? before : "", write_loss, &l);
+    }
+    if (l.any)
+        rowtext_put(row, "]");
+}
+
 /* ---- All of it ------------------------------------------------------------------------------- */
 
 outcome outcome_write(rowtext *row, const scenario *s)
@@ -214,6 +253,7 @@ outcome outcome_write_as(rowtext *row, const scenario *s, outcome o, const char 
     write_bus(row, s);
     write_first_error(row, s);
     write_nodes(row, s);
+    write_losses(row, s);
     return o;
 }
 

@@ -5,6 +5,7 @@
 #include "campaign/scenario.h"
 
 #include "base/plain.h"
+#include "config/doubts.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +17,7 @@ static void take_event(void *user, const cw_event *event)
     scenario_bus *b = user;
     sim_group_note(&b->all->group, b->index, event);
     observe_event(&b->seen, event, b->run.bus, b->config->rate);
+    losses_event(&b->lost, event);
     if (b->judge)
         expect_event(b->judge, event);
 }
@@ -23,13 +25,16 @@ static void take_event(void *user, const cw_event *event)
 static bool open_bus(scenario *s, cfg *config, FILE *messages)
 {
     scenario_bus *b = &s->buses[s->count];
-    sim_sink sink = {.user = b, .event = take_event, .kinds = OBSERVED_KINDS};
+    sim_sink sink = {.user = b, .event = take_event, .kinds = OBSERVED_KINDS | LOSSES_KINDS};
     *b = (scenario_bus){.all = s, .index = s->count, .config = config, .seed = config->seed};
+    b->lost.config = config;
+    b->lost.quick = true;
+    b->lost.fed = doubts_fed(s->rig, b->index);
     s->count++;
     if (config->expect_count > 0)
         sink.kinds |= CW_EVENTS_USUAL;
     if (sim_group_wants(&s->group, b->index))
-        sink.kinds |= 1u << CW_EVENT_RX | 1u << CW_EVENT_DROP;
+        sink.kinds |= 1u << CW_EVENT_RX;
     if (messages)
         fputs(config->warnings, messages);
     if (!sim_open(&b->run, config, messages))
@@ -144,6 +149,7 @@ static bool prepare(const scenario *s, scenario_bus *b, const uint64_t *seed)
     cfg *config = s->rig ? s->rig->buses[b->index] : s->alone;
     config->seed = seed ? *seed : b->seed;
     memset(&b->seen, 0, sizeof b->seen);
+    losses_forget(&b->lost);
     b->run.until = s->until;
     expect_free(b->judge);
     b->judge = b->config->expect_count > 0 ? expect_start(b->config, &start) : NULL;

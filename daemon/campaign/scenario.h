@@ -9,6 +9,7 @@
 #include "config/rig.h"
 #include "run/journal_play.h"
 #include "sim/expect.h"
+#include "sim/losses.h"
 #include "sim/sim_group.h"
 
 /* A bus of the scenario. */
@@ -19,6 +20,7 @@ typedef struct scenario_bus {
     uint64_t seed; /* of the file */
     sim_run run;
     observation seen;
+    losses lost; /* of a journal none */
     expect *judge; /* NULL: there are no expectations */
 } scenario_bus;
 

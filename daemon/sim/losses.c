@@ -8,10 +8,9 @@
 #include "config/doubts.h"
 
 #include <inttypes.h>
-#include <stdarg.h>
 #include <stdio.h>
 
-#define RULES_TOLD 20u
+#define RULES_TOLD 20u /* in lines */
 
 void losses_forget(losses *all)
 {
@@ -21,18 +20,18 @@ void losses_forget(losses *all)
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
-static loss *find(losses *all, unsigned node, unsigned why)
+static lost_frames *find(losses *all, unsigned node, unsigned why)
 {
     for (unsigned i = 0; i < all->count; i++)
         if (all->list[i].node == node && all->list[i].why == why)
             return &all->list[i];
     if (all->count == LOSSES_MAX)
         return NULL;
-    all->list[all->count] = (loss){.node = (uint8_t)node, .why = (uint8_t)why};
+    all->list[all->count] = (lost_frames){.node = (uint8_t)node, .why = (uint8_t)why};
     return &all->list[all->count++];
 }
 
-static void note_id(loss *l, const cw_frame *frame)
+static void note_id(lost_frames *l, const cw_frame *frame)
 {
     const uint32_t id = frame->id | (frame->flags & CW_FRAME_EXTENDED ? CW_FILTER_EXTENDED : 0);
     bool known = l->id_count == LOSS_IDS;
@@ -46,7 +45,7 @@ void losses_event(losses *all, const cw_event *event)
 {
     if (event->kind != CW_EVENT_DROP || event->why == CW_DROP_FAULT || event->nodes == 0)
         return;
-    loss *l = find(all, (unsigned)__builtin_ctzll(event->nodes), event->why);
+    lost_frames *l = find(all, (unsigned)__builtin_ctzll(event->nodes), event->why);
     if (!l) {
         all->more++;
         return;
@@ -65,25 +64,18 @@ typedef struct teller {
     void *user;
 } teller;
 
-static void tell(const teller *t, const char *format, ...) __attribute__((format(printf, 2, 3)));
-
-static void tell(const teller *t, const char *format, ...)
+static void tell(const teller *t, const char *name, loss_words words)
 {
-    char line[LOSS_TEXT_MAX];
-    va_list arguments;
-    va_start(arguments, format);
-    (void)vsnprintf(line, sizeof line, format, arguments);
-    va_end(arguments);
-    t->tell(t->user, line);
+    char full[LOSS_TEXT_MAX];
+    (void)snprintf(full, sizeof full, "%s%s", t->before, name);
+    words.name = full;
+    t->tell(t->user, &words);
 }
 
-static const char *plural(uint64_t count)
-{
-    return count == 1 ? "" : "s";
-}
+/* ---- Frames that were dropped ---------------------------------------------------------------- */
 
 /* Prints the first identifiers: "111, 112, …". */
-static void print_ids(char out[LOSS_TEXT_MAX], const loss *l)
+static void print_ids(char out[LOSS_TEXT_MAX], const lost_frames *l)
 {
     int length = 0;
     for (unsigned i = 0; i < l->id_count; i++)
@@ -94,46 +86,51 @@ static void print_ids(char out[LOSS_TEXT_MAX], const loss *l)
         (void)snprintf(out + length, (size_t)(LOSS_TEXT_MAX - length), ", …");
 }
 
-/* Prints what helps, after ": "; or nothing. */
-static void print_remedy(char out[LOSS_TEXT_MAX], const cfg *config, const loss *l)
+/* Prints the keys that help where a queue is too short. */
+static void print_queue(char out[LOSS_TEXT_MAX], const losses *all, unsigned i)
 {
-    static const char *const remedies[CW_DROP_COUNT] = {
-        [CW_DROP_ONE_SHOT] = ": one-shot: off repeats them",
-        [CW_DROP_BUS_OFF] = ": restart-ms: TIME brings the node back",
-        [CW_DROP_LISTEN_ONLY] = ": listen-only: off lets it send",
-        [CW_DROP_BAD_FRAME] = ": a node of another kind, or with other mailboxes, can send them",
-        [CW_DROP_SLOT_MISSED] = ": a wider window takes them",
-    };
-    const cfg_node *node = &config->nodes[l->node];
+    const cfg_node *node = &all->config->nodes[i];
     uint64_t tick;
-    out[0] = '\0';
-    if (l->why == CW_DROP_QUEUE_FULL) {
-        const unsigned most = doubts_at_once(config, l->node, &tick);
-        if (most > node->queue && most <= CW_QUEUE_MAX)
-            (void)snprintf(out, LOSS_TEXT_MAX, ": queue: %u or offsets", most);
-        else
-            (void)snprintf(out, LOSS_TEXT_MAX, ": queue: more than %u, or less traffic",
-                           node->queue);
-    } else if (remedies[l->why] && !(l->why == CW_DROP_BUS_OFF && node->restart_ms > 0)) {
-        (void)snprintf(out, LOSS_TEXT_MAX, "%s", remedies[l->why]);
-    }
+    unsigned most = 0;
+    if (!all->quick && node->traffic_count > node->queue)
+        most = doubts_at_once(all->config, i, &tick);
+    if (most > node->queue && most <= CW_QUEUE_MAX)
+        (void)snprintf(out, LOSS_TEXT_MAX, "queue: %u or offsets", most);
+    else
+        (void)snprintf(out, LOSS_TEXT_MAX, "queue: more than %u, offsets or less traffic",
+                       node->queue);
+}
+
+static const char *help_with(const cfg_node *node, unsigned why)
+{
+    static const char *const help[CW_DROP_COUNT] = {
+        [CW_DROP_ONE_SHOT] = "one-shot: off repeats them",
+        [CW_DROP_BUS_OFF] = "restart-ms: TIME brings the node back",
+        [CW_DROP_LISTEN_ONLY] = "listen-only: off lets it send",
+        [CW_DROP_BAD_FRAME] = "a node of another kind, or with other mailboxes, can send them",
+        [CW_DROP_SLOT_MISSED] = "a wider window takes them",
+    };
+    const bool restarts = why == CW_DROP_BUS_OFF && node->restart_ms > 0;
+    return help[why] && !restarts ? help[why] : "";
 }
 
 static void tell_dropped(const teller *t)
 {
-    for (unsigned i = 0; i < t->all->count; i++) {
-        const loss *l = &t->all->list[i];
+    const losses *all = t->all;
+    for (unsigned i = 0; i < all->count; i++) {
+        const lost_frames *l = &all->list[i];
+        const cfg_node *node = &all->config->nodes[l->node];
         char ids[LOSS_TEXT_MAX];
-        char remedy[LOSS_TEXT_MAX];
+        char queue[LOSS_TEXT_MAX];
+        loss_words words = {.why = cw_drop_name((cw_drop)l->why), .frames = l->count, .ids = ids};
         print_ids(ids, l);
-        print_remedy(remedy, t->all->config, l);
-        tell(t, "dropped: %s%s: %" PRIu64 " frame%s, %s (%s)%s", t->before,
-             t->all->config->nodes[l->node].name, l->count, plural(l->count),
-             cw_drop_name((cw_drop)l->why), ids, remedy);
+        print_queue(queue, all, l->node);
+        words.help = l->why == CW_DROP_QUEUE_FULL ? queue : help_with(node, l->why);
+        tell(t, node->name, words);
     }
-    if (t->all->more > 0)
-        tell(t, "dropped: %" PRIu64 " more frame%s, of other nodes or for other reasons",
-             t->all->more, plural(t->all->more));
+    if (all->more > 0)
+        tell(t, "other nodes, or for other reasons",
+             (loss_words){.why = "dropped", .frames = all->more, .ids = "", .help = ""});
 }
 
 /* ---- Frames that were never sent ------------------------------------------------------------- */
@@ -160,8 +157,8 @@ static void tell_waiting(const teller *t)
             continue;
         const char *why = why_waiting(&config->nodes[i], &stats);
         if (why)
-            tell(t, "not sent: %s%s: %" PRIu32 " frame%s: %s", t->before, config->nodes[i].name,
-                 stats.queue, plural(stats.queue), why);
+            tell(t, config->nodes[i].name,
+                 (loss_words){.why = "not sent", .frames = stats.queue, .ids = "", .help = why});
     }
 }
 
@@ -174,57 +171,74 @@ static cw_rule_stats stats_of(const teller *t, unsigned rule)
     return stats;
 }
 
-/* Tells about a rule that had no match. One that waits for a hand waits for canwired. */
-static void tell_rule(const teller *t, unsigned i)
+/* Says more about a rule that had no match. */
+static void print_reason(char out[LOSS_TEXT_MAX], const teller *t, const cw_rule *rule)
 {
     const cfg *config = t->all->config;
-    const cw_rule *rule = &config->rules[i];
-    const bool unarmed = rule->has_after && rule->after < config->rule_count &&
-                         stats_of(t, rule->after).hits == 0;
     char begin[TIME_TEXT_MAX];
-    if (unarmed) {
-        tell(t, "rule %s%s: never matched: never armed, since rule %s has not acted", t->before,
-             rule->name, config->rules[rule->after].name);
+    out[0] = '\0';
+    if (rule->has_after && rule->after < config->rule_count && stats_of(t, rule->after).hits == 0) {
+        (void)snprintf(out, LOSS_TEXT_MAX, "never armed, since rule %s has not acted",
+                       config->rules[rule->after].name);
     } else if (doubts_no_frame(config, rule, t->all->fed)) {
-        tell(t, "rule %s%s: never matched: no node sends such a frame", t->before, rule->name);
+        (void)snprintf(out, LOSS_TEXT_MAX, "no node sends such a frame");
     } else if (rule->time_begin > cw_bus_now(t->bus)) {
         text_print_span(begin, rule->time_begin);
-        tell(t, "rule %s%s: never matched: the run ended before %s", t->before, rule->name, begin);
-    } else {
-        tell(t, "rule %s%s: never matched", t->before, rule->name);
+        (void)snprintf(out, LOSS_TEXT_MAX, "the run ended before %s", begin);
     }
 }
 
+/* A rule that waits for a hand waits for canwired. */
 static void tell_rules(const teller *t)
 {
     const cfg *config = t->all->config;
-    unsigned count = 0;
     for (unsigned i = 0; i < config->rule_count; i++) {
+        char reason[LOSS_TEXT_MAX];
         if (stats_of(t, i).matches > 0 || doubts_by_hand(config, &config->rules[i]))
             continue;
-        if (count++ < RULES_TOLD)
-            tell_rule(t, i);
+        print_reason(reason, t, &config->rules[i]);
+        tell(t, config->rules[i].name,
+             (loss_words){.is_rule = true, .why = "never matched", .ids = "", .help = reason});
     }
-    if (count > RULES_TOLD)
-        tell(t, "%u more rules never matched", count - RULES_TOLD);
 }
 
-void losses_tell(const losses *all, const cw_bus *bus, const char *before, losses_teller *teller_fn,
+void losses_tell(const losses *all, const cw_bus *bus, const char *before, losses_teller *taker,
                  void *user)
 {
-    const teller t = {
-        .all = all, .bus = bus, .before = before, .tell = teller_fn, .user = user};
+    const teller t = {.all = all, .bus = bus, .before = before, .tell = taker, .user = user};
+    if (!all->config)
+        return;
     tell_dropped(&t);
     tell_waiting(&t);
     tell_rules(&t);
 }
 
-static void print_line(void *user, const char *line)
+/* ---- Lines ----------------------------------------------------------------------------------- */
+
+typedef struct printer {
+    FILE *out;
+    unsigned rules;
+} printer;
+
+static void print_words(void *user, const loss_words *w)
 {
-    plain_print(user, "%s\n", line);
+    printer *p = user;
+    const char *more = w->help[0] ? ": " : "";
+    p->rules += w->is_rule;
+    if (w->is_rule && p->rules <= RULES_TOLD)
+        plain_print(p->out, "rule %s: %s%s%s\n", w->name, w->why, more, w->help);
+    else if (!w->is_rule && w->ids[0])
+        plain_print(p->out, "dropped: %s: %" PRIu64 " frame%s, %s (%s)%s%s\n", w->name, w->frames,
+                    w->frames == 1 ? "" : "s", w->why, w->ids, more, w->help);
+    else if (!w->is_rule)
+        plain_print(p->out, "%s: %s: %" PRIu64 " frame%s%s%s\n", w->why, w->name, w->frames,
+                    w->frames == 1 ? "" : "s", more, w->help);
 }
 
 void losses_print(const losses *all, const cw_bus *bus, const char *before, FILE *out)
 {
-    losses_tell(all, bus, before, print_line, out);
+    printer p = {.out = out};
+    losses_tell(all, bus, before, print_words, &p);
+    if (p.rules > RULES_TOLD)
+        fprintf(out, "%u more rules never matched\n", p.rules - RULES_TOLD);
 }

@@ -15,24 +15,34 @@
 #define LOSS_TEXT_MAX 256
 
 /* Frames that a node has lost for one reason. */
-typedef struct loss {
+typedef struct lost_frames {
     uint8_t node;
     uint8_t why; /* a cw_drop */
     uint8_t id_count;
     uint32_t ids[LOSS_IDS]; /* with CW_FILTER_EXTENDED */
     uint64_t count;
-} loss;
+} lost_frames;
 
 typedef struct losses {
     const cfg *config;
     uint64_t fed;  /* nodes that gateways of a rig feed */
+    bool quick;    /* what takes long to find out is not told */
     unsigned count;
     uint64_t more; /* frames of nodes and reasons that are not kept */
-    loss list[LOSSES_MAX];
+    lost_frames list[LOSSES_MAX];
 } losses;
 
-/* Takes a loss as a line of text without an end. */
-typedef void losses_teller(void *user, const char *line);
+/* What has been lost, in words. */
+typedef struct loss_words {
+    bool is_rule;     /* the name is one of a rule, else of a node */
+    const char *name; /* with the name of its bus before it, in a rig */
+    const char *why;  /* "never matched", "queue-full", "not sent" */
+    uint64_t frames;  /* of a node */
+    const char *ids;  /* the first identifiers, or "" */
+    const char *help; /* what explains or avoids it, or "" */
+} loss_words;
+
+typedef void losses_teller(void *user, const loss_words *words);
 
 /* Forgets all, for another run of the same configuration. */
 void losses_forget(losses *all);
@@ -46,7 +56,7 @@ void losses_event(losses *all, const cw_event *event);
 void losses_tell(const losses *all, const cw_bus *bus, const char *before, losses_teller *tell,
                  void *user);
 
-/* Does the same in lines on a stream. */
+/* Does the same in lines on a stream: "dropped: a: 10 frames, queue-full (111, …): queue: 17". */
 void losses_print(const losses *all, const cw_bus *bus, const char *before, FILE *out);
 
 #endif

@@ -80,6 +80,7 @@ void report_begin(report *r, const report_row *first, const campaign *c)
     r->campaign = c;
     r->expectations.name = memory_text("expectation");
     r->errors.name = memory_text("first error");
+    r->lost.name = memory_text("lost");
     if (first->factors)
         begin_factors(r, first);
     pairs_begin(&r->pairs, r->factor_count);
@@ -128,6 +129,19 @@ static void add_error(report *r, const report_row *row)
     free(text);
 }
 
+static void add_losses(report *r, const report_row *row)
+{
+    for (size_t i = 0; i < json_array_size(row->lost); i++) {
+        const json_t *l = json_array_get(row->lost, i);
+        const char *rule = json_string_value(json_object_get(l, "rule"));
+        const char *node = json_string_value(json_object_get(l, "node"));
+        char *text = memory_print("%s%s: %s", rule ? "rule " : "", rule ? rule : node,
+                                  json_string_value(json_object_get(l, "why")));
+        count(&r->lost, text, row->class);
+        free(text);
+    }
+}
+
 static void add_latency(report *r, const report_row *row)
 {
     const bool within = r->latency.has_limit && row->latency_ns <= r->latency.limit_ns;
@@ -147,6 +161,7 @@ void report_add(report *r, const report_row *row)
     if (row->factors)
         add_factors(r, row);
     add_expectations(r, row);
+    add_losses(r, row);
     if (row->first_error)
         add_error(r, row);
     if (row->has_latency)
@@ -190,6 +205,7 @@ void report_free(report *r)
         candidates_free(&r->candidates[i]);
     dimension_free(&r->expectations);
     dimension_free(&r->errors);
+    dimension_free(&r->lost);
     pairs_free(&r->pairs);
     spans_free(&r->numbers);
     row_source_free(&r->source);

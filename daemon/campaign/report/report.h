@@ -31,6 +31,7 @@ typedef struct report {
     dimension groups[REPORT_GROUPS_MAX]; /* frames and fields of spaces of faults */
     dimension expectations;   /* rows in which each has failed */
     dimension errors;         /* the first errors */
+    dimension lost;           /* rows in which frames were lost, or rules never acted */
     latency latency;          /* from the first hit of a rule to the first error */
     uint64_t failed_within;   /* rows that have failed, with a latency within the limit */
     candidates candidates[CLASS_COUNT]; /* of failures, degraded ones, time-outs and crashes */

@@ -154,6 +154,7 @@ static const char *read_result(report_row *row, const row_signs *signs)
     if (wrong)
         return wrong;
     row->first_error = json_is_object(error) ? error : NULL;
+    row->lost = json_object_get(row->object, "lost");
     row->has_latency = json_is_number(latency);
     row->latency_ns = ns_of(latency);
     row->end_ns = ns_of(json_object_get(row->object, "t"));

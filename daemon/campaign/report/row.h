@@ -24,6 +24,7 @@ typedef struct report_row {
     const json_t *factors; /* an object; NULL without a number */
     const json_t *failed;  /* a list of expectations that are not met; NULL: there is no result */
     const json_t *first_error; /* NULL: there is none */
+    const json_t *lost;        /* a list; NULL: there are none */
     const char *repeat;
     class_facts facts;
     row_class class;

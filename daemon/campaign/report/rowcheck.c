@@ -116,6 +116,21 @@ static const char *check_times(const json_t *row)
     return NULL;
 }
 
+/* ---- Losses ---------------------------------------------------------------------------------- */
+
+static const char *check_losses(const json_t *lost)
+{
+    if (lost && !json_is_array(lost))
+        return "`lost`: expected a list";
+    for (size_t i = 0; i < json_array_size(lost); i++) {
+        const json_t *l = json_array_get(lost, i);
+        if (!json_is_string(json_object_get(l, "why")) ||
+            json_is_string(json_object_get(l, "node")) == json_is_string(json_object_get(l, "rule")))
+            return "`lost`: expected objects, each with a `node` or a `rule`, and `why`";
+    }
+    return NULL;
+}
+
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
 const char *rowcheck_result(const json_t *row, outcome o)
@@ -129,5 +144,7 @@ const char *rowcheck_result(const json_t *row, outcome o)
         wrong = check_error(json_object_get(row, "first_error"));
     if (!wrong)
         wrong = check_nodes(json_object_get(row, "nodes"));
+    if (!wrong)
+        wrong = check_losses(json_object_get(row, "lost"));
     return wrong ? wrong : check_expectations(json_object_get(row, "expectations"), o);
 }

@@ -296,6 +296,8 @@ void campaign_report_json(FILE *out, const report_view *v)
     put(object, "latency", latency_of(v));
     put(object, "expectations", dimensions_of(v, &r->expectations, 1));
     put(object, "first_errors", dimensions_of(v, &r->errors, 1));
+    if (r->lost.count > 0)
+        put(object, "lost", dimensions_of(v, &r->lost, 1));
     put(object, "factors", dimensions_of(v, r->factors, r->factor_count));
     put(object, "groups", dimensions_of(v, r->groups, r->group_count));
     put(object, "pairs", pairs_list(v));

@@ -200,6 +200,8 @@ void report_each_dimension(FILE *out, const report_view *v, report_write_dimensi
     const report *r = v->report;
     if (r->expectations.count > 0)
         write(out, v, &r->expectations);
+    if (r->lost.count > 0)
+        write(out, v, &r->lost);
     for (size_t i = 0; i < r->group_count; i++)
         write(out, v, &r->groups[i]);
     for (size_t i = 0; i < r->factor_count; i++)

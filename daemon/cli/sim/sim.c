@@ -67,7 +67,7 @@ typedef struct sim {
     sim_until awaited;
     sim_judge judge;
     sim_progress progress;
-    losses losses; /* without a journal, which tells what has happened elsewhere */
+    losses lost; /* without a journal, which tells what has happened elsewhere */
 } sim;
 
 static const char usage[] =
@@ -85,8 +85,9 @@ static const char help[] =
     "\n"
     "  --journal FILE\n"
     "                 what canwired --journal has written down, once more\n"
-    "  --until TIME   end at this bus time (10ms, 2s, 100bit); else when all traffic is done,\n"
-    "                 or after 10 s of bus time without a frame or a release\n"
+    "  --until TIME   end at this bus time (10ms, 2s, 100bit); else when all traffic is done and\n"
+    "                 no rule has a time to come, or after 10 s of bus time without a frame, a\n"
+    "                 release or such a time\n"
     "  --until-event [NODE:]EVENT\n"
     "                 end with this event, if it comes: error, restart, drop, ... (see watch), a\n"
     "                 state (bus-off, error-passive, ...), tx:FILTER or rx:FILTER, fault:RULE.\n"
@@ -116,6 +117,8 @@ static const char help[] =
     "F may be - for standard output. Without any output a summary is printed. Expectations are\n"
     "reported in any case, on standard error when an F is standard output. Ctrl-C ends a run at\n"
     "once: outputs end anywhere, and there are no statistics, no JUnit XML and no summary.\n"
+    "Standard error tells at the end which frames were dropped or never sent, which rules never\n"
+    "matched, and why the run ended before its traffic.\n"
     "Exit status: 0, 1 a value or a file is bad, or FILE has no such node or rule, 2 wrong\n"
     "usage, 3 an expectation failed.\n";
 
@@ -161,8 +164,8 @@ static void note_loss(void *user, const cw_event *event)
 
 static void watch_losses(sim *s)
 {
-    const sim_sink sink = {.user = &s->losses, .event = note_loss, .kinds = LOSSES_KINDS};
-    s->losses.config = s->config;
+    const sim_sink sink = {.user = &s->lost, .event = note_loss, .kinds = LOSSES_KINDS};
+    s->lost.config = s->config;
     sim_add_sink(&s->run, &sink);
 }
 
@@ -327,7 +330,7 @@ static bool finish(sim *s, const sim_options *o)
         summary_print(stdout, s->run.config, s->run.bus);
     bool good = sim_judge_finish(&s->judge, &s->run);
     if (s->config)
-        losses_print(&s->losses, s->run.bus, "", stderr);
+        losses_print(&s->lost, s->run.bus, "", stderr);
     good = sim_trace_finish(&s->trace, "canwire sim") && good;
     return close_outputs(s) && good;
 }

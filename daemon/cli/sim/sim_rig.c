@@ -17,11 +17,11 @@
 #include "cli/gateways_text.h"
 #include "cli/sim/sim_endless.h"
 #include "cli/sim/summary.h"
+#include "config/doubts.h"
 #include "config/files.h"
 #include "record/output.h"
 #include "record/pcapng.h"
 #include "run/journal_play.h"
-#include "config/doubts.h"
 #include "sim/losses.h"
 #include "sim/sim_group.h"
 #include "sim/sim_until.h"
@@ -47,7 +47,7 @@ typedef struct rig_bus {
     sim_run run;
     sim_judge judge;
     sim_until awaited; /* of a run that looks ahead */
-    losses losses;     /* without a journal */
+    losses lost;       /* without a journal */
     uint32_t kinds;    /* of events that are kept */
     kept *list; /* events that some bus has not reached yet, in their order */
     size_t first;
@@ -184,7 +184,7 @@ static void keep_event(void *user, const cw_event *event)
     rig_bus *b = user;
     sim_rig *s = b->all;
     sim_group_note(&s->group, b->index, event);
-    losses_event(&b->losses, event);
+    losses_event(&b->lost, event);
     if (!s->keeps || !(b->kinds >> event->kind & 1u))
         return;
     if (!keep(b, event)) {
@@ -423,8 +423,8 @@ static bool open_bus(sim_rig *s, size_t i)
     b->judge.to_stderr = has_output(s->options);
     choose_events(b, s->options);
     keeper.kinds = b->kinds | LOSSES_KINDS;
-    b->losses.config = s->player ? NULL : s->config->buses[i];
-    b->losses.fed = doubts_fed(s->config, i);
+    b->lost.config = s->player ? NULL : s->config->buses[i];
+    b->lost.fed = doubts_fed(s->config, i);
     if (sim_group_wants(&s->group, i))
         keeper.kinds |= 1u << CW_EVENT_RX;
     sim_add_sink(&b->run, &keeper);
@@ -525,8 +525,8 @@ static void tell_losses(const rig_bus *b)
 {
     char before[CFG_NODE_NAME_MAX + 2];
     (void)snprintf(before, sizeof before, "%s:", b->run.config->bus_name);
-    if (b->losses.config)
-        losses_print(&b->losses, b->run.bus, before, stderr);
+    if (b->lost.config)
+        losses_print(&b->lost, b->run.bus, before, stderr);
 }
 
 /* Reports; *met tells about the expectations. */
