@@ -267,6 +267,12 @@ CANWIRE_SIM_API int canwire_sim_expect(canwire_sim *sim, int bus, const char *te
  * a JSON array of objects with `bus`, `name`, `wanted`, `got` and `met`. NULL without memory. */
 CANWIRE_SIM_API char *canwire_sim_expectations(canwire_sim *sim);
 
+/* Returns what has been lost up to now, as `canwire sim` tells it at its end: frames that were
+ * dropped or never sent, and rules of the files that never matched. It is a JSON array of objects
+ * with `bus`, `node` or `rule`, `why`, and `frames`, `ids`, `help` where there are any. NULL without
+ * memory. */
+CANWIRE_SIM_API char *canwire_sim_lost(canwire_sim *sim);
+
 #ifdef __cplusplus
 }
 #endif

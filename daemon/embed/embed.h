@@ -8,6 +8,7 @@
 #include "embed/canwire-sim.h"
 #include "run/inputs.h"
 #include "sim/expect.h"
+#include "sim/losses.h"
 #include "sim/sim_group.h"
 #include "sim/sim_until.h"
 #include "trace/errframe.h"
@@ -68,6 +69,7 @@ typedef struct embed_bus {
     embed_lines lines;
     embed_node *nodes;
     embed_judge *judges; /* a list */
+    losses lost;
 } embed_bus;
 
 struct canwire_sim {

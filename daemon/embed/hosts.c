@@ -209,6 +209,7 @@ void embed_event(void *user, const cw_event *event)
     const bool kept = sim->kinds >> event->kind & 1u;
     if (event->kind == CW_EVENT_RX || event->kind == CW_EVENT_DROP)
         sim_group_note(&sim->group, b->index, event);
+    losses_event(&b->lost, event);
     for (const embed_judge *j = b->judges; j; j = j->next)
         expect_event(j->judge, event);
     if (kept)
@@ -224,13 +225,13 @@ void embed_event(void *user, const cw_event *event)
 
 void embed_choose_events(embed_bus *b)
 {
-    uint32_t kinds = b->sim->kinds | b->awaited.kinds | 1u << CW_EVENT_TX;
+    uint32_t kinds = b->sim->kinds | b->awaited.kinds | 1u << CW_EVENT_TX | LOSSES_KINDS;
     bool listens = false;
     for (size_t i = 0; i < b->config->node_count; i++)
         listens = listens || b->nodes[i].listens;
     if (b->judges || listens)
         kinds |= CW_EVENTS_USUAL;
     if (sim_group_wants(&b->sim->group, b->index))
-        kinds |= 1u << CW_EVENT_RX | 1u << CW_EVENT_DROP;
+        kinds |= 1u << CW_EVENT_RX;
     sim_set_kinds(&b->run, 0, kinds);
 }

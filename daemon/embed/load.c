@@ -4,6 +4,8 @@
  */
 #include "embed/embed.h"
 
+#include "config/doubts.h"
+
 #include <stdlib.h>
 
 int canwire_sim_abi(void)
@@ -57,6 +59,7 @@ static bool open_bus(canwire_sim *sim, cfg *config, FILE *out)
     sim->count++;
     b->config = live_config(b->live);
     b->seed = b->config->seed;
+    b->lost = (losses){.config = b->config, .fed = doubts_fed(sim->rig, b->index)};
     b->lines.out = open_memstream(&b->lines.text, &b->lines.size);
     if (!b->lines.out || !keep_times(b) || !sim_open_roomy(&b->run, b->config, sim->told))
         return false;
@@ -171,6 +174,7 @@ static void forget(embed_bus *b, const uint64_t *seed)
 {
     embed_judge_end(b);
     live_restart(b->live, seed ? *seed : b->seed);
+    losses_forget(&b->lost);
     for (unsigned i = 0; i < b->config->node_count; i++) {
         live_set_time(b->live, i, &b->times[i]);
         b->nodes[i].first = 0;

@@ -282,3 +282,38 @@ char *canwire_sim_expectations(canwire_sim *sim)
             put_outcomes(all, &sim->buses[i], j);
     return text_of(all, JSON_COMPACT);
 }
+
+/* ---- Losses ---------------------------------------------------------------------------------- */
+
+typedef struct loss_list {
+    json_t *all;
+    const char *bus;
+} loss_list;
+
+static void put_loss(void *user, const loss_words *w)
+{
+    const loss_list *list = user;
+    json_t *object = json_object();
+    put_text(object, "bus", list->bus);
+    put_text(object, w->is_rule ? "rule" : "node", w->name);
+    put_text(object, "why", w->why);
+    if (!w->is_rule)
+        put_count(object, "frames", w->frames);
+    if (w->ids[0])
+        put_text(object, "ids", w->ids);
+    if (w->help[0])
+        put_text(object, "help", w->help);
+    put_last(list->all, object);
+}
+
+char *canwire_sim_lost(canwire_sim *sim)
+{
+    json_t *all = json_array();
+    embed_text_begin();
+    for (size_t i = 0; i < sim->count; i++) {
+        const embed_bus *b = &sim->buses[i];
+        loss_list list = {.all = all, .bus = b->config->bus_name};
+        losses_tell(&b->lost, b->run.bus, "", put_loss, &list);
+    }
+    return text_of(all, JSON_COMPACT);
+}

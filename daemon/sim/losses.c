@@ -164,11 +164,17 @@ static void tell_waiting(const teller *t)
 
 /* ---- Rules that never acted ------------------------------------------------------------------ */
 
-static cw_rule_stats stats_of(const teller *t, unsigned rule)
+/* Returns true when a rule is there and had no match. */
+static bool is_idle(const teller *t, unsigned rule)
 {
-    cw_rule_stats stats = {.matches = 0};
-    (void)cw_rule_get_stats(t->bus, rule, &stats);
-    return stats;
+    cw_rule_stats stats;
+    return cw_rule_get_stats(t->bus, rule, &stats) == CW_OK && stats.matches == 0;
+}
+
+static bool has_acted(const teller *t, unsigned rule)
+{
+    cw_rule_stats stats;
+    return cw_rule_get_stats(t->bus, rule, &stats) == CW_OK && stats.hits > 0;
 }
 
 /* Says more about a rule that had no match. */
@@ -177,7 +183,7 @@ static void print_reason(char out[LOSS_TEXT_MAX], const teller *t, const cw_rule
     const cfg *config = t->all->config;
     char begin[TIME_TEXT_MAX];
     out[0] = '\0';
-    if (rule->has_after && rule->after < config->rule_count && stats_of(t, rule->after).hits == 0) {
+    if (rule->has_after && rule->after < config->rule_count && !has_acted(t, rule->after)) {
         (void)snprintf(out, LOSS_TEXT_MAX, "never armed, since rule %s has not acted",
                        config->rules[rule->after].name);
     } else if (doubts_no_frame(config, rule, t->all->fed)) {
@@ -194,7 +200,7 @@ static void tell_rules(const teller *t)
     const cfg *config = t->all->config;
     for (unsigned i = 0; i < config->rule_count; i++) {
         char reason[LOSS_TEXT_MAX];
-        if (stats_of(t, i).matches > 0 || doubts_by_hand(config, &config->rules[i]))
+        if (!is_idle(t, i) || doubts_by_hand(config, &config->rules[i]))
             continue;
         print_reason(reason, t, &config->rules[i]);
         tell(t, config->rules[i].name,

@@ -498,6 +498,25 @@ def test_expectations_are_judged():
         assert len(bus.expectations()) == 1
 
 
+def test_what_is_lost_is_told():
+    text = EMPTY.replace("name: a", "name: a, queue: 2") + \
+        "faults: [ { name: late, when: { frame: '124' }, do: { drop: tx } } ]\n"
+    never = {"bus": "small", "rule": "late", "why": "never matched",
+             "help": "no node sends such a frame"}
+    with Bus.from_yaml(text, events="none") as bus:
+        assert bus.lost() == [never]
+        for i in range(4):
+            bus.send("a", f"12{i}#")
+        bus.run()
+        assert bus.lost() == [
+            {"bus": "small", "node": "a", "why": "queue-full", "frames": 2, "ids": "122, 123",
+             "help": "queue: more than 2, offsets or less traffic"}, never]
+        bus.reset()
+        bus.send("a", "124#")
+        bus.run()
+        assert bus.lost() == []
+
+
 def test_kinds_of_events_are_chosen():
     with Bus.from_yaml(EMPTY, events="tx,drop") as bus:
         bus.send("a", "123#")

@@ -95,6 +95,7 @@ FUNCTIONS = {
     "stats": (_OWNED, c_void_p, c_int),
     "expect": (c_int, c_void_p, c_int, c_char_p, c_size_t, c_char_p, _MESSAGES),
     "expectations": (_OWNED, c_void_p),
+    "lost": (_OWNED, c_void_p),
 }
 
 NAME = "libcanwire-sim.so"

@@ -579,6 +579,12 @@ class Bus:
         `got` and `met` up to now."""
         return json.loads(self._library.text(self._library.expectations(self._sim)))
 
+    def lost(self) -> list[dict[str, Any]]:
+        """Returns what has been lost up to now, as `canwire sim` tells it at its end: frames that
+        were dropped or never sent, and rules of the file that never matched. Each is a dict with
+        `bus`, `node` or `rule`, and `why`; `frames`, `ids` and `help` where there are any."""
+        return json.loads(self._library.text(self._library.lost(self._sim)))
+
     def check(self) -> None:
         """Raises an ExpectationError with all expectations that are not met."""
         failed = [outcome for outcome in self.expectations() if not outcome["met"]]
