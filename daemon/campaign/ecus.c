@@ -354,3 +354,11 @@ void campaign_check_virtual(schema *self, yaml_node_t *root, const campaign_owne
                         "ecu: the scenario has 'pacing: virtual'; leave that out, and give "
                         "'virtual: on' beside 'ecu'");
 }
+
+int64_t ecus_grace_ms(const ecu_plan *plan)
+{
+    int64_t sum = 0;
+    for (size_t i = 0; i < plan->count; i++)
+        sum += plan->list[i].grace_ms;
+    return sum;
+}

@@ -55,4 +55,7 @@ schema_reader campaign_read_virtual; /* object: a campaign_owner; behind `ecu` *
 /* Returns the number of programs that have virtual time. */
 unsigned ecus_virtual(const ecu_plan *plan);
 
+/* Returns the time that all programs together have to end. */
+int64_t ecus_grace_ms(const ecu_plan *plan);
+
 #endif

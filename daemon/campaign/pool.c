@@ -4,6 +4,7 @@
  */
 #include "campaign/pool.h"
 
+#include "base/stopped.h"
 #include "base/wall.h"
 #include "campaign/pool_worker.h"
 
@@ -351,11 +352,14 @@ static bool listen_to(pool *p, worker *w)
 
 /* ---- The work -------------------------------------------------------------------------------- */
 
-/* Ends processes that take too long; their ends come as those of others. */
+/* Ends processes that take too long; their ends come as those of others. One that a program of a row
+ * has stopped goes on. */
 static void end_late(pool *p, int64_t now)
 {
     for (unsigned i = 0; i < p->work->jobs && p->work->limit_ms > 0; i++) {
         worker *w = &p->workers[i];
+        if (w->pid > 0)
+            (void)stopped_go_on(w->pid);
         if (!w->chunk || w->pid == 0 || w->late || now - w->since_ms < p->work->limit_ms)
             continue;
         w->late = true;

@@ -319,6 +319,26 @@ def test_a_row_that_takes_too_long(make):
     assert row["ecus"]["engine"]["end"] == "running"
 
 
+@pytest.mark.parametrize("command, why", [
+    ("kill -STOP $PPID; sleep 1000", ""),
+    ("kill -STOP $(ps -o ppid= -p $PPID); sleep 1000", ""),
+    ("while kill -STOP $PPID; do :; done", ", and a program stopped the process that keeps it"),
+    ("while kill -STOP $(ps -o ppid= -p $PPID); do :; done", None)])
+def test_a_program_cannot_stop_the_limit(make, command, why):
+    """Its parent ends it in time; the parent of that one watches."""
+    file = make(f"{{ node: engine, run: '{command}', grace: 1s }}", more="limit: 1s\n")
+    row, = campaign(file, status=3)
+    assert row["outcome"] == "time-out"
+    assert why is None or re.fullmatch(f"it took longer than 1 s(?:{why})?", row["why"])
+
+
+def test_a_program_that_kills_its_parent_is_told_and_leaves_nothing(make, tmp_path):
+    file = make("{ node: engine, run: 'setsid sleep 1000 & kill -KILL $PPID; sleep 1000' }")
+    row, = campaign(file, status=1)
+    assert row["why"] == "the process that keeps the programs has ended"
+    assert not processes_in(tmp_path)
+
+
 def test_canwired_that_does_not_start(make):
     file = make(ECU, bus=BUS.replace("name: dash", "{ name: dash, port: nosuch0 }"))
     done = canwire("campaign", "run", file.name, status=1, cwd=file.parent)

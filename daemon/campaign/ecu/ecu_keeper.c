@@ -5,12 +5,14 @@
  */
 #include "campaign/ecu/ecu_keeper.h"
 
+#include "base/stopped.h"
 #include "base/wall.h"
 #include "campaign/ecu/ecu_bench.h"
 #include "campaign/ecu/ecu_network.h"
 #include "campaign/ecu/ecu_process.h"
 
 #include <errno.h>
+#include <poll.h>
 #include <signal.h>
 #include <string.h>
 #include <sys/prctl.h>
@@ -19,6 +21,8 @@
 
 #define NS_PER_MS 1000000
 #define LOOK_MS 5 /* between looks at virtual time */
+#define WATCH_MS 100 /* between looks at the keeper */
+#define STOPPED_MS 5000 /* for a keeper that was stopped, beside the limit and the grace */
 
 /* ---- The run --------------------------------------------------------------------------------- */
 
@@ -167,17 +171,58 @@ static void fail(ecu_result *result, const char *why)
     (void)snprintf(result->why, sizeof result->why, "%s", why);
 }
 
+/* ---- The watch ------------------------------------------------------------------------------- */
+
+/* The keeper ends the programs in time, unless one of them stops it: it is their parent. So the
+ * process that makes the row lets it go on, and has a limit of its own for one that was stopped. */
+typedef struct watch {
+    pid_t keeper;
+    int64_t end_ms; /* of a keeper that was stopped */
+    bool stopped;
+    bool late;
+} watch;
+
+static void look_at_keeper(watch *w)
+{
+    w->stopped = stopped_go_on(w->keeper) || w->stopped;
+    if (!w->stopped || w->late || ecu_bench_now() < w->end_ms)
+        return;
+    w->late = true;
+    (void)kill(w->keeper, SIGKILL); /* and with it all programs */
+}
+
 /* Reads what the keeper has to say, up to its end. */
-static bool read_result(int in, ecu_result *result)
+static bool read_result(int in, watch *w, ecu_result *result)
 {
     size_t used = 0;
     for (ssize_t count = 1; used < sizeof *result && count != 0;) {
+        struct pollfd polled = {.fd = in, .events = POLLIN};
+        const int ready = poll(&polled, 1, WATCH_MS);
+        look_at_keeper(w);
+        if (ready <= 0)
+            continue;
         count = read(in, (char *)result + used, sizeof *result - used);
         if (count < 0 && errno != EINTR)
             return false;
         used += count > 0 ? (size_t)count : 0;
     }
     return used == sizeof *result;
+}
+
+/* The keeper has ended without a result, and its programs with it. What they have started comes to
+ * this process. */
+static void clean_up(const ecu_task *task, const watch *w, ecu_result *result)
+{
+    ecu_process_kill_all(0);
+    fail(result, "the process that keeps the programs has ended");
+    if (!w->late)
+        return;
+    result->verdict = ECU_LATE;
+    (void)snprintf(result->why, sizeof result->why,
+                   "it took longer than %g s, and a program stopped the process that keeps it",
+                   (double)task->campaign->limit_ms / 1000);
+    for (size_t i = 0; i < task->campaign->ecus.count; i++)
+        result->ends[i] = (ecu_end){.started = true, .killed = true, .ready_ns = ECU_NO_TIME};
 }
 
 void ecu_keep(const ecu_task *task, ecu_result *result)
@@ -188,16 +233,20 @@ void ecu_keep(const ecu_task *task, ecu_result *result)
         fail(result, strerror(errno));
         return;
     }
+    (void)prctl(PR_SET_CHILD_SUBREAPER, 1);
     const pid_t pid = fork();
     if (pid == 0)
         be_keeper(task, ends[1], parent);
     const int error = errno;
     (void)close(ends[1]);
-    if (pid < 0)
-        fail(result, strerror(error));
-    else if (!read_result(ends[0], result))
-        fail(result, "the process that keeps the programs has ended");
+    watch w = {.keeper = pid, .end_ms = ecu_bench_now() + task->campaign->limit_ms +
+                                        ecus_grace_ms(&task->campaign->ecus) + STOPPED_MS};
+    const bool good = pid > 0 && read_result(ends[0], &w, result);
     (void)close(ends[0]);
     while (pid > 0 && waitpid(pid, NULL, 0) < 0 && errno == EINTR)
         continue;
+    if (pid < 0)
+        fail(result, strerror(error));
+    else if (!good)
+        clean_up(task, &w, result);
 }

@@ -139,10 +139,7 @@ void ecu_rows_free(ecu_rows *e)
 
 int64_t ecu_rows_limit_ms(const campaign *c)
 {
-    int64_t grace = 0;
-    for (size_t i = 0; i < c->ecus.count; i++)
-        grace += c->ecus.list[i].grace_ms;
-    return c->limit_ms + grace + EXTRA_MS;
+    return c->limit_ms + ecus_grace_ms(&c->ecus) + EXTRA_MS;
 }
 
 /* ---- The scenario ---------------------------------------------------------------------------- */
