@@ -15,13 +15,48 @@ static bool takes_sof(const cw_mac *m, bool level)
     return third || m->phase == CW_MAC_IDLE || m->phase == CW_MAC_SUSPEND;
 }
 
-static void note_place(cw_bit_node *n, const cw_mac *m, bool level)
+/* Returns what is true of the frames of all transmitters, of CW_BITS_*. */
+static unsigned format_sent(const cw_bus *bus)
+{
+    unsigned common = CW_BITS_EXTENDED | CW_BITS_FD;
+    bool any = false;
+    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+        const cw_mac *m = &bus->nodes[cw_lowest_node(rest)].mac;
+        if (!cw_mac_is_sending(m))
+            continue;
+        any = true;
+        common &= cw_mac_tx(m)->format;
+    }
+    return any ? common : 0;
+}
+
+/* Receivers cannot tell SRR and FDF from the bits of other frames at these places, before they have
+ * seen more. Their traces have the names of the transmitter's bits. */
+static cw_field name_as_sent(const cw_bus *bus, const cw_mac *m, const cw_place *place)
+{
+    if (place->field == CW_FIELD_RTR && !place->extended)
+        return format_sent(bus) & CW_BITS_EXTENDED ? CW_FIELD_SRR : CW_FIELD_RTR;
+    const bool reserved = place->field == CW_FIELD_R0 || place->field == CW_FIELD_R1;
+    const bool knows_fd = (m->protocol & CW_PROTOCOL_MASK) != CW_CLASSICAL;
+    return reserved && knows_fd && (format_sent(bus) & CW_BITS_FD) ? CW_FIELD_FDF
+                                                                   : (cw_field)place->field;
+}
+
+cw_place cw_view_place(const cw_bus *bus, const cw_mac *m)
+{
+    cw_place place = cw_mac_place(m);
+    if (m->phase == CW_MAC_FRAME && m->role == CW_ROLE_RECEIVER)
+        place.field = name_as_sent(bus, m, &place);
+    return place;
+}
+
+static void note_place(const cw_bus *bus, cw_bit_node *n, const cw_mac *m, bool level)
 {
     if (takes_sof(m, level))
         *n = (cw_bit_node){.place = {.field = CW_FIELD_SOF}, .phase = CW_MAC_FRAME,
                            .role = CW_ROLE_RECEIVER};
     else
-        *n = (cw_bit_node){.place = cw_mac_place(m), .phase = (cw_mac_phase)m->phase,
+        *n = (cw_bit_node){.place = cw_view_place(bus, m), .phase = (cw_mac_phase)m->phase,
                            .role = (cw_role)m->role};
 }
 
@@ -49,7 +84,7 @@ static void note_node(cw_bus *bus, unsigned i, const cw_mac *m, bool sampled)
         clear_bit(&note->sampled, i);
     if (!m->driven && !hidden)
         clear_bit(&note->wanted, i);
-    note_place(&note->nodes[i], m, level);
+    note_place(bus, &note->nodes[i], m, level);
     if (bus->listening >> i & 1u) /* nobody sees that it does */
         note->nodes[i] = (cw_bit_node){.phase = CW_MAC_ASLEEP};
 }

@@ -678,6 +678,9 @@ void cw_timed_retime_rates(cw_bus *bus, unsigned node);
 /* Notes the bit in progress, after all nodes drove and before they sample. */
 void cw_view_note(cw_bus *bus, const cw_levels *levels);
 
+/* Returns the place of a controller in its bit, by the names that traces have for it. */
+cw_place cw_view_place(const cw_bus *bus, const cw_mac *mac);
+
 /* Returns true when the note of the last bit shows an idle bus on which no rule acts. All nodes
  * must still be as they were in that bit. */
 bool cw_view_is_quiet(const cw_bus *bus);

@@ -46,7 +46,7 @@ __attribute__((noinline)) void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsig
                                           .phase_error = (int16_t)phase_error,
                                           .node = (uint8_t)i, .level = level,
                                           .phase = (uint8_t)cw_phase_of(bus, i),
-                                          .place = hidden ? nowhere : cw_mac_place(m)};
+                                          .place = hidden ? nowhere : cw_view_place(bus, m)};
 }
 
 void cw_mark_sample(cw_bus *bus, unsigned i, cw_span moment, bool level)

@@ -100,6 +100,8 @@ static void check_bit(const char *text, const cw_bits *bits, unsigned n, uint64_
         const uint64_t time = i ? last : begin;
         assert_string_equal(value_at(line, text, "d0", time), cw_bits_level(bits, n) ? "1" : "0");
         assert_string_equal(value_at(line, text, "f0", time), field);
+        if (n > 0) /* SOF comes unexpected */
+            assert_string_equal(value_at(line, text, "f1", time), field);
         assert_string_equal(value_at(line, text, "t0", time), place.stuff ? "1" : "0");
     }
 }
