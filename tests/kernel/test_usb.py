@@ -27,7 +27,7 @@ from busclient import Client
 from canbits import ERROR, FD, Frame
 from conftest import (PATIENCE_S, RECEIVE_BUFFER_BYTES, ROOT, SO_RCVBUFFORCE, listeners,
                       wait_until)
-from readme import Session, example
+from readme import Session
 from test_faults import CANWIRE
 
 pytestmark = pytest.mark.usefixtures("quiet_kernel")
@@ -42,7 +42,7 @@ RAW_HARDWARE, RX_HARDWARE = 1 << 6, 1 << 2
 if os.environ.get("CANWIRE_PLACE") == "host":
     # conftest.py leaves this one test alone
     def test_usb_in_the_guest():
-        files = [Path(__file__).with_name(name) for name in ("test_usb.py", "test_stacks.py")]
+        files = [Path(__file__).with_name(f"test_{name}.py") for name in ("usb", "stacks", "readme")]
         words = ["-t", "600", "--", sys.executable, "-m", "pytest", "-q", "-k", "usb", *files]
         subprocess.run([ROOT / "scripts/guest", *words], check=True,
                        env=dict(os.environ, CANWIRE_GUEST="qemu"))
@@ -153,27 +153,8 @@ def both_up(options="bitrate 500000"):
     batch(*lines_up("can0", options), *lines_up("can1", options))
 
 
-def test_the_example_of_the_readme():
-    """It comes before `pair`, which has the names of its interfaces, too."""
-    text, (modules, bus, adapters, wait, link, show) = example("real")
-    folder = Path(tempfile.mkdtemp(dir="/run"))
-    folder.chmod(0o755)  # the adapters' processes have no privileges
-    (folder / "real.yaml").write_text(text)
-    with Session(folder) as session:
-        for line in modules, bus:
-            session.run(line)
-        wait_until((folder / "real.sock").exists, "the bus")
-        session.run(adapters)
-        session.run(wait)
-        session.run(link)
-        shown = session.run(show)
-        assert "can state ERROR-ACTIVE" in shown and "bitrate 500000" in shown
-        session.run("cansend can0 123#DEADBEEF")
-        wait_until(lambda: tx_packets("can0") == 1, "the frame")
-    wait_until(lambda: not exists("can0"), "the end of can0")
-
-
 def test_the_example_of_the_page():
+    """It comes before `pair`, which has the names of its interfaces, too."""
     page = (ROOT / "config/usb.md").read_text(encoding="utf-8")
     text = re.search(r"```yaml\n(bus:.*?)```", page, re.S)[1]
     lines = [line[2:] for line in re.search(r"```console\n(.*?)```", page, re.S)[1].splitlines()]

@@ -1,31 +1,142 @@
 # SPDX-License-Identifier: MIT
 """The examples of README.md and other pages: a configuration, and the commands below it, which are
-run as they stand there."""
+run as they stand there.
+
+`Reader` pastes blocks as a reader does: a line at once after the other, as a user without rights,
+with what is installed. `Session` runs the lines of a page one by one, as they are for root."""
 
 import getpass
 import os
+import pwd
 import re
+import signal
 import subprocess
+import tempfile
 from pathlib import Path
+
+from test_record import wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ROOT / "build/release"
 PATIENCE_S = 120
+SYSTEM = "/usr/local/bin:/usr/bin:/bin"
+NOBODY = "nobody"
+
+# A small sudo: it asks nobody.
+SUDO = """#include <stdlib.h>
+#include <unistd.h>
+int main(int argc, char **argv)
+{
+    setenv("PATH", "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin", 1);
+    if (argc > 1 && setgid(0) == 0 && setuid(0) == 0)
+        execvp(argv[1], argv + 1);
+    return 1;
+}
+"""
 
 
 def example(bus, page="README.md"):
     """Returns the configuration of the bus of that name on a page, and the commands."""
+    text, (block, *_) = blocks(bus, page)
+    return text, block.splitlines()
+
+
+def blocks(bus, page="README.md"):
+    """Returns the configuration, which has `control`, and the blocks of commands up to the next one
+    or a heading."""
     text = (ROOT / page).read_text(encoding="utf-8")
-    found = re.search(r"```yaml\n(bus: \{ name: " + bus + r",.*?)```\n\n((?:    [^\n]+\n)+)", text,
-                      re.DOTALL)
-    return found[1], [line[4:] for line in found[2].splitlines()]
+    found = re.search(r"^```yaml\n(bus: \{ name: " + bus +
+                      r",[^`]*?^control:.*?)```\n(.*?)(?=^```|^#|\Z)", text,
+                      re.DOTALL | re.MULTILINE)
+    indented = re.findall(r"(?:^    [^\n]+\n)+", found[2], re.MULTILINE)
+    return found[1], [re.sub("^    ", "", block, flags=re.MULTILINE) for block in indented]
+
+
+def build_sudo(folder):
+    """Makes `sudo` for a user without rights; the folder allows that (no nosuid)."""
+    (folder / "sudo.c").write_text(SUDO)
+    subprocess.run(["cc", "-o", folder / "sudo", folder / "sudo.c"], check=True)
+    (folder / "sudo").chmod(0o4755)
+
+
+def end(process):
+    """Ends a process, which may be over."""
+    try:
+        os.kill(process, signal.SIGTERM)
+    except ProcessLookupError:
+        return
+    wait_until(lambda: not Path(f"/proc/{process}").exists(), "the end of canwired")
+
+
+class Reader:
+    """A shell, in an empty folder, in which somebody pastes blocks. What is still running ends with
+    it."""
+
+    def __init__(self, path=SYSTEM):
+        assert str(PROGRAMS) not in path
+        as_nobody = os.geteuid() == 0
+        user = pwd.getpwnam(NOBODY) if as_nobody else pwd.getpwuid(os.geteuid())
+        self.made = tempfile.TemporaryDirectory()
+        self.folder = Path(self.made.name)
+        os.chown(self.folder, user.pw_uid, user.pw_gid)
+        words = [f"--reuid={user.pw_uid}", f"--regid={user.pw_gid}", "--clear-groups"]
+        paste, self.clipboard = os.pipe()
+        self.done, done = os.pipe()
+        script = f'while read -r b <&{paste}; do . "$b"; echo "$? $b" >&{done}; done'
+        with (self.folder / "said").open("w") as said:
+            self.shell = subprocess.Popen(
+                [*(["setpriv", *words] if as_nobody else []), "bash", "-c", script],
+                cwd=self.folder, stdin=subprocess.DEVNULL, stdout=said, stderr=said,
+                pass_fds=(paste, done), start_new_session=True,
+                env={"PATH": path, "USER": user.pw_name, "HOME": str(self.folder), "LANG": "C"})
+        os.close(paste)
+        os.close(done)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        os.close(self.clipboard)
+        os.close(self.done)
+        for process in re.findall(r"^(\d+)$", self.said(), re.MULTILINE):
+            end(int(process))  # --background has printed its number
+        os.killpg(self.shell.pid, signal.SIGTERM)
+        self.shell.wait(PATIENCE_S)
+        self.made.cleanup()
+
+    def save(self, name, text):
+        (self.folder / name).write_text(text)
+
+    def said(self):
+        """Returns what is on the screen."""
+        return (self.folder / "said").read_text(errors="replace")
+
+    def paste(self, block):
+        """Runs a block up to its last line, whose status must be 0."""
+        with tempfile.NamedTemporaryFile("w", dir=self.folder, delete=False) as file:
+            file.write(block)
+        os.chmod(file.name, 0o644)
+        os.write(self.clipboard, f"{file.name}\n".encode())
+        answer = b""
+        while not answer.endswith(b"\n"):
+            more = os.read(self.done, 100)
+            assert more, self.said()
+            answer += more
+        assert answer.split()[0] == b"0", self.said()
+
+    def wait(self, pattern, times=1):
+        """Waits until that can be read on the screen, so many times."""
+        try:
+            wait_until(lambda: len(re.findall(pattern, self.said(), re.MULTILINE)) >= times, pattern)
+        except AssertionError as late:
+            raise AssertionError(f"{late}: {self.said()}") from None
 
 
 class Session:
-    """A shell of a user in a folder. Its programs in the background end with it."""
+    """A shell of root in a folder. Its programs in the background end with it."""
 
     def __init__(self, folder):
-        self.folder, self.background = folder, []
+        self.folder, self.background, self.buses = folder, [], []
         self.environment = {**os.environ, "USER": getpass.getuser(),
                             "PATH": f"{PROGRAMS}:{os.environ['PATH']}"}
 
@@ -36,6 +147,8 @@ class Session:
         for process in reversed(self.background):
             process.terminate()
             process.communicate(timeout=PATIENCE_S)
+        for process in self.buses:
+            end(process)
 
     def run(self, line):
         """Runs a line, as root already; one that ends in & returns a process."""
@@ -46,5 +159,11 @@ class Session:
                                        stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
             self.background.append(process)
             return process
+        if "--background" in line:
+            with (self.folder / "canwired.log").open("w") as log:
+                out = subprocess.run(["bash", "-c", line], **how, timeout=PATIENCE_S, check=True,
+                                     stdout=subprocess.PIPE, stderr=log).stdout
+            self.buses.append(int(out))
+            return out
         return subprocess.run(["bash", "-c", line], **how, timeout=PATIENCE_S, check=True,
                               capture_output=True).stdout

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: MIT
+"""Blocks of README.md that need no CAN in the kernel, pasted by a user without rights, again and
+again: no line may need a moment that the reader does not wait. kernel/test_readme.py has all."""
+
+import os
+import subprocess
+import tempfile
+
+import pytest
+
+from readme import ROOT, SYSTEM, Reader, blocks
+
+
+@pytest.fixture(name="prefix", scope="module")
+def fixture_prefix():
+    """canwire, installed where every user can read it."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        places = {"PREFIX": f"{folder}/x", "SYSCONFDIR": "", "UNITDIR": "", "DESTDIR": folder}
+        subprocess.run([ROOT / "scripts/install-files", "install"], check=True,
+                       env={**os.environ, **places})
+        yield f"{folder}{folder}/x"
+
+
+@pytest.mark.parametrize("again", range(5))
+def test_programs_run_without_can_in_the_kernel(prefix, again):  # pylint: disable=unused-argument
+    text, (block,) = blocks("ci")
+    with Reader(f"{prefix}/bin:{SYSTEM}") as reader:
+        reader.save("ci.yaml", text)
+        reader.paste(block)
+        assert reader.said().count("can0  123   [4]  DE AD BE EF") == 1
+
+
+def test_a_bus_is_watched(prefix):
+    text, (block, _) = blocks("seen")
+    with Reader(f"{prefix}/bin:{SYSTEM}") as reader:
+        reader.save("seen.yaml", text)
+        reader.paste(block)
+        assert reader.said().count("0x123") == 3 and '"frame":"123#DEADBEEF"' in reader.said()
