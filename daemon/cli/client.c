@@ -36,6 +36,8 @@ static void (*teller)(const char *text) = print_line;
 static int reply_patience_s = PATIENCE_S;
 static uint64_t wait_ns;   /* for buses that are just starting */
 static int64_t wait_began; /* 0: not yet */
+static bool pass_over;     /* sockets of another type, without a message ... */
+static bool passed_over;   /* ... and the last one was such */
 
 void client_set_teller(void (*tell)(const char *text))
 {
@@ -166,8 +168,10 @@ bool client_open(client *c, const char *bus)
     if (c->fd >= 0)
         set_patience(c->fd, reply_patience_s);
     const int error = c->fd < 0 ? errno : connect_to(c, &address);
+    passed_over = pass_over && error == EPROTOTYPE;
     if (error != 0) {
-        complain_unreachable(c, address.sun_path, error);
+        if (!passed_over)
+            complain_unreachable(c, address.sun_path, error);
         client_close(c);
         return false;
     }
@@ -294,6 +298,16 @@ json_t *client_ask_once(const char *bus, json_t *request)
     } else {
         json_decref(request);
     }
+    return reply;
+}
+
+json_t *client_ask_found(const char *path, json_t *request, bool *other)
+{
+    pass_over = true;
+    passed_over = false;
+    json_t *reply = client_ask_once(path, request);
+    *other = passed_over;
+    pass_over = false;
     return reply;
 }
 

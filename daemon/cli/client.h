@@ -26,6 +26,10 @@ const char *client_folder(void);
 /* Passes the messages of all clients to a function, in place of standard error. */
 void client_set_teller(void (*tell)(const char *text));
 
+/* Asks a socket found in client_folder() for a request, as client_ask_once(). *other: it belongs to
+ * something else, such as a node's port; this is no error, and there is no message. */
+json_t *client_ask_found(const char *path, json_t *request, bool *other);
+
 /* Lets clients that are opened from now on wait that long for replies. */
 void client_set_patience(int seconds);
 

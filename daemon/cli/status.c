@@ -6,6 +6,7 @@
 #include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
+#include "cli/status_check.h"
 #include "serve/status.h"
 
 #include <glob.h>
@@ -22,7 +23,19 @@ static const char help[] = "Shows per node what `ip -details -statistics link sh
                            "there is one. Without\n"
                            "BUS: all buses that run.\n"
                            "\n"
-                           "      --json   as JSON; without BUS as a list\n";
+                           "      --json        as JSON; without BUS as a list\n"
+                           "      --check       one line for monitoring, with the exit status of "
+                           "Nagios: 0 OK,\n"
+                           "                    1 WARNING, 2 CRITICAL (also a bus that does not "
+                           "run), 3 UNKNOWN\n"
+                           "      --load W,C    limits of the load in percent; default none\n"
+                           "      --state W,C   limits of the state of nodes; default "
+                           "error-passive,bus-off\n"
+                           "      --sinks LEVEL  of LCM, a recording or a journal in trouble: ok, "
+                           "warning (default)\n"
+                           "                    or critical\n"
+                           "      --links LEVEL  of a node whose link is down or missing, in the "
+                           "same way\n";
 
 static json_t *ask(const char *bus)
 {
@@ -45,14 +58,32 @@ static int show_one(const char *bus, bool json)
     return CLI_OK;
 }
 
+/* Finds all sockets in the folder of buses. They may be left by a canwired that has been killed. */
+static void find_sockets(glob_t *found)
+{
+    char pattern[PATTERN_MAX];
+    *found = (glob_t){.gl_pathc = 0};
+    (void)snprintf(pattern, sizeof pattern, "%s/*" SUFFIX, client_folder());
+    (void)glob(pattern, 0, NULL, found);
+    client_set_wait(0);
+}
+
+/* Asks such a socket. */
+static json_t *ask_found(const char *path, bool *other)
+{
+    json_t *reply = client_ask_found(path, client_request("status"), other);
+    json_t *status = json_incref(json_object_get(reply, "status"));
+    json_decref(reply);
+    return status;
+}
+
 /* Asks all existing sockets; returns false when one did not answer. */
 static bool ask_all(json_t *list, const glob_t *found)
 {
-    bool good = true;
-    client_set_wait(0); /* what is there may be left by a canwired that has been killed */
+    bool good = true, other = false;
     for (size_t i = 0; i < found->gl_pathc; i++) {
-        json_t *status = ask(found->gl_pathv[i]);
-        good = good && status;
+        json_t *status = ask_found(found->gl_pathv[i], &other);
+        good = good && (status || other);
         if (status)
             put_last(list, status);
     }
@@ -72,11 +103,10 @@ static void print_all(const json_t *list)
 
 static int show_all(bool json)
 {
-    char pattern[PATTERN_MAX];
-    glob_t found = {.gl_pathc = 0};
+    glob_t found;
     json_t *list = json_array();
-    (void)snprintf(pattern, sizeof pattern, "%s/*" SUFFIX, client_folder());
-    bool good = glob(pattern, 0, NULL, &found) != 0 || ask_all(list, &found);
+    find_sockets(&found);
+    bool good = ask_all(list, &found);
     if (json)
         put_out(stdout, list);
     else
@@ -86,16 +116,84 @@ static int show_all(bool json)
     return good ? CLI_OK : CLI_BAD_INPUT;
 }
 
+/* ---- For monitoring -------------------------------------------------------------------------- */
+
+#define CHECK_PATIENCE_S 10
+#define WHY_BYTES 512
+
+static char last_message[WHY_BYTES];
+
+static void keep_message(const char *text)
+{
+    (void)snprintf(last_message, sizeof last_message, "%s",
+                   strncmp(text, "canwire: ", 9) == 0 ? text + 9 : text);
+}
+
+static void check_all(check *c)
+{
+    glob_t found;
+    size_t count = 0;
+    find_sockets(&found);
+    for (size_t i = 0; i < found.gl_pathc; i++) {
+        bool other;
+        json_t *status = ask_found(found.gl_pathv[i], &other);
+        if (!other)
+            check_bus(c, status, last_message);
+        count += !other;
+        json_decref(status);
+    }
+    globfree(&found);
+    if (count > 0)
+        return;
+    (void)snprintf(last_message, sizeof last_message, "no bus runs in %s", client_folder());
+    check_bus(c, NULL, last_message);
+}
+
+static int show_check(const check_limits *limits, const char *bus)
+{
+    check c = {.limits = *limits};
+    client_set_teller(keep_message);
+    client_set_patience(CHECK_PATIENCE_S);
+    if (!bus) {
+        check_all(&c);
+        return check_end(&c);
+    }
+    json_t *status = ask(bus);
+    check_bus(&c, status, last_message);
+    json_decref(status);
+    return check_end(&c);
+}
+
+/* Returns true when monitoring has called: then wrong usage has another exit status. */
+static bool wants_check(int argc, char **argv)
+{
+    for (int i = 1; i < argc; i++)
+        if (strcmp(argv[i], "--check") == 0)
+            return true;
+    return false;
+}
+
 int cli_status(int argc, char **argv)
 {
-    bool json = false;
+    bool json = false, checks = false;
+    check_limits limits = CHECK_LIMITS_DEFAULT;
+    const bool monitors = wants_check(argc, argv);
     int first = 0;
-    const command c = {.usage = "canwire status [BUS] [--json]",
+    const command c = {.usage = "canwire status [BUS] [--json | --check [--load W,C] [--state W,C]\n"
+                                "       [--sinks LEVEL] [--links LEVEL]]",
                        .help = help,
                        .words_max = 1,
-                       .options = {{.name = "json", .flag = &json}}};
+                       .options = {{.name = "json", .flag = &json},
+                                   {.name = "check", .flag = &checks},
+                                   {.name = "load", .text = check_take_load},
+                                   {.name = "state", .text = check_take_state},
+                                   {.name = "sinks", .text = check_take_sinks},
+                                   {.name = "links", .text = check_take_links}},
+                       .user = &limits};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
-        return status;
+        return monitors && status != CLI_OK ? (int)CHECK_UNKNOWN : status;
+    if (checks)
+        return show_check(&limits, first < argc ? argv[first] : NULL);
     return first < argc ? show_one(argv[first], json) : show_all(json);
 }

@@ -43,7 +43,7 @@ def test_units_are_well_formed():
     """That their man pages are there, tests/project/test_install.py looks after."""
     done = subprocess.run(
         ["systemd-analyze", "verify", "--man=no", "canwired@x.service", "canwire-vcan@x.service",
-         "canwire-usb@x.service",
+         "canwire-usb@x.service", "canwire.target",
          "canwired@x.socket"],
         capture_output=True, text=True, check=False,
     )
@@ -323,6 +323,48 @@ def test_members_of_the_group_may_control_it_and_others_not(bus):
     become = ["setpriv", "--reuid", "65534", "--clear-groups", "--regid"]
     assert "group: bitrate 500000" in run(*become, "canwire", "canwire", "status", "group")
     assert "denied" in run(*become, "65534", "canwire", "status", "group", status=1)
+
+
+def test_members_of_the_group_may_reload_it_and_others_not(bus):
+    """polkit asks the groups of the user, not of the process."""
+    one = bus("policy")
+    run("useradd", "member", "--groups", "canwire")
+    run("useradd", "stranger")
+    systemctl("restart", "polkit")
+    reload = ["systemctl", "--no-ask-password", "reload", one.unit]
+    run("runuser", "-u", "member", "--", *reload)
+    assert [m for m in one.messages() if "configuration reloaded" in m["MESSAGE"]]
+    denied = "authentication required"
+    assert denied in run("runuser", "-u", "stranger", "--", *reload, status=1)
+    assert denied in run("runuser", "-u", "member", "--", *reload[:2], "stop", one.unit, status=1)
+
+
+def test_the_target_is_for_all_buses(bus):
+    one, two = bus("one"), bus("two")
+    systemctl("stop", "canwire.target")
+    assert [each.show("ActiveState") for each in (one, two)] == ["inactive", "inactive"]
+    systemctl("enable", one.unit)
+    try:
+        systemctl("start", "canwire.target")
+        wait_until(lambda: one.show("ActiveState") == "active", "the bus that is enabled")
+        assert two.show("ActiveState") == "inactive"
+        pid = one.pid()
+        systemctl("restart", "canwire.target")
+        wait_until(lambda: one.pid() not in (0, pid), "the restart")
+        wait_until(lambda: one.show("ActiveState") == "active", "the bus again")
+        assert one.carries()
+    finally:
+        systemctl("disable", one.unit)
+        systemctl("stop", "canwire.target")
+
+
+def test_monitoring(bus):
+    one = bus("watched")
+    assert run("canwire", "status", "--check", one.name).startswith("CANWIRE OK - watched: ")
+    run("ip", "link", "set", "watched1", "down")
+    assert "b link down" in run("canwire", "status", "--check", one.name, status=1)
+    systemctl("stop", one.unit)
+    assert "CRITICAL" in run("canwire", "status", "--check", one.name, "--wait", "0ms", status=2)
 
 
 def test_real_time_is_a_drop_in(bus):

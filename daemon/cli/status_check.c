@@ -1,0 +1,233 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * status_check.c - judges the status of buses for monitoring: one line, and an exit code.
+ */
+#include "cli/status_check.h"
+
+#include "base/number.h"
+#include "base/plain.h"
+
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define COUNT_OF(array) (sizeof(array) / sizeof((array)[0]))
+
+static const char *const levels[] = {"ok", "warning", "critical"};
+static const char *const titles[] = {"OK", "WARNING", "CRITICAL", "UNKNOWN"};
+
+/* From good to bad; "none" is never reached. */
+static const char *const states[] = {"error-active", "error-warning", "error-passive", "bus-off",
+                                     "none"};
+
+/* ---- Options --------------------------------------------------------------------------------- */
+
+static bool refuse(const char *option, const char *text, const char *expected)
+{
+    plain_print(stderr, "canwire status: --%s %s: expected %s\n", option, text, expected);
+    return false;
+}
+
+/* Splits "W,C"; each may be empty. Returns false without a comma, or with long parts. */
+static bool split(char parts[2][32], const char *text)
+{
+    const char *comma = strchr(text, ',');
+    if (!comma || comma - text >= 32 || strlen(comma + 1) >= 32)
+        return false;
+    (void)snprintf(parts[0], 32, "%.*s", (int)(comma - text), text);
+    (void)snprintf(parts[1], 32, "%s", comma + 1);
+    return true;
+}
+
+bool check_take_load(void *user, const char *text)
+{
+    check_limits *limits = user;
+    char parts[2][32];
+    bool good = split(parts, text);
+    for (size_t i = 0; good && i < 2; i++) {
+        uint64_t percent = 0;
+        good = *parts[i] == '\0' || (!text_parse_uint(&percent, parts[i]) && percent <= 100);
+        limits->load_permille[CHECK_WARNING + i] = percent * 10;
+    }
+    return good || refuse("load", text, "two percentages, such as 70,90");
+}
+
+static bool find(unsigned *place, const char *const *words, size_t count, const char *word)
+{
+    for (*place = 0; *place < count; (*place)++)
+        if (strcmp(words[*place], word) == 0)
+            return true;
+    return false;
+}
+
+bool check_take_state(void *user, const char *text)
+{
+    check_limits *limits = user;
+    char parts[2][32];
+    bool good = split(parts, text);
+    for (size_t i = 0; good && i < 2; i++)
+        good = find(&limits->state[CHECK_WARNING + i], states, COUNT_OF(states), parts[i]);
+    return good || refuse("state", text, "two of error-active, error-warning, error-passive, "
+                                         "bus-off and none, such as error-passive,bus-off");
+}
+
+static bool take_level(check_level *level, const char *option, const char *text)
+{
+    unsigned place;
+    if (!find(&place, levels, COUNT_OF(levels), text))
+        return refuse(option, text, "ok, warning or critical");
+    *level = (check_level)place;
+    return true;
+}
+
+bool check_take_sinks(void *user, const char *text)
+{
+    check_limits *limits = user;
+    return take_level(&limits->sinks, "sinks", text);
+}
+
+bool check_take_links(void *user, const char *text)
+{
+    check_limits *limits = user;
+    return take_level(&limits->links, "links", text);
+}
+
+/* ---- Findings -------------------------------------------------------------------------------- */
+
+/* Appends to a text, which grows. Without memory it stays as it is. */
+static void __attribute__((format(printf, 2, 3))) add(char **text, const char *format, ...)
+{
+    char *more = NULL, *all = NULL;
+    va_list args;
+    va_start(args, format);
+    if (vasprintf(&more, format, args) < 0)
+        more = NULL;
+    va_end(args);
+    if (more && asprintf(&all, "%s%s", *text ? *text : "", more) >= 0) {
+        free(*text);
+        *text = all;
+    }
+    free(more);
+}
+
+static void raise_to(check *c, check_level level)
+{
+    if (level > c->level)
+        c->level = level;
+}
+
+static const char *text_of(const json_t *object, const char *key)
+{
+    const char *text = json_string_value(json_object_get(object, key));
+    return text ? text : "";
+}
+
+static uint64_t number_of(const json_t *object, const char *key)
+{
+    const json_int_t number = json_integer_value(json_object_get(object, key));
+    return number > 0 ? (uint64_t)number : 0;
+}
+
+/* Returns the highest level whose limit a value has reached. */
+static check_level reached(uint64_t value, uint64_t warning, uint64_t critical)
+{
+    return critical > 0 && value >= critical  ? CHECK_CRITICAL
+           : warning > 0 && value >= warning ? CHECK_WARNING
+                                              : CHECK_OK;
+}
+
+static void check_node(check *c, const json_t *node)
+{
+    const char *state = text_of(node, "state"), *link = text_of(node, "link");
+    unsigned place;
+    const check_level level =
+        find(&place, states, COUNT_OF(states), state)
+            ? reached(place, c->limits.state[CHECK_WARNING], c->limits.state[CHECK_CRITICAL])
+            : CHECK_OK; /* sleeping */
+    if (level > CHECK_OK)
+        add(&c->text, ", %s %s", text_of(node, "name"), state);
+    raise_to(c, level);
+    if (c->limits.links == CHECK_OK || *link == '\0' || strcmp(link, "up") == 0 ||
+        json_object_get(node, "guest"))
+        return;
+    add(&c->text, ", %s link %s", text_of(node, "name"), link);
+    raise_to(c, c->limits.links);
+}
+
+static void check_sink(check *c, const json_t *sink)
+{
+    if (c->limits.sinks == CHECK_OK || json_is_true(json_object_get(sink, "good")))
+        return;
+    const char *why = text_of(sink, "why");
+    add(&c->text, ", %s %s %s%s%s", text_of(sink, "kind"), text_of(sink, "name"),
+        text_of(sink, "state"), *why ? ": " : "", why);
+    raise_to(c, c->limits.sinks);
+}
+
+static void check_rules(check *c, const json_t *status)
+{
+    const char *lost = text_of(json_object_get(status, "lost_rules"), "note");
+    const json_t *kept = json_object_get(status, "kept_rules");
+    if (*lost) {
+        add(&c->text, ", %s", lost);
+        raise_to(c, CHECK_WARNING);
+    }
+    for (size_t i = 0; i < json_array_size(kept); i++) {
+        const json_t *one = json_array_get(kept, i);
+        if (!json_is_true(json_object_get(one, "refused")))
+            continue;
+        add(&c->text, ", rules of %s are refused", text_of(one, "name"));
+        raise_to(c, CHECK_WARNING);
+    }
+}
+
+/* Adds "powertrain_load=12.3%;70;90;0;100". */
+static void add_figure(check *c, const char *bus, uint64_t permille)
+{
+    add(&c->figures, " %s_load=%" PRIu64 ".%" PRIu64 "%%;", bus, permille / 10, permille % 10);
+    for (size_t i = CHECK_WARNING; i <= CHECK_CRITICAL; i++)
+        if (c->limits.load_permille[i] > 0)
+            add(&c->figures, "%" PRIu64 ";", c->limits.load_permille[i] / 10);
+        else
+            add(&c->figures, ";");
+    add(&c->figures, "0;100");
+}
+
+void check_bus(check *c, const json_t *status, const char *why)
+{
+    const json_t *now = json_object_get(status, "bus");
+    const json_t *nodes = json_object_get(status, "nodes");
+    const json_t *sinks = json_object_get(status, "sinks");
+    const uint64_t load = number_of(now, "load_second_permille");
+    if (!status) {
+        add(&c->text, "%s%s", c->text ? "; " : "", why);
+        raise_to(c, CHECK_CRITICAL);
+        return;
+    }
+    add(&c->text, "%s%s: load %" PRIu64 ".%" PRIu64 " %%, %zu nodes, %zu sinks",
+        c->text ? "; " : "", text_of(now, "name"), load / 10, load % 10, json_array_size(nodes),
+        json_array_size(sinks));
+    raise_to(c, reached(load, c->limits.load_permille[CHECK_WARNING],
+                        c->limits.load_permille[CHECK_CRITICAL]));
+    add_figure(c, text_of(now, "name"), load);
+    for (size_t i = 0; i < json_array_size(nodes); i++)
+        check_node(c, json_array_get(nodes, i));
+    for (size_t i = 0; i < json_array_size(sinks); i++)
+        check_sink(c, json_array_get(sinks, i));
+    check_rules(c, status);
+}
+
+int check_end(check *c)
+{
+    if (c->text)
+        plain_make(c->text, '?');
+    if (c->figures)
+        plain_make(c->figures, '?');
+    plain_print(stdout, "CANWIRE %s - %s%s%s\n", titles[c->level], c->text ? c->text : "no bus",
+                c->figures ? " |" : "", c->figures ? c->figures : "");
+    free(c->text);
+    free(c->figures);
+    return (int)c->level;
+}

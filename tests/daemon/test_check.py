@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: MIT
+"""`canwire status --check`: a line for monitoring and the exit status of a plugin of Nagios.
+
+CANWIRE and CANWIRED are the programs.
+"""
+
+import json
+import os
+import re
+import socket
+import subprocess
+import threading
+
+import pytest
+
+from simtool import CANWIRE, CANWIRED, kill_all
+from test_record import wait_until
+
+OK, WARNING, CRITICAL, UNKNOWN = range(4)
+
+BUS = """bus: { name: day, bitrate: 500000 }
+control: day.sock
+nodes:
+  - { name: load, traffic: [ { send: 123#11, every: 10ms } ] }
+  - { name: dash }
+  - { name: ecu, port: "unix:port.sock" }  # which lies beside that of the bus
+"""
+
+
+class Bus:
+    def __init__(self, folder):
+        self.folder, self.process = folder, None
+
+    def start(self, more="", *words):
+        (self.folder / "day.yaml").write_text(BUS + more)
+        log = self.folder / "stderr"
+        with log.open("w") as errors:
+            self.process = subprocess.Popen([CANWIRED, "-c", "day.yaml", *words], cwd=self.folder,
+                                            stderr=errors)
+        wait_until(lambda: "nodes at" in log.read_text(), "the bus")
+
+    def check(self, *words):
+        """Returns exit status and line; nothing else is said."""
+        environment = dict(os.environ, CANWIRE_RUN=str(self.folder))
+        done = subprocess.run([CANWIRE, "status", "--check", "--wait", "0ms", *words],
+                              cwd=self.folder, env=environment, capture_output=True, text=True,
+                              timeout=60, check=False)
+        assert done.returncode == UNKNOWN or (done.stderr == "" and done.stdout.count("\n") == 1)
+        return done.returncode, done.stdout.strip()
+
+    def inject(self, rule):
+        subprocess.run([CANWIRE, "inject", "./day.sock", rule], cwd=self.folder, check=True,
+                       capture_output=True)
+
+
+@pytest.fixture(name="bus")
+def fixture_bus(tmp_path):
+    bus = Bus(tmp_path)
+    yield bus
+    kill_all([bus.process] if bus.process else [])
+
+
+def test_a_bus_that_is_well(bus):
+    bus.start("record: [ { file: a.log } ]\n")
+    for words in ([], ["day"], ["./day.sock"]):
+        status, line = bus.check(*words)
+        assert status == OK
+        assert re.fullmatch(r"CANWIRE OK - day: load \d\.\d %, 3 nodes, 1 sinks "
+                            r"\| day_load=\d\.\d%;;;0;100", line)
+
+
+def test_a_bus_that_is_not_there(bus):
+    assert bus.check() == (CRITICAL, f"CANWIRE CRITICAL - no bus runs in {bus.folder}")
+    status, line = bus.check("night")
+    assert status == CRITICAL and line.startswith("CANWIRE CRITICAL - ") and "night" in line
+    bus.start()
+    bus.process.kill()
+    bus.process.wait()
+    status, line = bus.check()
+    assert status == CRITICAL and "day.sock" in line
+
+
+def test_limits_of_the_load(bus):
+    bus.start()
+    wait_until(lambda: bus.check("--load", "1,")[0] == WARNING, "a second of load")
+    status, line = bus.check("--load", "0,1")
+    assert status == CRITICAL and line.endswith("%;;1;0;100")
+    assert bus.check("--load", "90,95")[0] == OK
+
+
+def test_states_sinks_and_rules(bus):
+    bus.start('lcm: { url: "tcpq://127.0.0.1:1" }\n')  # nobody listens there
+    wait_until(lambda: "lcm tcpq://127.0.0.1:1 failing: Connection refused" in bus.check()[1],
+               "the first messages")
+    status, line = bus.check()
+    assert status == WARNING and line.startswith("CANWIRE WARNING - day: ")
+    quiet = ("--sinks", "ok")
+    assert bus.check(*quiet)[0] == OK
+    assert bus.check("--sinks", "critical")[0] == CRITICAL
+    bus.inject("{name: end, do: {bus-off: dash}}")
+    wait_until(lambda: bus.check(*quiet)[0] == CRITICAL, "bus-off")
+    assert ", dash bus-off" in bus.check(*quiet)[1]
+    assert bus.check(*quiet, "--state", "bus-off,none")[0] == WARNING
+    assert bus.check(*quiet, "--state", "none,none")[0] == OK
+    bus.process.kill()
+    bus.process.wait()
+    bus.start()
+    status, line = bus.check(*quiet)
+    assert status == WARNING
+    assert ", 1 injected rule was lost with the crash at " in line and ": end |" in line
+
+
+def answer_once(listener, nodes):
+    """Answers a request for the status as a bus with such nodes does."""
+    with listener.accept()[0] as client:
+        client.recv(65536)
+        status = {"bus": {"name": "day", "load_second_permille": 5}, "nodes": nodes, "sinks": []}
+        client.sendall(json.dumps({"ok": True, "status": status}).encode() + b"\n")
+
+
+@pytest.mark.parametrize("words, expected", [
+    ((), WARNING), (("--links", "critical"), CRITICAL), (("--links", "ok"), OK)])
+def test_links(bus, words, expected):
+    """The interfaces of a bus need the kernel, so the bus is one of the test."""
+    nodes = [{"name": "a", "state": "error-active", "link": "up"},
+             {"name": "b", "state": "error-active", "link": "missing"},
+             {"name": "g", "state": "error-active", "link": "down", "guest": 1},
+             {"name": "s", "state": "sleeping", "link": None}]
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(bus.folder / "day.sock"))
+        listener.listen()
+        server = threading.Thread(target=answer_once, args=(listener, nodes))
+        server.start()
+        status, line = bus.check(*words)
+        server.join()
+    assert status == expected
+    assert (", b link missing |" in line) == (expected != OK) and "g link" not in line
+
+
+@pytest.mark.parametrize("words", [
+    ("--load", "70"), ("--load", "x,1"), ("--load", "1,101"), ("--state", "off,none"),
+    ("--sinks", "bad"), ("--nonsense",), ("a", "b")])
+def test_wrong_usage_is_unknown_and_no_state_of_a_bus(bus, words):
+    status, line = bus.check(*words)
+    assert (status, line) == (UNKNOWN, "")
