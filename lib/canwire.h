@@ -1415,9 +1415,9 @@ bool cw_bus_is_on_grid(const cw_bus *bus);
  * event may come up to a bit time of the bus earlier. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
-/* Returns the latest tick that is known now at which a rule acts, or ends what it does, by itself: a
- * time of CW_TRIGGER_TIME (with again_ticks the next one), an arming under way of CW_TRIGGER_ARMED,
- * or the end of an action that lasts. 0: there is none to come. */
+/* Returns the latest tick that is known now at which a rule acts, or ends its action, by itself. It
+ * is a time of CW_TRIGGER_TIME (with again_ticks the next one), the end of an action that lasts, or
+ * an arming of CW_TRIGGER_ARMED that is under way. 0: there is none to come. */
 uint64_t cw_bus_rules_until(const cw_bus *bus);
 
 /* Returns how far the bus surely rests, at most to tick. All bits up to there are recessive, and no

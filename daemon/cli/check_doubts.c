@@ -86,7 +86,7 @@ static bool releases_say_all(const cfg *config)
         all = all && config->rules[i].trigger == CW_TRIGGER_FRAME &&
               cw_action_kind_of(config->rules[i].action) != CW_KIND_TRAFFIC;
     for (size_t i = 0; i < config->node_count; i++)
-        all = all && config->nodes[i].schedule.cycles == 0 && config->nodes[i].time.bit.clock_hz == 0;
+        all = all && config->nodes[i].schedule.cycles == 0;
     return all;
 }
 

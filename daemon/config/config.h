@@ -469,7 +469,7 @@ cw_span cfg_local_unit(const cfg_node *node, int32_t ppm);
 /* Returns the place of the schedule of a time master, which never ends by itself, or NULL. */
 const cfg_place *cfg_find_master(const cfg *config);
 
-/* What never ends by itself. */
+/* Traffic, a rule or a schedule that never ends by itself. */
 typedef struct cfg_unending {
     const char *what;   /* in words */
     const char *remedy; /* keys that would end it, as words before an "or"; or "" */

@@ -381,8 +381,9 @@ bool cfg_find_unending(const cfg *config, cfg_unending *found)
     if (i == config->rule_count)
         return false;
     *found = (cfg_unending){.what = "a rule with `period`",
-                            .remedy = config->rules[i].count > 0 ? "an end of its `time`, "
-                                                                 : "`count`, an end of its `time`, ",
+                            .remedy = config->rules[i].count == 0
+                                          ? "`count`, an end of its `time`, "
+                                          : "an end of its `time`, ",
                             .file = config->rule_places[i].file,
                             .place = config->rule_places[i].place,
                             .is_rule = true};

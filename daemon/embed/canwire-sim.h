@@ -267,7 +267,7 @@ CANWIRE_SIM_API int canwire_sim_expect(canwire_sim *sim, int bus, const char *te
  * a JSON array of objects with `bus`, `name`, `wanted`, `got` and `met`. NULL without memory. */
 CANWIRE_SIM_API char *canwire_sim_expectations(canwire_sim *sim);
 
-/* Returns what has been lost up to now, as `canwire sim` tells it at its end: frames that were
+/* Returns the losses up to now, as `canwire sim` tells them at its end. They are frames that were
  * dropped or never sent, and rules of the files that never matched. It is a JSON array of objects
  * with `bus`, `node` or `rule`, `why`, and `frames`, `ids`, `help` where there are any. NULL without
  * memory. */

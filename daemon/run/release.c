@@ -246,9 +246,9 @@ static void note_late(const release_plan *plan, source *s)
     plan->report(plan->user, false, text);
 }
 
-/* Reads the next frame of a file. Returns false when the file is finished. A frame that is read late
- * delays all later ones by as much: together they would fill the node's queue. After a wait for
- * room the later ones catch up. */
+/* Reads the next frame of a file. Returns false when the file is finished. A frame that is read
+ * late delays all later ones by as much: together they would fill the node's queue. After a wait
+ * for room the later ones catch up. */
 static bool fetch(release_plan *plan, source *s)
 {
     const uint64_t asked = s->tick;

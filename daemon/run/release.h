@@ -4,8 +4,8 @@
  *
  * canwired and `canwire sim` share these releases. Release k of a `send` is at offset + k * every,
  * k < count, delayed by up to `jitter`. The frames of a `replay` come from a file at their times,
- * or as soon after them as the node's queue has room; with `speed: max` whenever the node has
- * nothing else to send. Replies are rules of the bus.
+ * or as soon after them as the node's queue has room. With `speed: max` they come whenever the node
+ * has nothing else to send. Replies are rules of the bus.
  */
 #ifndef CANWIRE_RUN_RELEASE_H
 #define CANWIRE_RUN_RELEASE_H

@@ -135,8 +135,8 @@ static void tell_dropped(const teller *t)
 
 /* ---- Frames that were never sent ------------------------------------------------------------- */
 
-/* Returns why frames of a node still wait at the end of a run; NULL: they have just come, or will go
- * on. */
+/* Returns why frames of a node still wait at the end of a run; NULL: they have just come, or will
+ * go on. */
 static const char *why_waiting(const cfg_node *node, const cw_node_stats *stats)
 {
     if (stats->state == CW_STATE_BUS_OFF)

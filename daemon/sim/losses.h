@@ -26,20 +26,20 @@ typedef struct lost_frames {
 typedef struct losses {
     const cfg *config;
     uint64_t fed;  /* nodes that gateways of a rig feed */
-    bool quick;    /* what takes long to find out is not told */
+    bool quick;    /* the queue that would suffice is not told, since that takes long */
     unsigned count;
     uint64_t more; /* frames of nodes and reasons that are not kept */
     lost_frames list[LOSSES_MAX];
 } losses;
 
-/* What has been lost, in words. */
+/* A loss in words. */
 typedef struct loss_words {
     bool is_rule;     /* the name is one of a rule, else of a node */
     const char *name; /* with the name of its bus before it, in a rig */
     const char *why;  /* "never matched", "queue-full", "not sent" */
     uint64_t frames;  /* of a node */
     const char *ids;  /* the first identifiers, or "" */
-    const char *help; /* what explains or avoids it, or "" */
+    const char *help; /* an explanation, or a key that avoids it; or "" */
 } loss_words;
 
 typedef void losses_teller(void *user, const loss_words *words);

@@ -129,8 +129,8 @@ uint64_t sim_rests_until(const sim_run *s, uint64_t tick);
  * come. A run to the end of the traffic ends 10 s after it. */
 uint64_t sim_last_activity(sim_run *s);
 
-/* Returns true when neither a release nor the time of a rule is to come, no frame waits, and the
- * end of the last one is over. */
+/* Returns true when the traffic is over: no frame waits, and neither a release nor the time of a
+ * rule is to come. */
 bool sim_traffic_is_over(const sim_run *s);
 
 /* Estimates the tick at which the run ends; CW_NEVER: unknown. */

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""What a run loses is told: frames that are dropped or never sent, rules that never act, early ends.
+"""A run tells its losses: frames dropped or never sent, rules that never act, early ends.
 
 `canwire sim` tells at its end, rows and reports of campaigns have it, and `canwire check` warns of
-what can be seen before. What is whole stays silent. Needs no CAN in the kernel.
+what can be seen before. A run without losses stays silent. Needs no CAN in the kernel.
 """
 
 import json
@@ -56,7 +56,7 @@ def test_what_helps_helps(write):
 
 
 def test_entries_that_meet_later_are_found(write):
-    """Three entries with periods of 6, 10 and 15 ms meet at 30 ms; their offsets keep them apart."""
+    """Entries with periods of 6, 10 and 15 ms meet at 30 ms."""
     entries = ("{ send: 101#, every: 6ms }, { send: 102#, every: 10ms }, "
                "{ send: 103#, every: 15ms }, { send: 104#, every: 1s, offset: 30ms }")
     path = write("bus: { bitrate: 500000 }\nnodes:\n  - { name: a, queue: 3, traffic: [ "
@@ -114,8 +114,8 @@ nodes: [ { name: a, traffic: [ { send: 100#, count: 40, every: 1ms } ] }, { name
 faults: [ { name: kill, when: { frame: "100" }, do: { flip: "crc[1]" } } ]
 """)
     told = sim(path).stderr
-    assert "dropped: a: " in told and "bus-off (100, …): restart-ms: TIME brings the node back" in \
-        told
+    assert "dropped: a: " in told
+    assert "bus-off (100, …): restart-ms: TIME brings the node back" in told
 
 
 @pytest.mark.parametrize("entry, name, gap", [
@@ -216,7 +216,8 @@ def test_check_is_silent_where_others_send(node, write, tmp_path):
 
 
 def test_a_rule_comes_again_and_again(write):
-    path = write(rules("when: { time: 1s.., period: 1s }, do: { stuck: dominant, on: a.tx, for: 5ms }"))
+    path = write(rules("when: { time: 1s.., period: 1s }, "
+                       "do: { stuck: dominant, on: a.tx, for: 5ms }"))
     assert f"{path}:5:5: a rule with `period` never ends: give `count`, an end of its `time`, " \
         "--until TIME" in sim(path, status=1).stderr
     plain = sim(path, "--until", "4500ms", "--events", "-").stdout

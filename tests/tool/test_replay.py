@@ -331,7 +331,7 @@ FULL = """
 bus: { bitrate: 500000 }
 nodes:
   - { name: a, order: fifo, traffic: [ ENTRIES ] }
-  - { name: b, traffic: [ { send: 7FF#, every: 3ms, count: 50 } ] }
+  - { name: b, queue: 64, traffic: [ { send: 7FF#, every: 3ms, count: 50 } ] }
 """
 
 
@@ -346,7 +346,8 @@ def crowd(count, at_once):
 def test_frames_of_one_time_wait_for_room_in_the_queue(bus_keys, count, at_once, late, write,
                                                        tmp_path):
     (tmp_path / "r.log").write_text(crowd(count, at_once))
-    path = write(FULL.replace("ENTRIES", "{ replay: r.log }").replace("bus: {", "bus: { " + bus_keys))
+    text = FULL.replace("ENTRIES", "{ replay: r.log }")
+    path = write(text.replace("{ bitrate", "{ " + bus_keys + "bitrate"))
     result = sim(path, "--log", "-")
     got = [line.split()[2] for line in result.stdout.splitlines() if " a " in line]
     assert got == [line.split()[2] for line in crowd(count, at_once).splitlines()]
@@ -361,8 +362,9 @@ def test_frames_of_one_time_wait_for_room_in_the_queue(bus_keys, count, at_once,
 def test_two_recordings_and_other_traffic_share_a_full_queue(write, tmp_path):
     (tmp_path / "r.log").write_text(crowd(300, 100))
     (tmp_path / "s.log").write_text(crowd(40, 20))
-    path = write(FULL.replace("ENTRIES", "{ replay: r.log }, { replay: s.log, offset: 1us, count: 2 }, "
-                                         "{ send: 001#, every: 2ms, count: 900 }"))
+    entries = "{ replay: r.log }, { replay: s.log, offset: 1us, count: 2 }, " \
+        "{ send: 001#, every: 2ms, count: 900 }"
+    path = write(FULL.replace("ENTRIES", entries))
     result = sim(path, "--events", "-")
     found = [json.loads(line) for line in result.stdout.splitlines()]
     sent = [e["frame"] for e in found if e["event"] == "tx" and e["node"] == "a"]

@@ -62,7 +62,8 @@ static const end_case cases[] = {
     {"a rule follows one that comes later",
      BUS("") "  - { name: a, " SENDS OTHERS "faults:\n"
              "  - { name: k, when: { time: 5s }, do: { counters: b, rec: 0 } }\n"
-             "  - { name: l, when: { after: { rule: k, delay: 2s } }, do: { send: 124#, as: b } }\n",
+             "  - name: l\n    when: { after: { rule: k, delay: 2s } }\n"
+             "    do: { send: 124#, as: b }\n",
      3000, false, 7000},
     {"a rule comes again",
      BUS("") "  - { name: a, " SENDS OTHERS "faults:\n"

@@ -580,9 +580,9 @@ class Bus:
         return json.loads(self._library.text(self._library.expectations(self._sim)))
 
     def lost(self) -> list[dict[str, Any]]:
-        """Returns what has been lost up to now, as `canwire sim` tells it at its end: frames that
-        were dropped or never sent, and rules of the file that never matched. Each is a dict with
-        `bus`, `node` or `rule`, and `why`; `frames`, `ids` and `help` where there are any."""
+        """Returns the losses up to now, as `canwire sim` tells them at its end. They are frames
+        that were dropped or never sent, and rules of the file that never matched. Each is a dict
+        with `bus`, `node` or `rule`, and `why`; `frames`, `ids` and `help` where there are any."""
         return json.loads(self._library.text(self._library.lost(self._sim)))
 
     def check(self) -> None:
