@@ -1415,9 +1415,9 @@ bool cw_bus_is_on_grid(const cw_bus *bus);
  * event may come up to a bit time of the bus earlier. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
-/* Returns the latest tick that is known now at which a rule acts, or ends its action, by itself. It
- * is a time of CW_TRIGGER_TIME (with again_ticks the next one), the end of an action that lasts, or
- * an arming of CW_TRIGGER_ARMED that is under way. 0: there is none to come. */
+/* Returns the latest tick that is known now at which a rule acts, or ends its action, by itself.
+ * Those are times of CW_TRIGGER_TIME, ends of actions that last, and armings of CW_TRIGGER_ARMED
+ * that are under way. Of again_ticks the next one counts. 0: there is none to come. */
 uint64_t cw_bus_rules_until(const cw_bus *bus);
 
 /* Returns how far the bus surely rests, at most to tick. All bits up to there are recessive, and no

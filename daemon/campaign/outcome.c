@@ -210,9 +210,7 @@ typedef struct loss_writer {
 static void write_loss(void *user, const loss_words *w)
 {
     loss_writer *l = user;
-    if (!l->any)
-        rowtext_key(l->row, "lost");
-    rowtext_put(l->row, l->any ? ",{" : "[{");
+    rowtext_put(l->row, l->any ? ",{" : "{");
     l->any = true;
     rowtext_string(l->row, w->is_rule ? "rule" : "node", w->name);
     rowtext_string(l->row, "why", w->why);
@@ -225,18 +223,18 @@ static void write_loss(void *user, const loss_words *w)
     rowtext_put(l->row, "}");
 }
 
-/* Writes a key only where something was lost. */
 static void write_losses(rowtext *row, const scenario *s)
 {
     loss_writer l = {.row = row};
     char before[CFG_NODE_NAME_MAX + 2];
+    rowtext_key(row, "lost");
+    rowtext_put(row, "[");
     for (size_t i = 0; i < s->count; i++) {
         const scenario_bus *b = &s->buses[i];
         (void)snprintf(before, sizeof before, "%s:", b->config->bus_name);
         losses_tell(&b->lost, b->run.bus, s->rig ? before : "", write_loss, &l);
     }
-    if (l.any)
-        rowtext_put(row, "]");
+    rowtext_put(row, "]");
 }
 
 /* ---- All of it ------------------------------------------------------------------------------- */

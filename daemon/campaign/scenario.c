@@ -28,7 +28,7 @@ static bool open_bus(scenario *s, cfg *config, FILE *messages)
     sim_sink sink = {.user = b, .event = take_event, .kinds = OBSERVED_KINDS | LOSSES_KINDS};
     *b = (scenario_bus){.all = s, .index = s->count, .config = config, .seed = config->seed};
     b->lost.config = config;
-    b->lost.quick = true;
+    b->lost.of_row = true;
     b->lost.fed = doubts_fed(s->rig, b->index);
     s->count++;
     if (config->expect_count > 0)

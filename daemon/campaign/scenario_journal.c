@@ -68,6 +68,7 @@ static void go_over(void *user)
 {
     scenario *s = user;
     sim_change(&s->buses[0].run, s->buses[0].config, journal_player_bus(s->player));
+    losses_forget(&s->buses[0].lost);
     begin_judging(s);
 }
 
@@ -77,6 +78,7 @@ static void take_event(void *user, const cw_event *event)
 {
     scenario_bus *b = user;
     observe_event(&b->seen, event, b->run.bus, b->config->rate);
+    losses_event(&b->lost, event);
     if (b->judge)
         expect_event(b->judge, event);
 }
@@ -89,6 +91,7 @@ static bool open_bus(scenario *s, uint64_t until_ns, FILE *messages)
                            .kinds = OBSERVED_KINDS | CW_EVENTS_USUAL};
     scenario_bus *b = &s->buses[0];
     *b = (scenario_bus){.all = s, .config = journal_player_config(s->player)};
+    b->lost.programs = true;
     s->count = 1;
     if (!sim_open_bus(&b->run, b->config, journal_player_bus(s->player), messages))
         return false;
@@ -107,6 +110,7 @@ static void play(scenario *s)
     s->failed = journal_play(s->player) == JOURNAL_FAILED || s->failed;
     sim_end(&b->run);
     end_judging(s);
+    b->lost.config = b->config;
     observe_end(&b->seen, b->run.bus, (unsigned)b->config->node_count);
 }
 

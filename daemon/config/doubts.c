@@ -32,11 +32,17 @@ static bool sends(const cw_rule *r)
            r->action == CW_ACTION_REPLY || r->action == CW_ACTION_RAW_FRAME;
 }
 
-/* Returns true when a node may send frames that the configuration does not name. */
+static bool has_program(const cfg_node *node)
+{
+    return node->port || node->guest > 0;
+}
+
+/* Returns true when a node may send frames that the configuration does not name, but for those of a
+ * program at its port. */
 static bool is_open(const cfg *config, size_t i)
 {
     const cfg_node *node = &config->nodes[i];
-    bool open = node->port || node->guest > 0;
+    bool open = false;
     for (size_t t = 0; t < node->traffic_count; t++)
         open = open || node->traffic[t].kind == CFG_TRAFFIC_REPLAY;
     for (unsigned m = 0; m < node->controller.mailbox_count; m++)
@@ -79,16 +85,35 @@ static bool identifiers_change(const cfg *config)
     return change;
 }
 
-bool doubts_no_frame(const cfg *config, const cw_rule *rule, uint64_t fed)
+/* Finds who may send a frame that a rule waits for. */
+static void find_senders(const cfg *config, const cw_rule *rule, uint64_t fed, bool *any,
+                         bool *programs)
 {
     const uint64_t from = rule->from ? rule->from : UINT64_MAX;
-    if (rule->trigger != CW_TRIGGER_FRAME || identifiers_change(config))
-        return false;
-    for (size_t i = 0; i < config->node_count; i++)
-        if ((from >> i & 1u) &&
-            ((fed >> i & 1u) || is_open(config, i) || sends_match(config, i, rule)))
-            return false;
-    return true;
+    *any = rule->trigger != CW_TRIGGER_FRAME || identifiers_change(config);
+    *programs = false;
+    for (size_t i = 0; i < config->node_count; i++) {
+        if (!(from >> i & 1u))
+            continue;
+        *any = *any || (fed >> i & 1u) || is_open(config, i) || sends_match(config, i, rule);
+        *programs = *programs || has_program(&config->nodes[i]);
+    }
+}
+
+bool doubts_no_frame(const cfg *config, const cw_rule *rule, uint64_t fed)
+{
+    bool any;
+    bool programs;
+    find_senders(config, rule, fed, &any, &programs);
+    return !any && !programs;
+}
+
+bool doubts_only_ports(const cfg *config, const cw_rule *rule, uint64_t fed)
+{
+    bool any;
+    bool programs;
+    find_senders(config, rule, fed, &any, &programs);
+    return !any && programs;
 }
 
 /* ---- Armings --------------------------------------------------------------------------------- */

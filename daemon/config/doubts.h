@@ -15,6 +15,9 @@ uint64_t doubts_fed(const rig *config, size_t bus);
 /* Returns true when no node sends a frame that a rule waits for. fed: see doubts_fed(). */
 bool doubts_no_frame(const cfg *config, const cw_rule *rule, uint64_t fed);
 
+/* Returns true when only programs at ports may send a frame that a rule waits for. */
+bool doubts_only_ports(const cfg *config, const cw_rule *rule, uint64_t fed);
+
 /* Returns true when a rule comes after others in a circle, or after such a rule, and nobody can arm
  * one of them by hand. */
 bool doubts_never_armed(const cfg *config, const cw_rule *rule);

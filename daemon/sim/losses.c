@@ -92,7 +92,7 @@ static void print_queue(char out[LOSS_TEXT_MAX], const losses *all, unsigned i)
     const cfg_node *node = &all->config->nodes[i];
     uint64_t tick;
     unsigned most = 0;
-    if (!all->quick && node->traffic_count > node->queue)
+    if (!all->of_row && node->traffic_count > node->queue)
         most = doubts_at_once(all->config, i, &tick);
     if (most > node->queue && most <= CW_QUEUE_MAX)
         (void)snprintf(out, LOSS_TEXT_MAX, "queue: %u or offsets", most);
@@ -177,6 +177,12 @@ static bool has_acted(const teller *t, unsigned rule)
     return cw_rule_get_stats(t->bus, rule, &stats) == CW_OK && stats.hits > 0;
 }
 
+/* Returns true when a rule waits for programs at ports that are not there. */
+static bool waits_for_program(const losses *all, const cw_rule *rule)
+{
+    return !all->programs && doubts_only_ports(all->config, rule, all->fed);
+}
+
 /* Says more about a rule that had no match. */
 static void print_reason(char out[LOSS_TEXT_MAX], const teller *t, const cw_rule *rule)
 {
@@ -186,8 +192,10 @@ static void print_reason(char out[LOSS_TEXT_MAX], const teller *t, const cw_rule
     if (rule->has_after && rule->after < config->rule_count && !has_acted(t, rule->after)) {
         (void)snprintf(out, LOSS_TEXT_MAX, "never armed, since rule %s has not acted",
                        config->rules[rule->after].name);
-    } else if (doubts_no_frame(config, rule, t->all->fed)) {
+    } else if (!t->all->programs && doubts_no_frame(config, rule, t->all->fed)) {
         (void)snprintf(out, LOSS_TEXT_MAX, "no node sends such a frame");
+    } else if (waits_for_program(t->all, rule)) {
+        (void)snprintf(out, LOSS_TEXT_MAX, "programs at ports are not there");
     } else if (rule->time_begin > cw_bus_now(t->bus)) {
         text_print_span(begin, rule->time_begin);
         (void)snprintf(out, LOSS_TEXT_MAX, "the run ended before %s", begin);
@@ -200,10 +208,12 @@ static void tell_rules(const teller *t)
     const cfg *config = t->all->config;
     for (unsigned i = 0; i < config->rule_count; i++) {
         char reason[LOSS_TEXT_MAX];
-        if (!is_idle(t, i) || doubts_by_hand(config, &config->rules[i]))
+        const cw_rule *rule = &config->rules[i];
+        if (!is_idle(t, i) || doubts_by_hand(config, rule) ||
+            (t->all->of_row && waits_for_program(t->all, rule)))
             continue;
-        print_reason(reason, t, &config->rules[i]);
-        tell(t, config->rules[i].name,
+        print_reason(reason, t, rule);
+        tell(t, rule->name,
              (loss_words){.is_rule = true, .why = "never matched", .ids = "", .help = reason});
     }
 }

@@ -26,7 +26,8 @@ typedef struct lost_frames {
 typedef struct losses {
     const cfg *config;
     uint64_t fed;  /* nodes that gateways of a rig feed */
-    bool quick;    /* the queue that would suffice is not told, since that takes long */
+    bool of_row;   /* without what takes long to find out, and rules that wait for programs */
+    bool programs; /* there are programs, which send frames that the configuration does not name */
     unsigned count;
     uint64_t more; /* frames of nodes and reasons that are not kept */
     lost_frames list[LOSSES_MAX];

@@ -203,13 +203,17 @@ def test_a_rule_that_can_act_is_not_told(texts, write):
     assert sim(path).stderr == "" and warnings(path) == []
 
 
-@pytest.mark.parametrize("node", ["port: vcan0", "traffic: [ { replay: r.log } ]"])
-def test_check_is_silent_where_others_send(node, write, tmp_path):
+@pytest.mark.parametrize("node, why", [("port: vcan0", ": programs at ports are not there"),
+                                       ("traffic: [ { replay: r.log } ]", "")])
+def test_check_is_silent_where_others_send(node, why, write, tmp_path):
     (tmp_path / "r.log").write_text("(1.0) c 124#\n")
     path = write(rules("when: { frame: '123' }, do: { flip: 'crc[1]' }")
                  .replace("{ name: b }", "{ name: b, " + node + " }"))
     assert warnings(path) == []
-    assert "rule r0: never matched\n" in sim(path).stderr
+    assert f"rule r0: never matched{why}\n" in sim(path).stderr
+    row = canwire("campaign", "run", write(f"scenario: {path.name}\nvary: [ {{ set: seed, values: "
+                                           "[ 1 ] } ]\n", "camp.yaml"), cwd=tmp_path).stdout
+    assert ('"lost":[]' in row) == ("port" in node)
 
 
 # ---- Rules that come again -----------------------------------------------------------------------
@@ -279,7 +283,7 @@ def test_rows_and_reports_of_campaigns_have_it(write, tmp_path):
     dropped = {"node": "a", "why": "queue-full", "frames": 10, "ids": "111, …",
                "help": "queue: more than 16, offsets or less traffic"}
     never = {"rule": "x", "why": "never matched", "help": "the run ended before 2s"}
-    lost = {(row["factors"]["q"], row["factors"]["t"]): row.get("lost") for row in rows}
+    lost = {(row["factors"]["q"], row["factors"]["t"]): row["lost"] for row in rows}
     assert lost[16, "2s.."] == [dropped, never] and lost[17, "2s.."] == [never]
     assert lost[17, "500ms.."][0]["why"] == "bus-off"
     (tmp_path / "rows").write_text(result.stdout)
@@ -288,11 +292,11 @@ def test_rows_and_reports_of_campaigns_have_it(write, tmp_path):
     assert "lost" in json.loads((tmp_path / "report.json").read_text())
 
 
-def test_what_is_whole_has_no_such_key(write, tmp_path):
+def test_a_row_without_losses(write, tmp_path):
     write(FULL.replace("QUEUE", "queue: 17"))
     campaign = write("scenario: bus.yaml\nvary: [ { set: seed, values: [ 1, 2 ] } ]\n", "camp.yaml")
     result = canwire("campaign", "run", campaign, cwd=tmp_path)
-    assert '"lost"' not in result.stdout
+    assert result.stdout.count('"lost":[]') == 2
     (tmp_path / "rows").write_text(result.stdout)
     report = canwire("campaign", "report", "rows", "--json", "-", cwd=tmp_path).stdout
     assert "lost" not in json.loads(report)
