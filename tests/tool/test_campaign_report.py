@@ -10,6 +10,7 @@ import os
 import re
 import shlex
 import statistics
+import subprocess
 import sys
 import xml.etree.ElementTree
 
@@ -609,7 +610,25 @@ def test_outputs_are_whole_or_not_there(rows, tmp_path):
     report(file, "--json", out)
     assert json.loads(out.read_text()) == in_json(file)
     assert not list(tmp_path.glob("*.part"))
-    assert "No such file" in report(file, "--html", tmp_path / "none/x", status=1).stderr
+
+
+@pytest.mark.parametrize("option", ["--json", "--html", "--junit"])
+def test_outputs_are_opened_before_the_work(option, rows, tmp_path):
+    """A file of rows that is none tells what came first."""
+    file, _ = rows()
+    (tmp_path / "none").write_text("no rows\n")
+    (tmp_path / "folder").mkdir()
+    for name, why in (("gone/x", "No such file"), ("folder", "Is a directory")):
+        error = report(tmp_path / "none", option, tmp_path / name, status=1).stderr
+        assert error.count("\n") == 1 and why in error
+    report(file, option, "/dev/null")
+    assert os.stat("/dev/null").st_rdev == os.makedev(1, 3)
+    read = subprocess.run(f"{CANWIRE} campaign report {file} {option} /dev/stderr >{os.devnull}",
+                          shell=True, capture_output=True, check=True).stderr
+    report(file, option, tmp_path / "out")
+    assert read == (tmp_path / "out").read_bytes() != b""
+    report(tmp_path / "none", option, tmp_path / "new", status=1)
+    assert not (tmp_path / "new").exists() and not list(tmp_path.glob("*.part"))
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="DuckDB has no wheel for this Python")

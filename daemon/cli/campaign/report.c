@@ -171,16 +171,25 @@ static bool is_stdout(const char *name)
 
 typedef void report_writer(FILE *out, const report_view *v);
 
-/* Writes a form of the report into a file, which is there as a whole or not at all. */
-static bool write_file(const char *name, report_writer *write, const report_view *v)
+/* Opens the outputs before the work, which would be in vain without them. Each is there as a whole
+ * in the end, or not at all. */
+static bool open_outputs(rowfile files[REPORT_OUTPUTS], const report_outputs *out)
 {
-    rowfile file;
-    if (!name)
-        return true;
-    const bool good = rowfile_open(&file, is_stdout(name) ? NULL : name, false, NULL, NULL);
-    if (good)
-        write(file.stream, v);
-    return rowfile_close(&file, good) && good;
+    bool good = true;
+    for (size_t i = 0; i < REPORT_OUTPUTS && good; i++)
+        good = !out->name[i] || rowfile_open(&files[i], is_stdout(out->name[i]) ? NULL
+                                                                                : out->name[i],
+                                             false, NULL, NULL);
+    return good;
+}
+
+/* Closes what has been opened. done: the report is in the files. */
+static bool close_outputs(rowfile files[REPORT_OUTPUTS], bool done)
+{
+    bool good = done;
+    for (size_t i = 0; i < REPORT_OUTPUTS; i++)
+        good = rowfile_close(&files[i], good) && good;
+    return good;
 }
 
 static bool make_folder(const char *name)
@@ -267,14 +276,16 @@ static bool flush_output(void)
     return false;
 }
 
-static bool write_all(const report_view *v, const options *o)
+static bool write_all(const report_view *v, const options *o, const rowfile files[REPORT_OUTPUTS])
 {
+    static report_writer *const writers[REPORT_OUTPUTS] = {
+        campaign_report_json, campaign_report_html, campaign_report_junit};
     if (!is_stdout(o->json) && !is_stdout(o->html) && !is_stdout(o->junit))
         campaign_report_text(stdout, v);
-    return write_file(o->json, campaign_report_json, v) &&
-           write_file(o->html, campaign_report_html, v) &&
-           write_file(o->junit, campaign_report_junit, v) && write_scenarios(v, o->scenarios) &&
-           flush_output();
+    for (size_t i = 0; i < REPORT_OUTPUTS; i++)
+        if (files[i].stream)
+            writers[i](files[i].stream, v);
+    return write_scenarios(v, o->scenarios) && flush_output();
 }
 
 /* ---- The report ------------------------------------------------------------------------------ */
@@ -300,14 +311,14 @@ static bool can_have_scenarios(const intake *in, const options *o)
     return false;
 }
 
-static bool write_report(const intake *in, const options *o)
+static bool write_report(const intake *in, const options *o, const rowfile files[REPORT_OUTPUTS])
 {
     shortest found = {.count = 0};
     const report_view view = {.report = &in->report, .confidence = o->confidence,
                               .shortest = o->scenarios ? &found : NULL};
     if (o->scenarios)
         shortest_find(&found, &in->report, (int64_t)o->minimise_ns);
-    const bool good = write_all(&view, o);
+    const bool good = write_all(&view, o, files);
     shortest_free(&found);
     return good;
 }
@@ -321,10 +332,13 @@ int campaign_report(int argc, char **argv)
     intake in = {.campaign_file = o.campaign, .partial = o.partial, .ftti_ns = o.ftti_ns};
     char **files = argv + optind;
     const int count = argc - optind;
-    const bool good = check_outputs(&o, files, count) &&
-                      (!o.scenarios || make_folder(o.scenarios)) &&
-                      read_files(&in, files, count) && check_sources(&o, &in) &&
-                      can_have_scenarios(&in, &o) && write_report(&in, &o);
+    rowfile outputs[REPORT_OUTPUTS] = {{.name = NULL}};
+    const report_outputs wanted = outputs_of(&o);
+    bool good = check_outputs(&o, files, count) && open_outputs(outputs, &wanted) &&
+                (!o.scenarios || make_folder(o.scenarios)) && read_files(&in, files, count) &&
+                check_sources(&o, &in) && can_have_scenarios(&in, &o) &&
+                write_report(&in, &o, outputs);
+    good = close_outputs(outputs, good);
     intake_free(&in);
     return good ? CLI_OK : CLI_BAD_INPUT;
 }

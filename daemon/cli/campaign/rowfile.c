@@ -147,12 +147,20 @@ static bool find_new(rowfile *f)
     return good;
 }
 
+static bool open_as_it_is(rowfile *f)
+{
+    f->stream = fopen(f->name, "we");
+    return f->stream || complain(f->name, strerror(errno));
+}
+
 /* The file gets its name in the end, which must replace no device and no link. */
 static bool find_real(rowfile *f)
 {
     struct stat found;
     if (stat(f->name, &found) != 0)
         return errno == ENOENT ? find_new(f) : complain(f->name, strerror(errno));
+    if (!S_ISREG(found.st_mode) && !f->kept)
+        return open_as_it_is(f);
     if (!S_ISREG(found.st_mode))
         return complain(f->name, "it is no regular file");
     f->real = realpath(f->name, NULL);
@@ -164,11 +172,13 @@ static bool find_real(rowfile *f)
 
 bool rowfile_open(rowfile *f, const char *name, bool resume, rowfile_check *check, void *user)
 {
-    *f = (rowfile){.name = name, .stream = name ? NULL : stdout};
+    *f = (rowfile){.name = name, .stream = name ? NULL : stdout, .kept = check != NULL};
     if (!name)
         return true;
     if (!find_real(f))
         return false;
+    if (f->stream)
+        return true;
     if (resume && !open_whole(f, check, user))
         return false;
     if (f->whole)
@@ -207,13 +217,21 @@ static bool finish(const rowfile *f)
     return sync_folder(f->name);
 }
 
+/* A device or a pipe is complete as it is. */
+static bool flush(const rowfile *f)
+{
+    return (fflush(f->stream) == 0 && !ferror(f->stream)) || complain(f->name, strerror(errno));
+}
+
 bool rowfile_close(rowfile *f, bool done)
 {
     bool good = true;
     if (f->name && f->stream) {
-        good = !done || finish(f);
+        good = !done || (f->part ? finish(f) : flush(f));
+        if (!done && !f->kept && f->part)
+            (void)unlink(f->part);
         if (fclose(f->stream) != 0 && good)
-            good = complain(done ? f->name : f->part, strerror(errno));
+            good = complain(done || !f->part ? f->name : f->part, strerror(errno));
     }
     free(f->part);
     free(f->real);

@@ -18,13 +18,15 @@ typedef struct rowfile {
     char *part;       /* its name while rows are missing */
     FILE *stream;
     bool whole; /* the file is there, and is not written */
+    bool kept;  /* a part that is not done stays */
 } rowfile;
 
 /* Takes a line that is there already. Returns false for one that does not belong there. */
 typedef bool rowfile_check(void *user, const char *line, size_t length);
 
-/* Opens the file. resume: whole lines that are there stay, and each is given to `check`. Returns
- * false after a message. */
+/* Opens the file. resume: whole lines that are there stay, and each is given to `check`. Without
+ * `check` it is one whose part no later run continues, and a device or a pipe is written as it is.
+ * Returns false after a message. */
 bool rowfile_open(rowfile *f, const char *name, bool resume, rowfile_check *check, void *user);
 
 /* Closes it. done: all rows are in it, and it gets its name. Returns false after a message. */
