@@ -7,6 +7,7 @@
 #include "base/decimal.h"
 #include "base/wide.h"
 #include "cli/timing_text.h"
+#include "config/phases.h"
 #include "record/data_timing.h"
 
 #include <inttypes.h>
@@ -14,6 +15,7 @@
 
 #define PPB_DIGITS 9u
 #define PERMILLE_DIGITS 3u
+#define TICK_PS 12500
 #define PS_DIGITS 3u  /* of ns */
 #define PPB_OF_PPM 3u /* digits */
 #define MM_DIGITS 3u  /* of m */
@@ -204,6 +206,27 @@ static void print_bus(FILE *out, const cfg *config)
 
 /* ---- Text of the data phase ------------------------------------------------------------------ */
 
+/* Rounds to the nearest picosecond, since delays are no whole ticks. */
+static decimal_text nanoseconds(cw_span span)
+{
+    const cw_span half_ps = CW_TICK / (2 * TICK_PS);
+    return decimal_signed(text_span_ps(span < 0 ? span - half_ps : span + half_ps), PS_DIGITS);
+}
+
+/* Prints where the node compares its bits, and the time from there to where they are not back. */
+static void print_compensation(FILE *out, const row *r)
+{
+    const cw_tdc *tdc = &r->time->timing.data.tdc;
+    const cfg_late_sample sample = cfg_find_late_sample(r->time);
+    const decimal_text margin = nanoseconds(cfg_late_margin(&sample));
+
+    if (tdc->mode == CW_TDC_OFF)
+        fprintf(out, "  %4s  %4s  %7s  %9s\n", "-", "-", "-", margin.text);
+    else
+        fprintf(out, "  %4" PRIu64 "  %4" PRIu32 "  %7s  %9s\n", sample.tdcv, tdc->tdco,
+                nanoseconds(sample.at).text, margin.text);
+}
+
 static void print_data_row(FILE *out, int name_width, const row *r)
 {
     const bit_timing *data = &r->time->data;
@@ -217,10 +240,7 @@ static void print_data_row(FILE *out, int name_width, const row *r)
             rounded_percent(timing_sample_point_ppb(data)).text,
             percent(timing_data_tolerance_ppb(&r->node->bit, data)).text,
             data_timing_tdc_name(tdc->mode));
-    if (tdc->mode == CW_TDC_OFF)
-        fputs("     -\n", out);
-    else
-        fprintf(out, "  %4" PRIu32 "\n", tdc->tdco);
+    print_compensation(out, r);
 }
 
 /* Prints the nodes that have a data phase, if any has. */
@@ -234,9 +254,9 @@ static void print_data_table(FILE *out, const table *all)
     for (size_t i = 0; i < config->node_count; i++)
         if (strlen(config->nodes[i].name) > width)
             width = strlen(config->nodes[i].name);
-    fprintf(out, "\ndata phase: dbitrate %" PRIu32 "\n%*s  %6s  %11s  %4s  %8s  %11s  %6s  %4s\n",
+    fprintf(out, "\ndata phase: dbitrate %" PRIu32 "\n%*s  %6s  %11s  %4s  %8s  %11s  %6s  %4s  %4s  %7s  %9s\n",
             config->dbitrate_bps, -(int)width, titles[0], "DTQ/NS", "SEGMENTS", "DBRP", "SAMPLE/%",
-            "TOLERANCE/%", "TDC", "TDCO");
+            "TOLERANCE/%", "TDC", "TDCV", "TDCO", "SSP/NS", "MARGIN/NS");
     for (size_t i = 0; i < config->node_count; i++) {
         const row r = row_of(all, i);
         if (r.time->data.clock_hz > 0)
@@ -297,12 +317,14 @@ static void print_data_json(FILE *out, const row *r)
 {
     const cw_tdc *tdc = &r->time->timing.data.tdc;
 
+    const cfg_late_sample sample = cfg_find_late_sample(r->time);
+
     timing_print_data_keys(out, &r->node->bit, &r->time->data);
     fprintf(out, ",\"tdc-mode\":\"%s\"", data_timing_tdc_name(tdc->mode));
     if (tdc->mode != CW_TDC_OFF)
-        fprintf(out, ",\"tdco\":%" PRIu32, tdc->tdco);
-    if (tdc->mode == CW_TDC_MANUAL)
-        fprintf(out, ",\"tdcv\":%" PRIu32, tdc->tdcv);
+        fprintf(out, ",\"tdco\":%" PRIu32 ",\"tdcv\":%" PRIu64 ",\"secondary-sample\":%s",
+                tdc->tdco, sample.tdcv, nanoseconds(sample.at).text);
+    fprintf(out, ",\"sample-margin\":%s", nanoseconds(cfg_late_margin(&sample)).text);
 }
 
 static void print_row_json(FILE *out, const row *r)

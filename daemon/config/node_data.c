@@ -177,47 +177,24 @@ static void check_delay(schema *self, yaml_node_t *item, const cfg_node_time *ti
 
 /* ---- The delay of the transmitter ------------------------------------------------------------ */
 
-/* Returns the way of an own edge, from the begin of a bit back to the controller. */
-static cw_span loop_delay(const cw_node_timing *t)
-{
-    const cw_span dominant = t->tx_delay[CW_DOMINANT] + t->rx_delay[CW_DOMINANT];
-    const cw_span recessive = t->tx_delay[CW_RECESSIVE] + t->rx_delay[CW_RECESSIVE];
-
-    return dominant > recessive ? dominant : recessive;
-}
-
 /* Without compensation a bit must be back before its sample point (D13, T12). */
-static void warn_of_late_bits(schema *self, yaml_node_t *item, const cfg_node_time *time)
+static void warn_of_late_bits(schema *self, yaml_node_t *item, const cfg_late_sample *sample)
 {
-    const cw_bit_timing *bit = &time->timing.data.bit;
-    const cw_span delay = loop_delay(&time->timing);
-    const cw_span to_sample = bit->quantum * cw_bit_timing_sample_at(bit);
-
-    if (delay >= to_sample)
+    if (sample->at <= sample->from)
         schema_warn(self, place_of(self, item, "tdc-mode"),
                     "without delay compensation the node cannot send at the data rate: its bits "
                     "come back after %" PRIu64 " ns, and are sampled after %" PRIu64
                     " ns; tdc-mode: auto measures the delay",
-                    cfg_delay_of(delay).ns, cfg_delay_of(to_sample).ns);
-}
-
-/* Returns the delay that a secondary sample point is later by, in clocks. */
-static uint64_t compensated_clocks(const cfg_node_time *time)
-{
-    const cw_data_timing *data = &time->timing.data;
-    const cw_span clock = data->bit.quantum / data->data_brp;
-
-    return data->tdc.mode == CW_TDC_MANUAL
-               ? data->tdc.tdcv
-               : (uint64_t)((loop_delay(&time->timing) + clock - 1) / clock);
+                    cfg_delay_of(sample->from).ns, cfg_delay_of(sample->at).ns);
 }
 
 /* Warns of secondary sample points that a controller cannot have. */
-static void warn_of_compensation(schema *self, yaml_node_t *item, const cfg_node_time *time)
+static void warn_of_offset(schema *self, yaml_node_t *item, const cfg_node_time *time,
+                           const cfg_late_sample *sample)
 {
     const uint32_t tdco = time->timing.data.tdc.tdco;
     const uint32_t held = timing_tdco_max(time->limits);
-    const uint64_t late = compensated_clocks(time) + tdco;
+    const uint64_t late = sample->tdcv + tdco;
     const uint64_t most = SSP_BITS_MAX * timing_bit_clocks(&time->data);
 
     if (tdco > held)
@@ -231,12 +208,33 @@ static void warn_of_compensation(schema *self, yaml_node_t *item, const cfg_node
                     " clocks", late, SSP_BITS_MAX, most);
 }
 
+/* At the secondary sample point the bit has to be back, and the next one must not be. */
+static void warn_of_compare(schema *self, yaml_node_t *item, const cfg_node_time *time,
+                            const cfg_late_sample *sample)
+{
+    const bool given = time->timing.data.tdc.mode == CW_TDC_MANUAL;
+
+    if (sample->at > sample->from && sample->at <= sample->until)
+        return;
+    schema_warn(self, place_of(self, item, given ? "tdcv" : "tdco"),
+                "the node cannot send at the data rate: its bits come back from %" PRIu64
+                " ns to %" PRIu64 " ns behind their begin, and it compares them after %" PRIu64
+                " ns (tdcv %" PRIu64 " and tdco %" PRIu32 " clocks); %s",
+                cfg_delay_of(sample->from).ns, cfg_delay_of(sample->until).ns,
+                cfg_delay_of(sample->at).ns, sample->tdcv, time->timing.data.tdc.tdco,
+                given ? "tdc-mode: auto measures tdcv" : "without tdco it is the sample point");
+}
+
 static void warn_of_delay(schema *self, yaml_node_t *item, const cfg_node_time *time)
 {
-    if (time->timing.data.tdc.mode == CW_TDC_OFF)
-        warn_of_late_bits(self, item, time);
-    else
-        warn_of_compensation(self, item, time);
+    const cfg_late_sample sample = cfg_find_late_sample(time);
+
+    if (time->timing.data.tdc.mode == CW_TDC_OFF) {
+        warn_of_late_bits(self, item, &sample);
+        return;
+    }
+    warn_of_offset(self, item, time, &sample);
+    warn_of_compare(self, item, time, &sample);
 }
 
 void cfg_complete_data(schema *self, yaml_node_t *item, cfg_node *node)

@@ -105,6 +105,44 @@ static cw_tdc tdc_of(const cfg_node_time *time)
     return tdc;
 }
 
+/* Returns the way of an own edge to a level, back to the controller. */
+static cw_span loop_delay(const cfg_node_time *time, bool level)
+{
+    return time->timing.tx_delay[level] + time->timing.rx_delay[level];
+}
+
+/* Returns whole clocks before the one in which the own edge to res comes back. */
+static uint64_t measured_clocks(const cfg_node_time *time, cw_span clock)
+{
+    return (uint64_t)(loop_delay(time, CW_DOMINANT) / clock);
+}
+
+cfg_late_sample cfg_find_late_sample(const cfg_node_time *time)
+{
+    const cw_data_timing *data = &time->timing.data;
+    const cw_span clock = data->bit.quantum / data->data_brp;
+    const cw_span bit = data->bit.quantum * cw_bit_timing_quanta(&data->bit);
+    const cw_span dominant = loop_delay(time, CW_DOMINANT);
+    const cw_span recessive = loop_delay(time, CW_RECESSIVE);
+    cfg_late_sample found = {
+        .at = data->bit.quantum * cw_bit_timing_sample_at(&data->bit),
+        .from = dominant > recessive ? dominant : recessive,
+        .until = (dominant < recessive ? dominant : recessive) + bit,
+    };
+    if (data->tdc.mode == CW_TDC_OFF)
+        return found;
+    found.tdcv = data->tdc.mode == CW_TDC_MANUAL ? data->tdc.tdcv : measured_clocks(time, clock);
+    const uint64_t after = found.tdcv + data->tdc.tdco;
+    found.at = (cw_span)(after ? after : 1) * clock;
+    return found;
+}
+
+cw_span cfg_late_margin(const cfg_late_sample *s)
+{
+    const cw_span first = s->at - s->from, last = s->until - s->at;
+    return first < last ? first : last;
+}
+
 cw_data_timing cfg_data_timing(const cfg_node_time *time)
 {
     const bit_timing *data = &time->data;

@@ -460,6 +460,39 @@ def test_the_data_phases_of_a_configuration_as_a_table(table):
     assert len(nominal.splitlines()) == 5
     assert data.splitlines() == [
         "data phase: dbitrate 2000000",
-        "NODE    DTQ/NS     SEGMENTS  DBRP  SAMPLE/%  TOLERANCE/%     TDC  TDCO",
-        "engine    12.5   14-15-10/5     1        75        0.531    auto    30",
-        "c           25      6-7-6/3     2        70        0.635     off     -"]
+        "NODE    DTQ/NS     SEGMENTS  DBRP  SAMPLE/%  TOLERANCE/%     TDC  TDCV  TDCO   SSP/NS"
+        "  MARGIN/NS",
+        "engine    12.5   14-15-10/5     1        75        0.531    auto     0    30      375"
+        "        125",
+        "c           25      6-7-6/3     2        70        0.635     off     -     -        -"
+        "        150"]
+
+
+def test_a_run_tells_the_errors_of_each_node_by_type(tmp_path):
+    """The node compares its bits before they are back, and goes bus-off by 32 bit errors."""
+    path = tmp_path / "fd.yaml"
+    path.write_text("""bus: { bitrate: 500000, dbitrate: 2000000 }
+nodes:
+  - { name: a, tx-delay: 110ns, rx-delay: 110ns, tdc-mode: manual, tdcv: 1, tdco: 4,
+      traffic: [ { send: "123##1DEADBEEF" } ] }
+  - { name: b }
+  - { name: c, kind: classical, listen-only: on }
+""")
+    assert "cannot send at the data rate" in canwire("check", path).stderr
+    lines = canwire("sim", path).stdout.splitlines()
+    table = [line.split() for line in lines[lines.index(next(
+        line for line in lines if line.startswith("errors  "))):]]
+    assert table[:2] == [["errors", "bit", "stuff", "form", "crc", "ack"],
+                         ["a", "32", "0", "0", "0", "0"]]
+    assert table[2][0] == "b" and sum(map(int, table[2][1:])) == 32
+
+
+def test_secondary_sample_points_have_a_margin(table):
+    """Bits of 40 clocks of 12.5 ns come back after 220 ns, so in the 18th clock (D13)."""
+    text = ("bus: { bitrate: 500000, dbitrate: 2000000 }\n"
+            "defaults: { tx-delay: 110ns, rx-delay: { dominant: 110ns, recessive: 120ns } }\n"
+            "nodes: [ { name: wrong, tdc-mode: manual, tdcv: 1, tdco: 4 },\n"
+            "  { name: auto, tdc-mode: auto, tdco: 20 } ]")
+    rows = [line.split() for line in table(text).stdout.splitlines()[-2:]]
+    assert [row[7:] for row in rows] == [["1", "4", "62.5", "-167.5"],
+                                         ["17", "20", "462.5", "232.5"]]

@@ -53,6 +53,37 @@ static void print_errors(FILE *out, const cw_bus_stats *stats)
             (double)ppt * 1e-12);
 }
 
+static bool has_errors(const cw_node_stats *node)
+{
+    bool any = false;
+
+    for (unsigned type = 0; type < CW_ERROR_COUNT; type++)
+        any = any || node->errors[type];
+    return any;
+}
+
+/* Prints the errors of each node that has found some, by their type. */
+static void print_error_types(FILE *out, const cfg *config, const cw_bus *bus)
+{
+    bool titled = false;
+
+    for (unsigned i = 0; i < config->node_count; i++) {
+        cw_node_stats node;
+
+        if (cw_node_get_stats(bus, i, &node) != CW_OK || !has_errors(&node))
+            continue;
+        if (!titled)
+            fprintf(out, "%-16s", "errors");
+        for (unsigned type = 0; !titled && type < CW_ERROR_COUNT; type++)
+            fprintf(out, " %9s", cw_error_type_name((cw_error_type)type));
+        fprintf(out, "%s%-16s", titled ? "" : "\n", config->nodes[i].name);
+        for (unsigned type = 0; type < CW_ERROR_COUNT; type++)
+            fprintf(out, " %9" PRIu64, node.errors[type]);
+        fputc('\n', out);
+        titled = true;
+    }
+}
+
 void summary_print(FILE *out, const cfg *config, const cw_bus *bus)
 {
     cw_bus_stats stats;
@@ -77,4 +108,5 @@ void summary_print(FILE *out, const cfg *config, const cw_bus *bus)
         if (cw_node_get_stats(bus, i, &node) == CW_OK)
             print_node(out, &config->nodes[i], &node);
     }
+    print_error_types(out, config, bus);
 }
