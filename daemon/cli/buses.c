@@ -4,8 +4,6 @@
  */
 #include "cli/buses.h"
 
-#include "cli/client.h"
-
 #include <dirent.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -15,7 +13,14 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#define FOLDER_DEFAULT "/run/canwire"
 #define SUFFIX ".sock" /* of the socket of a bus */
+
+const char *buses_folder(void)
+{
+    const char *folder = getenv("CANWIRE_RUN");
+    return folder && *folder ? folder : FOLDER_DEFAULT;
+}
 
 /* Returns true for a name that needs no quoting, also for Wireshark. */
 static bool is_plain(const char *name, size_t length)
@@ -31,7 +36,7 @@ static bool is_running(const char *name)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     int length =
-        snprintf(address.sun_path, sizeof address.sun_path, "%s/%s", client_folder(), name);
+        snprintf(address.sun_path, sizeof address.sun_path, "%s/%s", buses_folder(), name);
     if (length < 0 || (size_t)length >= sizeof address.sun_path)
         return false;
     int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
@@ -53,7 +58,7 @@ size_t buses_find(char *names[], size_t most)
 {
     struct dirent **files;
     size_t count = 0;
-    const int found = scandir(client_folder(), &files, is_bus, alphasort);
+    const int found = scandir(buses_folder(), &files, is_bus, alphasort);
     for (int i = 0; i < found; i++) {
         const char *name = files[i]->d_name;
         char *copy = count < most ? strndup(name, strlen(name) - strlen(SUFFIX)) : NULL;

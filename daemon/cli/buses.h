@@ -9,7 +9,10 @@
 
 #define BUSES_MAX 64u
 
-/* Finds up to `most` buses whose sockets are in client_folder() and have a listener. Returns their
+/* Returns the folder of their sockets: /run/canwire, or $CANWIRE_RUN. */
+const char *buses_folder(void);
+
+/* Finds up to `most` buses whose sockets are in buses_folder() and have a listener. Returns their
  * number, with the names in order, to be freed. Names with characters that need quoting are left
  * out. */
 size_t buses_find(char *names[], size_t most);

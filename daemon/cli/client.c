@@ -7,6 +7,7 @@
 #include "base/jsonput.h"
 #include "base/plain.h"
 #include "base/wall.h"
+#include "cli/buses.h"
 #include "cli/cli.h"
 
 #include <errno.h>
@@ -20,11 +21,12 @@
 #include <time.h>
 #include <unistd.h>
 
-#define FOLDER_DEFAULT "/run/canwire"
 #define PATIENCE_S 30 /* for a reply, without another one */
 
 #define PAUSE_NS 10000000L /* between two looks for a bus that is just starting */
 
+#define NAMES_BYTES 1024 /* of buses in a message */
+#define ELLIPSIS "..."
 #define MESSAGE_BYTES 16384 /* of a message; a longer one is cut */
 
 static void print_line(const char *text)
@@ -87,12 +89,6 @@ static void __attribute__((format(printf, 2, 3))) complain(const client *c, cons
 
 /* ---- Connecting ------------------------------------------------------------------------------ */
 
-const char *client_folder(void)
-{
-    const char *folder = getenv("CANWIRE_RUN");
-    return folder && *folder ? folder : FOLDER_DEFAULT;
-}
-
 static bool is_path(const char *bus)
 {
     return strchr(bus, '/') != NULL;
@@ -111,7 +107,7 @@ static bool find_socket(struct sockaddr_un *address, const char *bus)
     char *path = address->sun_path;
     const size_t room = sizeof address->sun_path;
     int length = is_path(bus) ? snprintf(path, room, "%s", bus)
-                              : snprintf(path, room, "%s/%s.sock", client_folder(), bus);
+                              : snprintf(path, room, "%s/%s.sock", buses_folder(), bus);
     if (!is_path(bus) && !(length >= 0 && (size_t)length < room && is_socket(path)) &&
         is_socket(bus))
         length = snprintf(path, room, "%s", bus);
@@ -125,13 +121,33 @@ bool client_has_socket(const char *bus)
     return find_socket(&address, bus) && is_socket(address.sun_path);
 }
 
+/* Names the buses that there are: it may have another name than its file or its unit. */
+static void complain_of_absence(const client *c, const char *unit)
+{
+    char *names[BUSES_MAX];
+    char text[NAMES_BYTES] = "";
+    const size_t count = is_path(c->bus) ? 0 : buses_find(names, BUSES_MAX);
+    size_t used = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (used < sizeof text)
+            used += (size_t)snprintf(text + used, sizeof text - used, "%s%s", i ? ", " : "",
+                                     names[i]);
+        free(names[i]);
+    }
+    if (count > 0)
+        complain(c, "no such bus; those in %s: %s%s", buses_folder(), text,
+                 used < sizeof text ? "" : ELLIPSIS);
+    else
+        complain(c, "no such bus (is %s running?)", unit);
+}
+
 static void complain_unreachable(const client *c, const char *path, int error)
 {
     char unit[64] = "canwired";
     if (!is_path(c->bus))
         (void)snprintf(unit, sizeof unit, "canwired@%.40s", c->bus);
     if (error == ENOENT)
-        complain(c, "no such bus (is %s running?)", unit);
+        complain_of_absence(c, unit);
     else if (error == ECONNREFUSED)
         complain(c, "nobody listens at %s (is %s running?)", path, unit);
     else if (error == EACCES)

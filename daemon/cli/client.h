@@ -20,13 +20,10 @@ typedef struct client {
     int error; /* the errno that ended client_next(), 0: the bus has ended */
 } client;
 
-/* Returns the folder of the sockets of buses: /run/canwire, or $CANWIRE_RUN. */
-const char *client_folder(void);
-
 /* Passes the messages of all clients to a function, in place of standard error. */
 void client_set_teller(void (*tell)(const char *text));
 
-/* Asks a socket found in client_folder() for a request, as client_ask_once(). *other: it belongs to
+/* Asks a socket found in buses_folder() for a request, as client_ask_once(). *other: it belongs to
  * something else, such as a node's port; this is no error, and there is no message. */
 json_t *client_ask_found(const char *path, json_t *request, bool *other);
 

@@ -4,6 +4,7 @@
  */
 #include "base/jsonput.h"
 #include "base/plain.h"
+#include "cli/buses.h"
 #include "cli/client.h"
 #include "cli/command.h"
 #include "cli/status_check.h"
@@ -63,7 +64,7 @@ static void find_sockets(glob_t *found)
 {
     char pattern[PATTERN_MAX];
     *found = (glob_t){.gl_pathc = 0};
-    (void)snprintf(pattern, sizeof pattern, "%s/*" SUFFIX, client_folder());
+    (void)snprintf(pattern, sizeof pattern, "%s/*" SUFFIX, buses_folder());
     (void)glob(pattern, 0, NULL, found);
     client_set_wait(0);
 }
@@ -98,7 +99,7 @@ static void print_all(const json_t *list)
         status_print(stdout, json_array_get(list, i));
     }
     if (json_array_size(list) == 0)
-        plain_print(stderr, "canwire: no bus in %s\n", client_folder());
+        plain_print(stderr, "canwire: no bus in %s\n", buses_folder());
 }
 
 static int show_all(bool json)
@@ -145,7 +146,7 @@ static void check_all(check *c)
     globfree(&found);
     if (count > 0)
         return;
-    (void)snprintf(last_message, sizeof last_message, "no bus runs in %s", client_folder());
+    (void)snprintf(last_message, sizeof last_message, "no bus runs in %s", buses_folder());
     check_bus(c, NULL, last_message);
 }
 

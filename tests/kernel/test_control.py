@@ -212,7 +212,8 @@ def test_reload_takes_a_good_file_and_refuses_a_bad_one(control):
 
 def test_the_tool_says_what_is_wrong(control, tmp_path):
     nosuch = control.tool("status", "nosuch", "--wait", "0", status=1)
-    assert nosuch == "canwire: bus nosuch: no such bus (is canwired@nosuch running?)\n"
+    assert nosuch == (
+        "canwire: bus nosuch: no such bus; those in " + str(tmp_path) + ": powertrain\n")
     left = socket.socket(socket.AF_UNIX)
     left.bind(str(tmp_path / "left.sock"))
     left.close()

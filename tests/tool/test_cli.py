@@ -5,6 +5,7 @@ One table over all subcommands of canwire, and canwired. tests/kernel/test_contr
 refusals of a running bus. Needs no CAN in the kernel.
 """
 
+import contextlib
 import fcntl
 import json
 import os
@@ -362,6 +363,23 @@ def test_why_a_bus_cannot_be_reached(call, tmp_path, bus, message):
     with socket.socket(socket.AF_UNIX) as gone:
         gone.bind(str(tmp_path / "odd.sock"))
     assert call("status", bus, "--wait", "0", status=1).stderr == f"canwire: bus {bus}: {message}\n"
+
+
+def test_the_buses_that_there_are_are_named(tmp_path):
+    """A bus may have another name than its file, its unit or its rig."""
+    env = os.environ | {"CANWIRE_RUN": str(tmp_path)}
+    with contextlib.ExitStack() as stack:
+        for name in ("powertrain", "body", "gone"):
+            one = stack.enter_context(socket.socket(socket.AF_UNIX))
+            one.bind(str(tmp_path / f"{name}.sock"))
+            if name != "gone":
+                one.listen()
+        for words in (["status", "engine"], ["restart", "engine", "a"], ["watch", "engine"]):
+            result = subprocess.run([CANWIRE, *words, *["--wait", "0"][:2 * (words[0] != "restart")]],
+                                    env=env, capture_output=True, text=True, timeout=TIMEOUT_S,
+                                    check=False)
+            assert (result.returncode, result.stderr) == (
+                1, f"canwire: bus engine: no such bus; those in {tmp_path}: body, powertrain\n")
 
 
 def test_no_bus_at_all(tmp_path):

@@ -373,7 +373,7 @@ static int run_with(top *t, char **names, size_t count)
 {
     int status = CLI_BAD_INPUT;
     if (count == 0)
-        plain_print(stderr, "canwire top: no bus runs in %s\n", client_folder());
+        plain_print(stderr, "canwire top: no bus runs in %s\n", buses_folder());
     else if (count > TOP_BUSES_MAX)
         plain_print(stderr, "canwire top: up to %u buses\n", TOP_BUSES_MAX);
     else if (begin(t, names, (unsigned)count))
