@@ -59,13 +59,19 @@ def build_sudo(folder):
     (folder / "sudo").chmod(0o4755)
 
 
-def end(process):
-    """Ends a process, which may be over."""
+def is_over(process):
+    """Returns True for a process that has ended; process 1 may look at it later."""
     try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+
+
+def end(process):
+    """Ends a process of --background, which may be over."""
+    if not is_over(process):
         os.kill(process, signal.SIGTERM)
-    except ProcessLookupError:
-        return
-    wait_until(lambda: not Path(f"/proc/{process}").exists(), "the end of canwired")
+    wait_until(lambda: is_over(process), "the end of canwired")
 
 
 class Reader:
