@@ -283,3 +283,48 @@ def test_modules_that_run_together_have_names_of_their_own():  # pytest imports 
     names = [path.name for folder in folders.split() for path in (ROOT / folder).glob("*.py")]
     assert len(names) > 50
     assert sorted(name for name in set(names) if names.count(name) > 1) == []
+
+
+# ---- The guest -----------------------------------------------------------------------------------
+
+APPLETS = "sh mount mkdir rm ln cat cp ip insmod switch_root hostname poweroff dmesg grep hwclock"
+BUSYBOX = '#include <stdio.h>\nint main(void) { return puts("%s") < 0; }\n'
+QEMU = """\
+while [ $# -gt 1 ]; do
+    case $1 in
+    -initrd) cp "$2" "${0%/*}/initrd" ;;
+    -kernel) echo "$2" >"${0%/*}/kernel" ;;
+    esac
+    shift
+done
+"""
+
+
+def look_at_initramfs(folder, applets):
+    """Runs scripts/guest with a busybox that needs libraries, and a QEMU that boots nothing."""
+    (folder / "busybox.c").write_text(BUSYBOX % applets.replace(" ", "\\n"))
+    subprocess.run(["cc", "-o", folder / "busybox", folder / "busybox.c"], check=True)
+    write_script(folder / "qemu-system-x86_64", QEMU)
+    return subprocess.run(
+        [ROOT / "scripts/guest", "--", "true"], capture_output=True, text=True, check=False,
+        env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "CANWIRE_GUEST": "qemu"})
+
+
+def test_the_guest_has_the_libraries_of_a_busybox_that_is_not_static(tmp_path):
+    done = look_at_initramfs(tmp_path, APPLETS)
+    assert "ended without a status" in done.stderr, done.stderr  # of that QEMU
+    shutil.rmtree(pathlib.Path((tmp_path / "kernel").read_text().strip()).parent)
+    needs = subprocess.run(["ldd", tmp_path / "busybox"], capture_output=True, text=True,
+                           check=True).stdout
+    paths = re.findall(r"(?:=> |^\t)(/\S+)", needs, re.MULTILINE)
+    assert len(paths) >= 2
+    with (tmp_path / "initrd").open("rb") as file:
+        there = subprocess.run(["cpio", "-t", "--quiet"], stdin=file, capture_output=True,
+                               text=True, check=True).stdout.split()
+    assert [path for path in paths if path[1:] not in there] == []
+
+
+def test_a_busybox_that_lacks_something_is_told(tmp_path):
+    done = look_at_initramfs(tmp_path, APPLETS.replace("insmod ", ""))
+    assert done.returncode == 125
+    assert "has no 'insmod': install the package busybox-static" in done.stderr
