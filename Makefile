@@ -375,7 +375,7 @@ $(SIM) $(WHEEL_SIM): $(SIM_OBJECTS)
 $(USB): $(call objects,daemon/usb/main.c) $(PARTS) $(LIB)
 	$(call link,$(LINK_LTO)) -lsystemd $(TOOL_LIBS)
 
-$(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) $(USB) systemd/realtime.conf \
+$(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) $(USB) $(wildcard systemd/*.conf) \
   $(wildcard config/*.md config/*.yaml config/lcm/*.lcm config/schema/*.json)
 	@mkdir -p $(@D)
 	@scripts/man --build $(BUILD) $< >$@

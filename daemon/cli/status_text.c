@@ -294,7 +294,7 @@ static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
     print_synchronisation(out, json_object_get(node, "synchronisation"));
     print_controller(out, node);
     print_sleep(out, settings);
-    print_local_time(out, json_object_get(node, "local_time"));
+    print_local_time(out, json_object_get(node, "local-time"));
     print_schedule(out, json_object_get(node, "schedule"));
 }
 
@@ -469,7 +469,7 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
     const json_t *settings = json_object_get(node, "settings");
     const char *peer = text(node, "port");
     char link[UPPER_MAX];
-    bool waits = strcmp(text(node, "when_full"), "wait") == 0;
+    bool waits = strcmp(text(node, "when-full"), "wait") == 0;
     fprintf(out, "%zu: %s%s%s: qlen %jd order %s%s%s%s\n", position, text(node, "name"),
             *peer ? "@" : "", peer, number(settings, "queue"), text(settings, "order"),
             waits ? " when-full wait" : "", has_link(node) ? "" : " link ",

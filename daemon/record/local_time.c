@@ -69,7 +69,8 @@ void local_time_put(json_t *object, const cfg *config, const cw_bus *bus, unsign
     cw_node_time time;
     if (cw_node_get_time(bus, node, &time) != CW_OK)
         return;
-    put(object, "local_time", time_json(config, &time, node));
+    put(object, "local-time", time_json(config, &time, node));
+    put(object, "local_time", time_json(config, &time, node)); /* deprecated, not in 0.3 */
     if (config->nodes[node].schedule.cycles)
         put(object, "schedule", schedule_json(config, bus, &time, node));
 }

@@ -202,8 +202,10 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     if (config->nodes[node].guest > 0)
         put_count(object, "guest", config->nodes[node].guest);
     put_text(object, "link", link_names[own->link]);
-    put_text(object, "when_full",
-             config->nodes[node].port ? when_full_names[config->nodes[node].when_full] : NULL);
+    const char *when_full =
+        config->nodes[node].port ? when_full_names[config->nodes[node].when_full] : NULL;
+    put_text(object, "when-full", when_full);
+    put_text(object, "when_full", when_full); /* deprecated, not in 0.3 */
     put_bool(object, "pushing_back", own->pushed_back);
     put(object, "interface",
         config->nodes[node].port ? interface_json(&own->interface) : json_null());

@@ -133,7 +133,7 @@ def test_ports_have_room_for_bursts(tmp_path, defaults, port, other):
         nodes = r.nodes()
         queues = {name: node["settings"]["queue"] for name, node in nodes.items()}
         assert queues == {"guest-1": port, "unix": port, "set": 5, "usb": other, "none": other}
-        assert (nodes["unix"]["when_full"], nodes["guest-1"]["when_full"]) == ("wait", "wait")
+        assert (nodes["unix"]["when-full"], nodes["guest-1"]["when-full"]) == ("wait", "wait")
     finally:
         kill_all([r.process])
 
@@ -159,7 +159,8 @@ def test_a_program_that_writes_too_fast_has_to_wait(rig, pacing):
         assert sum(node["dropped"].values()) == 0
         assert node["interface"]["read"] == node["tx_frames"] == count
         assert node["interface"]["pushed_back"] > 0
-        assert (node["when_full"], node["pushing_back"]) == ("wait", False)
+        assert (node["when-full"], node["pushing_back"]) == ("wait", False)
+        assert node["when_full"] == "wait"  # the deprecated key
         assert node["queue_peak"] == node["settings"]["queue"] == 16
     shown = r.run("status", "./push.sock").stdout
     assert re.search(r"1: engine@\S+: qlen 16 order priority when-full wait\n", shown)
@@ -300,7 +301,7 @@ def test_a_reload_changes_it_while_a_program_waits(rig):
     sender.join(PATIENCE_S)
     wait_until(lambda: r.nodes()["engine"]["interface"]["read"] == len(frames), "all frames")
     node = r.nodes()["engine"]
-    assert (node["when_full"], node["pushing_back"]) == ("drop", False)
+    assert (node["when-full"], node["pushing_back"]) == ("drop", False)
     assert node["dropped"]["queue-full"] > 0
     r.stop()
 

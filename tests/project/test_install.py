@@ -34,6 +34,9 @@ MUST = [  # of each kind
     "/share/doc/canwire/README.md", "/share/doc/canwire/control.md",
     "/share/doc/canwire/DESIGN.md",
     "/share/doc/canwire/examples/realtime.conf",
+    "/share/doc/canwire/examples/slower-restarts.conf",
+    "/share/doc/canwire/examples/powertrain.yaml", "/share/doc/canwire/examples/rig.yaml",
+    "/share/doc/canwire/examples/rig-body.yaml", "/share/doc/canwire/examples/rig-chassis.yaml",
 ]
 
 

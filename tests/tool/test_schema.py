@@ -295,3 +295,34 @@ def test_files_that_differ_in_one_place_are_judged_alike(path, tmp_path):
     mutant = beside_its_files(path, tmp_path)
     found = [d for d in (disagreement(mutant, text) for text in mutants(path)) if d]
     assert not found, f"{len(found)} disagreements, first:\n{found[0]}"
+
+
+# ---- Keys of JSON --------------------------------------------------------------------------------
+
+DEPRECATED = {"when_full", "local_time"}  # beside the new ones
+COUNTERS = {"arbitration_lost", "bus_off"}  # events of these names are keys of a configuration
+NO_KEYS = {"canwire-journal"}  # the first word of a file
+
+
+def keys_of(schema):
+    """Returns all keys that a schema allows anywhere."""
+    if isinstance(schema, list):
+        return set().union(*map(keys_of, schema))
+    if not isinstance(schema, dict):
+        return set()
+    return set(schema.get("properties", ())).union(*map(keys_of, schema.values()))
+
+
+def test_keys_of_json_follow_one_rule():
+    """Those of a configuration as there, with hyphens; all others with underscores (control.md)."""
+    configured = set().union(*(keys_of(json.loads(path.read_text()))
+                               for path in ROOT.glob("config/schema/*.json")))
+    sources = "".join(path.read_text() for path in ROOT.glob("daemon/**/*.[ch]")
+                      if path.name != "timing_table.c")  # it has the words of `ip link`
+    found = set(re.findall(r'\bput(?:_[a-z]+)*\([^"();]*?"([\w-]+)"', sources)) | \
+        set(re.findall(r'\\"([a-z][\w-]*)\\":', sources))
+    assert len(found) > 300 and DEPRECATED < found
+    assert {key for key in found if "_" in key and key.replace("_", "-") in configured} == \
+        DEPRECATED | COUNTERS
+    assert {key for key in found if "-" in key and key not in configured} == NO_KEYS
+    assert {key.replace("_", "-") for key in DEPRECATED} < found

@@ -44,7 +44,7 @@ def node(report, name):
 def clock(folder, *arguments, local="bits: 16", sets="ppm: 0", keys="queue: 16"):
     path = folder / "clock.yaml"
     path.write_text(CLOCK.format(local=local, change=sets, node=keys))
-    return node(stats(path, "--until", "20ms", *arguments), "b")["local_time"]
+    return node(stats(path, "--until", "20ms", *arguments), "b")["local-time"]
 
 
 @pytest.mark.parametrize("step", [[], ["--step"]], ids=["fast", "step"])
@@ -55,7 +55,8 @@ def test_the_example_meets_its_expectations(step):
 
 def test_slaves_know_the_time_of_the_master():
     report = stats(MATRIX, *STOP)
-    master, front, rear = (node(report, name)["local_time"] for name in ("master", "front", "rear"))
+    master, front, rear = (node(report, name)["local-time"] for name in ("master", "front", "rear"))
+    assert node(report, "front")["local_time"] == front  # the deprecated key
     now = report["bus"]["time_ns"] // 1000  # the last bits of all nodes are over
     assert now in (100000, 100002) and master["now"] == master["global"] == now % 65536
     assert front["now"] in ((509 + now) % 65536, (510 + now) % 65536)  # 100 ppm fast

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: MIT
+"""What an administrator sees when something is wrong, and the shipped examples, under systemd."""
+
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from conftest import (PAIR, PATIENCE_S, ROOT, Bus, Frame, can_socket, run, systemctl,
+                      wait_until)
+
+CONFIGS = Path("/etc/canwire")
+EXAMPLES = Path("/usr/local/share/doc/canwire/examples")
+WANTS = Path("/etc/systemd/system/multi-user.target.wants")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fixture_installed():
+    run(ROOT / "scripts/install-files", "install")
+
+
+@pytest.fixture(name="new")
+def fixture_new():
+    """new(NAME, change) is a bus that has not been started."""
+    buses = []
+
+    def make(name, change=lambda text: text):
+        buses.append(Bus(name, change(PAIR.format(name))))
+        return buses[-1]
+
+    yield make
+    for bus in buses:
+        bus.close()
+
+
+def links():
+    return set(os.listdir("/sys/class/net"))
+
+
+def told(bus, part):
+    return [m["MESSAGE"] for m in bus.messages() if part in m["MESSAGE"]]
+
+
+def failed_units():
+    return {line.split()[0] for line in
+            systemctl("--failed", "--plain", "--no-legend").splitlines()}
+
+
+# ---- A unit that fails ---------------------------------------------------------------------------
+
+
+def test_a_bad_configuration_fails_at_once_and_shows(new):
+    bus = new("bad", lambda text: text.replace("500000", "500k"))
+    assert "failed" in systemctl("start", bus.unit, status=1)
+    assert bus.show("ActiveState") == "failed" and bus.show("NRestarts") == "0"
+    assert (bus.show("Result"), bus.show("ExecMainStatus")) == ("exit-code", "1")
+    assert bus.unit in failed_units()
+    assert bus.show("StatusText") == (
+        f"{bus.config}:2:28: bitrate: expected a decimal integer 5000..1000000, not '500k' "
+        "(write 500000)")
+    bus.config.write_text(PAIR.format("bad"))
+    bus.start()
+    assert bus.carries() and bus.unit not in failed_units()
+
+
+def test_a_port_that_is_missing_is_tried_again(new):
+    """Its interface needs a namespace that is not there yet."""
+    bus = new("late", lambda text: text.replace(
+        "port: late1", "port: late1, peer: { name: can0, netns: later }"))
+    assert "failed" in systemctl("start", bus.unit, status=1)
+    wait_until(lambda: int(bus.show("NRestarts")) > 0, "another try")
+    assert bus.show("ActiveState") in ("activating", "inactive")
+    assert bus.unit not in failed_units()
+    wait_until(lambda: bus.show("ExecMainStatus") == "75", "an end")
+    text = wait_until(lambda: bus.show("StatusText"), "the reason")
+    assert re.fullmatch(r"node [ab]: port late[01]: No such device \(canwire vcan up FILE makes "
+                        r"it\)", text)
+    run("ip", "netns", "add", "later")
+    try:
+        wait_until(lambda: bus.show("ActiveState") == "active", "the bus")
+    finally:
+        systemctl("stop", bus.unit, bus.vcan_unit)
+        run("ip", "netns", "del", "later")
+
+
+def test_clients_of_a_bad_bus_get_the_reason(new):
+    """systemd's socket would start it again and again for a client that waits."""
+    bus = new("early", lambda text: text.replace("500000", "fast"))
+    systemctl("start", "canwired@early.socket")
+    try:
+        with socket.socket(socket.AF_UNIX) as client:
+            client.settimeout(PATIENCE_S)
+            client.connect(str(bus.socket))
+            reply = json.loads(client.makefile().readline())
+        assert not reply["ok"] and reply["error"].startswith(f"{bus.config}:2:30: bitrate: ")
+        wait_until(lambda: bus.show("ActiveState") == "failed", "its end")
+        assert systemctl("is-active", "canwired@early.socket").strip() == "active"
+    finally:
+        systemctl("stop", "canwired@early.socket")
+
+
+# ---- What the unit keeps from a bus --------------------------------------------------------------
+
+
+def test_files_that_the_service_does_not_see_are_told(new):
+    bus = new("hidden", lambda text: text + "record: [ { file: /tmp/hidden.log } ]\n")
+    bus.start()
+    warning, = told(bus, "the service has a /tmp of its own")
+    assert warning.startswith(f"{bus.config}:7:19: record: /tmp/hidden.log: ")
+    assert not Path("/tmp/hidden.log").exists()
+    for path, hint in (("/home/hidden.log", "(the service does not see /home)"),
+                       ("/tmp/drive.log", "(the service has a /tmp of its own)"),
+                       ("/etc/canwire/none.log", "No such file or directory")):
+        bus.config.write_text(PAIR.format("hidden") +
+                              f"  - {{ name: c, traffic: [ {{ replay: {path} }} ] }}\n")
+        systemctl("restart", bus.unit, status=1)
+        assert bus.show("StatusText").endswith(hint)
+    bus.config.write_text(PAIR.format("hidden") + "record: [ { file: hidden.log } ]\n")
+    systemctl("restart", bus.unit, status=1)
+    assert told(bus, "(the service may write to /run/canwire and /var/lib/canwire)")
+
+
+def test_who_reads_a_file_is_told(new):
+    bus = new("secret")
+    bus.config.chmod(0o600)
+    systemctl("start", bus.unit, status=1)
+    assert bus.show("StatusText") == f"{bus.config}: Permission denied (as the user canwire)"
+    assert bus.show("ActiveState") == "failed"
+    shutil.chown(bus.config, group="canwire")
+    bus.config.chmod(0o640)
+    bus.start()
+
+
+def test_other_hosts_that_do_not_get_through_are_told(new):
+    bus = new("guests", lambda text: text.replace("port: guests1", 'port: "tcp:0.0.0.0:29999"'))
+    run("ip", "address", "add", "192.0.2.7/32", "dev", "lo")
+    try:
+        bus.start()
+        command, = re.findall(r"sudo (systemctl set-property \S+ IPAddressAllow=\S+)",
+                              "".join(told(bus, "IPAddressDeny=")))
+        assert command.split()[2] == bus.unit
+        run(*command.replace("192.168.0.0/16", "192.0.2.0/24").split())
+        systemctl("restart", bus.unit)
+        assert len(told(bus, "IPAddressDeny=")) == 1
+        with socket.create_connection(("192.0.2.7", 29999), timeout=PATIENCE_S) as client:
+            assert client.recv(16).startswith(b"< hi >")
+    finally:
+        systemctl("revert", bus.unit)
+        run("ip", "address", "del", "192.0.2.7/32", "dev", "lo")
+
+
+# ---- Several units -------------------------------------------------------------------------------
+
+
+def test_two_buses_of_one_name_are_told(new):
+    first, second = new("first"), new("second", lambda text: text.replace("name: second",
+                                                                          "name: first"))
+    first.start()
+    second.start()
+    assert told(first, "of the same name") == []
+    assert told(second, f"canwired@first, pid {first.pid()}, runs a bus of the same name, first: ")
+    systemctl("stop", first.unit)
+    systemctl("restart", second.unit)
+    assert len(told(second, "of the same name")) == 1
+
+
+def test_interfaces_of_a_running_bus_stay(new):
+    def share(text):
+        return text.replace("using0", "made0").replace("using1", "made1")
+
+    maker, user = new("made"), new("using", share)
+    maker.start()
+    systemctl("stop", maker.unit)
+    user.start()
+    systemctl("stop", maker.vcan_unit)
+    assert {"made0", "made1"} <= links() and maker.carries()
+    run("journalctl", "--sync")
+    journal = run("journalctl", "-u", maker.vcan_unit, "-o", "cat")
+    assert f"made0 stays: it is in use by bus using of canwired, pid {user.pid()}\n" in journal
+    systemctl("stop", user.unit)
+    run("canwire", "vcan", "down", maker.config)
+    assert not {"made0", "made1"} & links()
+
+
+# ---- Examples ------------------------------------------------------------------------------------
+
+
+def copied(*paths):
+    for path in paths:
+        shutil.copy(path, CONFIGS)
+
+
+def clean(*units):
+    systemctl("disable", "--now", *(f"canwired@{unit}.service" for unit in units))
+    systemctl("stop", *(f"canwire-vcan@{unit}.service" for unit in units))
+    for path in CONFIGS.iterdir():
+        path.unlink()
+
+
+def service_blocks():
+    """Returns the blocks of commands in the documents that make a service."""
+    text = "\n".join((ROOT / page).read_text().replace("```sh\n", "```\n")
+                     for page in ("daemon/man/canwired.8.md", "README.md"))
+    blocks = re.findall(r"^```\n((?:.*\n)*?)```|((?:^    .*\n)+)", text, re.MULTILINE)
+    return [block for block in map("".join, blocks)
+            if "sudo systemctl enable --now canwired@" in block]
+
+
+def test_the_lines_of_the_documents_run_a_bus():
+    """All but the installation, which is done."""
+    assert service_blocks()
+    for block in service_blocks():
+        script = re.sub(r"^ *sudo make install.*\n", "", block, flags=re.MULTILINE)
+        script = 'sudo() { "$@"; }; export USER=root SYSTEMD_PAGER=\n' + script
+        try:
+            done = subprocess.run(["bash", "-ec", script], capture_output=True, text=True,
+                                  cwd=ROOT, check=False)
+            assert done.returncode == 0, (done.stdout, done.stderr)
+            assert "powertrain: bitrate 500000 up" in done.stdout
+            with can_socket("pt-engine") as engine, can_socket("pt-dash") as dash:
+                engine.send(Frame.parse("123#07").pack())
+                assert Frame.unpack(dash.recv(16)) == Frame.parse("123#07")  # whole: a frame
+            log = Path("/var/lib/canwire/powertrain.log")
+            wait_until(lambda log=log: "123#07" in log.read_text(), "a line")
+        finally:
+            clean("powertrain")
+
+
+@pytest.mark.parametrize("files, buses", [
+    ([EXAMPLES / f"rig{bus}.yaml" for bus in ("", "-body", "-chassis")], ("body", "chassis")),
+    (sorted(Path("/usr/local/share/canwire/rig").glob("*.yaml")) or
+     [Path("/usr/local/share/canwire/rig") / f"{name}.yaml" for name in
+      ("body", "powertrain", "rig")], ("body", "powertrain"))], ids=["service", "first"])
+def test_the_rigs_have_their_control_sockets(files, buses):
+    copied(*files)
+    systemctl("enable", "--now", "canwired@rig")
+    try:
+        for bus in buses:
+            wait_until(lambda bus=bus: json.loads(run("canwire", "status", bus, "--json"))["bus"]
+                       ["frames"] > 0, "a frame")
+        systemctl("reload", "canwired@rig")
+    finally:
+        clean("rig")
+
+
+# ---- The end -------------------------------------------------------------------------------------
+
+
+def test_uninstall_ends_what_runs():
+    bus = Bus("going", PAIR.format("going"))
+    systemctl("enable", "--now", bus.unit, "canwired@asked.socket")
+    assert bus.carries() and (WANTS / bus.unit).is_symlink()
+    pid = bus.pid()
+    run(ROOT / "scripts/install-files", "uninstall")
+    assert not Path(f"/proc/{pid}").exists() and not {"going0", "going1"} & links()
+    assert not (WANTS / bus.unit).is_symlink()
+    assert told(bus, "stopped: ")
+    assert systemctl("list-units", "--all", "--plain", "--no-legend", "canwire*@*") == ""
+    bus.config.unlink()
