@@ -393,6 +393,48 @@ bool adapters_are_ready(const adapters *a)
     return true;
 }
 
+size_t adapters_count(const adapters *a)
+{
+    return a->count;
+}
+
+static bool is_well(const adapter *a)
+{
+    return a->port >= 0 && a->named;
+}
+
+static const char *state_of(const adapter *a)
+{
+    if (a->port >= 0)
+        return a->named ? "plugged in" : "gets its name";
+    if (a->barred == SERVE_FORBIDDEN)
+        return "may not open its socket";
+    if (a->barred == SERVE_FULL)
+        return "finds its port full";
+    if (a->barred == SERVE_TAKEN)
+        return "finds another controller at its node";
+    if (a->told == ENOENT)
+        return "waits for its namespace";
+    if (a->told == EBUSY)
+        return "finds no free port of vhci-hcd";
+    return "is not plugged in";
+}
+
+void adapters_print(char *out, size_t size, const adapters *a)
+{
+    size_t well = 0;
+    for (size_t i = 0; i < a->count; i++)
+        well += is_well(&a->all[i]);
+    int used = snprintf(out, size, "%zu of %zu plugged in", well, a->count);
+    for (size_t i = 0; i < 2 * a->count && (size_t)used < size; i++) {
+        const adapter *one = &a->all[i % a->count];
+        if (is_well(one) == (i >= a->count))
+            used += snprintf(out + used, size - (size_t)used, "%s%s%s%s %s",
+                             strchr(out, ':') ? ", " : ": ", one->name, *one->netns ? " of " : "",
+                             one->netns, state_of(one));
+    }
+}
+
 static adapter make_adapter(const cfg_node *node)
 {
     adapter made = {.port = -1, .beat = -1, .wanted = true};

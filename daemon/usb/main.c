@@ -22,6 +22,7 @@
 
 #define EXIT_USAGE 2
 #define NS_PER_MS 1000000L
+#define STATUS_BYTES 900
 
 static const char usage[] = "usage: canwire-usb [--user USER] FILE\n";
 
@@ -39,6 +40,9 @@ static const char help[] =
     "An interface belongs to an emulated PEAK PCAN-USB FD, and to the driver of Linux for it.\n"
     "Needs root to start, and the modules vhci-hcd and peak_usb. It keeps CAP_NET_ADMIN, to name\n"
     "the interfaces; the processes that answer the kernel keep nothing.\n"
+    "\n"
+    "Without such a node there is nothing to do, and it ends with status 0. It ends with status 1\n"
+    "when vhci-hcd is removed, since only root can begin anew.\n"
     "\n"
     "Exit status: 0, 1 bad configuration or no vhci-hcd, 2 wrong usage.\n";
 
@@ -120,6 +124,12 @@ static bool read_file(adapters *a, const char *file)
     return good;
 }
 
+static void explain_nothing(const char *file)
+{
+    log_info("%s: no node has a port { usb: ... }, there is nothing to do", file);
+    (void)sd_notify(0, "READY=1\nSTATUS=No node has a port { usb: ... }");
+}
+
 /* ---- The run --------------------------------------------------------------------------------- */
 
 static void catch_signals(void)
@@ -132,17 +142,36 @@ static void catch_signals(void)
     (void)sigaction(SIGPIPE, &ignored, NULL);
 }
 
-static void run(adapters *a, const char *file)
+/* Tells the service manager what has changed. */
+static void tell_status(const adapters *a)
+{
+    static char before[STATUS_BYTES];
+    char now[STATUS_BYTES];
+    adapters_print(now, sizeof now, a);
+    if (strcmp(now, before) != 0)
+        (void)sd_notifyf(0, "STATUS=%s", now);
+    memcpy(before, now, sizeof before);
+}
+
+/* Returns false when the kernel's controller is gone. Only root may open the next one, which this
+ * process is no more. */
+static bool run(adapters *a, const vhci *files, const char *file)
 {
     const struct timespec pause = {.tv_nsec = ADAPTERS_TICK_MS * NS_PER_MS};
     bool told = false;
     while (!stopping) {
+        if (!vhci_is_there(files)) {
+            log_error("the module vhci_hcd has been removed, and all adapters with it: this ends, "
+                      "to be started again");
+            return false;
+        }
         if (reloading) {
             reloading = 0;
             if (!read_file(a, file))
                 log_error("%s: not reloaded, all stays as it was", file);
         }
         adapters_tick(a);
+        tell_status(a);
         if (!told && adapters_are_ready(a)) {
             told = true;
             (void)sd_notify(0, "READY=1");
@@ -150,17 +179,32 @@ static void run(adapters *a, const char *file)
         (void)nanosleep(&pause, NULL);
     }
     (void)sd_notify(0, "STOPPING=1");
+    return true;
 }
 
-static bool open_vhci(vhci *files)
+static void complain_vhci(int number)
 {
-    if (vhci_open(files))
-        return true;
-    const char *remedy = errno == ENOENT   ? " (modprobe vhci-hcd peak_usb)"
-                         : errno == EACCES ? " (run it as root)"
-                                           : "";
-    log_error("the virtual USB host controller: %s%s", strerror(errno), remedy);
-    return false;
+    const char *remedy = number == ENOENT   ? " (modprobe vhci-hcd peak_usb)"
+                         : number == EACCES ? " (run it as root)"
+                                            : "";
+    log_error("the virtual USB host controller: %s%s", strerror(number), remedy);
+}
+
+/* Runs the adapters of a file. Returns the exit status. missing: the errno of vhci_open(), or 0. */
+static int serve_file(const vhci *files, int missing, const char *file)
+{
+    adapters *a = adapters_new(files);
+    bool good = a && read_file(a, file);
+    if (good && adapters_count(a) == 0) {
+        explain_nothing(file);
+    } else if (good && missing != 0) {
+        complain_vhci(missing);
+        good = false;
+    } else if (good) {
+        good = run(a, files, file);
+    }
+    adapters_free(a);
+    return good ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
 int main(int argc, char **argv)
@@ -172,17 +216,11 @@ int main(int argc, char **argv)
     const int status = read_options(&s, argc, argv);
     if (status >= 0)
         return status;
-    if (!open_vhci(&files))
-        return EXIT_FAILURE;
+    const int missing = vhci_open(&files) ? 0 : errno;
     if (!privileges_become(s.user)) {
         log_error("user %s: %s", s.user, errno == ENOENT ? "no such user" : strerror(errno));
         return EXIT_FAILURE;
     }
     catch_signals();
-    adapters *a = adapters_new(&files);
-    const bool good = a && read_file(a, s.file);
-    if (good)
-        run(a, s.file);
-    adapters_free(a);
-    return good ? EXIT_SUCCESS : EXIT_FAILURE;
+    return serve_file(&files, missing, s.file);
 }

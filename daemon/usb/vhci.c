@@ -8,6 +8,7 @@
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define FOLDER "/sys/devices/platform/vhci_hcd.0/"
@@ -32,6 +33,13 @@ bool vhci_open(vhci *v)
     v->attach = open(FOLDER "attach", O_WRONLY | O_NOFOLLOW | O_CLOEXEC);
     v->detach = open(FOLDER "detach", O_WRONLY | O_NOFOLLOW | O_CLOEXEC);
     return v->attach >= 0 && v->detach >= 0;
+}
+
+bool vhci_is_there(const vhci *v)
+{
+    struct stat own, now;
+    return fstat(v->attach, &own) == 0 && stat(FOLDER "attach", &now) == 0 &&
+           own.st_ino == now.st_ino;
 }
 
 /* Reads "hs  0000 004 000 00000000 000000 0-0"; the first line has words. */

@@ -19,6 +19,9 @@ typedef struct vhci {
 /* Opens the files. Returns false with errno set; ENOENT: the module is not loaded. */
 bool vhci_open(vhci *v);
 
+/* Returns false when the module has been removed since then, also when it is there again. */
+bool vhci_is_there(const vhci *v);
+
 /* Finds a free high-speed port that is not among the used ones. Returns -1 with errno set; EBUSY:
  * all are taken. */
 int vhci_find_port(const int *used, size_t count);

@@ -100,10 +100,13 @@ def test_everything_is_where_it_belongs(make, prefix):
         text = unit.read_text()
         assert not re.search("@[A-Z]", text), unit
         programs = re.findall(r"^Exec\w+=(/\S+)", text, re.MULTILINE)
-        assert (programs or unit.suffix == ".socket") and set(programs) <= files, unit
-        assert f"{conf}/canwire/%i.yaml" in text or unit.suffix == ".socket"
+        runs = unit.suffix == ".service"
+        assert bool(programs) == runs and set(programs) <= files, unit
+        assert f"{conf}/canwire/%i.yaml" in text or not runs
         pages = re.findall(r"man:(\S+)\((\d)\)", text)
         assert pages and {f"{prefix}/share/man/man{n}/{page}.{n}" for page, n in pages} <= files
+    polkit = f"{prefix}/share" if prefix == "/usr" else conf
+    assert f"{polkit}/polkit-1/rules.d/50-canwire.rules" in files
     extcap, = (f for f in files if f.endswith("/wireshark/extcap/canwire"))
     assert f"exec {prefix}/bin/canwire extcap " in (make.root / extcap[1:]).read_text()
     modes = {name: mode for name, (mode, _) in tree(make.root).items()}

@@ -443,6 +443,10 @@ def fixture_usb_config():
     run("ip", "netns", "del", "ecu")
 
 
+def show_usb(name, unit=USB_UNIT):
+    return systemctl("show", "-P", name, unit).strip()
+
+
 def usb_nodes():
     status = json.loads(run("canwire", "status", "usb", "--json"))
     return {node["name"]: node for node in status["nodes"]}
@@ -469,8 +473,35 @@ def test_usb_interfaces_are_there_when_their_unit_has_started(usb_config):
         assert re.search(r"^Seccomp:\t2$", status, re.M)
 
     usb_config.write_text(USB_BUS.replace("usb: can0 }", "usb: diag }"))
+    both = "2 of 2 plugged in: can0 plugged in, can0 of ecu plugged in"
+    wait_until(lambda: show_usb("StatusText") == both, "its status")
     systemctl("reload", USB_UNIT)
     wait_until(lambda: {"diag"} <= links() and "can0" not in links(), "the other name")
     systemctl("stop", USB_UNIT)
     wait_until(lambda: "diag" not in links(), "the interface to go")
     assert systemctl("show", "-P", "Result", USB_UNIT).strip() == "success"
+
+
+def test_usb_interfaces_come_back_with_the_module(usb_config):  # pylint: disable=unused-argument
+    systemctl("start", USB_UNIT)
+    main = show_usb("MainPID")
+    run("rmmod", "vhci_hcd")
+    run("modprobe", "vhci_hcd")
+    wait_until(lambda: show_usb("MainPID") not in ("0", main)
+               and show_usb("ActiveState") == "active", "the restart")
+    run("journalctl", "--sync")
+    log = run("journalctl", "--no-pager", "-u", USB_UNIT)
+    assert "the module vhci_hcd has been removed, and all adapters with it" in log
+    assert "can0" in links() and "can0" in run("ip", "netns", "exec", "ecu", "ip", "-o", "link")
+
+
+def test_usb_on_a_bus_without_such_ports_says_so_and_ends(bus):
+    one = bus("plain")
+    unit = f"canwire-usb@{one.name}.service"
+    systemctl("start", unit)
+    wait_until(lambda: show_usb("ActiveState", unit) == "inactive", "its end")
+    shown = systemctl("show", "-p", "Result,NRestarts,StatusText", unit)
+    assert "Result=success" in shown and "NRestarts=0" in shown
+    run("journalctl", "--sync")
+    assert "no node has a port { usb: ... }, there is nothing to do" in run(
+        "journalctl", "--no-pager", "-u", unit)
