@@ -5,6 +5,7 @@
 #include "mac/late.h"
 
 #include "mac/mac_private.h"
+#include "time/moment.h"
 
 #define KEPT (2 * CW_TDC_BITS_MAX) /* bits */
 
@@ -106,7 +107,7 @@ uint32_t cw_late_delay(const cw_late_compare *late)
 
 void cw_late_rebase(cw_late_compare *late, int64_t by)
 {
-    late->measured_to -= by;
+    cw_moment_rebase(&late->measured_to, by);
     for (unsigned n = 0; n < KEPT; n++)
-        late->begun_at[n] -= by;
+        cw_moment_rebase(&late->begun_at[n], by);
 }

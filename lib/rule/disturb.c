@@ -65,8 +65,8 @@ void cw_disturb_forget(cw_disturbances *all, cw_span moment)
 void cw_disturb_rebase(cw_disturbances *all, cw_span by)
 {
     for (unsigned i = 0; i < all->count; i++) {
-        all->list[i].begin -= by;
-        all->list[i].end -= all->list[i].end == CW_SPAN_MAX ? 0 : by;
+        cw_moment_rebase(&all->list[i].begin, by);
+        cw_moment_rebase(&all->list[i].end, by);
     }
 }
 

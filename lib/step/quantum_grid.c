@@ -97,7 +97,7 @@ static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old, unsigned 
 
 static void take_over_edges(cw_cable *cable, const cw_cable *old, const uint8_t *to)
 {
-    const unsigned kept = old->count < old->capacity ? old->count : old->capacity;
+    const unsigned kept = old->count < old->capacity ? (unsigned)old->count : old->capacity;
     for (unsigned n = kept; n-- > 0;) {
         cw_edge edge = old->edges[(old->count - 1 - n) & (old->capacity - 1)];
         edge.node = to[edge.node];
@@ -191,13 +191,13 @@ void cw_timed_rebase(cw_bus *bus)
     cw_timed_rebase_wires(t, by);
     cw_timed_rebase_ringing(t, by);
     for (unsigned i = 0; i < bus->node_count; i++) {
-        t->nodes[i].begin -= by;
-        t->nodes[i].next_begin -= by;
-        t->nodes[i].looked -= by;
-        cw_cable_rebase_moment(&t->nodes[i].first_arrival, by);
-        cw_cable_rebase_moment(&t->nodes[i].last_arrival, by);
+        cw_moment_rebase(&t->nodes[i].begin, by);
+        cw_moment_rebase(&t->nodes[i].next_begin, by);
+        cw_moment_rebase(&t->nodes[i].looked, by);
+        cw_moment_rebase(&t->nodes[i].first_arrival, by);
+        cw_moment_rebase(&t->nodes[i].last_arrival, by);
         if (t->counts)
-            t->records[i].sampled_at -= by;
+            cw_moment_rebase(&t->records[i].sampled_at, by);
         if (t->rates)
             cw_late_rebase(&t->rates[i].late, by);
     }

@@ -7,8 +7,6 @@
  */
 #include "step/quantum.h"
 
-#define LONG_AGO (INT64_MIN / 2)
-
 static void forget_former(cw_timed *t)
 {
     t->rings = t->rings_before = false;
@@ -22,7 +20,7 @@ static void forget_former(cw_timed *t)
 void cw_timed_begin_ringing(cw_timed *t)
 {
     for (unsigned i = 0; i < t->cable.node_count; i++)
-        t->ringing[i].since = t->ringing[i].former_since = LONG_AGO;
+        t->ringing[i].since = t->ringing[i].former_since = CW_LONG_AGO;
     forget_former(t);
 }
 
@@ -48,15 +46,10 @@ void cw_timed_forget_ringing(cw_bus *bus)
     forget_former(t);
 }
 
-static void rebase(cw_span *moment, cw_span by)
-{
-    *moment = *moment < LONG_AGO + by ? LONG_AGO : *moment - by;
-}
-
 void cw_timed_rebase_ringing(cw_timed *t, cw_span by)
 {
     for (unsigned i = 0; i < t->cable.node_count; i++) {
-        rebase(&t->ringing[i].since, by);
-        rebase(&t->ringing[i].former_since, by);
+        cw_moment_rebase(&t->ringing[i].since, by);
+        cw_moment_rebase(&t->ringing[i].former_since, by);
     }
 }

@@ -10,8 +10,6 @@
 
 #include <string.h>
 
-#define LONG_AGO (INT64_MIN / 2)
-
 static bool are_those_of(const cw_wires *wires, const cw_bus *bus)
 {
     return wires->count == bus->group_count &&
@@ -30,7 +28,7 @@ void cw_timed_begin_wires(cw_bus *bus)
     cw_timed *t = &bus->timed;
     copy(&t->wires, bus);
     t->old_wires = t->wires;
-    t->rewired_at = LONG_AGO;
+    t->rewired_at = CW_LONG_AGO;
     t->one_wire = t->wires.count == 1;
 }
 
@@ -70,5 +68,5 @@ void cw_timed_take_wires(cw_bus *bus, cw_span moment)
 /* Wires that stay as they are go back in time no farther than that. */
 void cw_timed_rebase_wires(cw_timed *timed, cw_span by)
 {
-    timed->rewired_at = timed->rewired_at < LONG_AGO + by ? LONG_AGO : timed->rewired_at - by;
+    cw_moment_rebase(&timed->rewired_at, by);
 }

@@ -10,7 +10,6 @@
 #include <assert.h>
 #include <string.h>
 
-#define LONG_AGO (-(INT64_C(1) << 61))
 
 static inline const cw_edge *nth_from_end(const cw_cable *cable, unsigned n)
 {
@@ -19,14 +18,14 @@ static inline const cw_edge *nth_from_end(const cw_cable *cable, unsigned n)
 
 static inline unsigned kept(const cw_cable *cable)
 {
-    return cable->count < cable->capacity ? cable->count : cable->capacity;
+    return cable->count < cable->capacity ? (unsigned)cable->count : cable->capacity;
 }
 
 void cw_cable_clear(cw_cable *cable)
 {
     cable->count = cable->counted = 0;
     for (unsigned n = 0; n < CW_WAYS_KEPT; n++)
-        cable->replaced[n] = LONG_AGO;
+        cable->replaced[n] = CW_LONG_AGO;
     cable->dominant = 0;
     cable->newest = cable->to_dominant = -cable->longest - 1;
     cable->rise_from = CW_SPAN_MAX;
@@ -169,13 +168,11 @@ cw_span cw_cable_change(const cw_cable *cable, unsigned node, bool level, cw_spa
 
 void cw_cable_rebase(cw_cable *cable, cw_span by)
 {
-    cw_cable_rebase_moment(&cable->newest, by);
-    cw_cable_rebase_moment(&cable->to_dominant, by);
-    if (cable->rise_from != CW_SPAN_MAX)
-        cw_cable_rebase_moment(&cable->rise_from, by);
+    cw_moment_rebase(&cable->newest, by);
+    cw_moment_rebase(&cable->to_dominant, by);
+    cw_moment_rebase(&cable->rise_from, by);
     for (unsigned n = 0; n < CW_WAYS_KEPT; n++)
-        cw_cable_rebase_moment(&cable->replaced[n], by);
+        cw_moment_rebase(&cable->replaced[n], by);
     for (unsigned n = 0; n < kept(cable); n++)
-        cw_cable_rebase_moment(&cable->edges[(cable->count - 1 - n) & (cable->capacity - 1)].moment,
-                               by);
+        cw_moment_rebase(&cable->edges[(cable->count - 1 - n) & (cable->capacity - 1)].moment, by);
 }

@@ -2,15 +2,11 @@
  *
  * cable.h - the line between nodes: the edges that they have driven, and the levels that each of
  * them sees (T2, T12).
- *
- * Moments are spans since an epoch that cw_cable_rebase() moves. They are below 2^62.
  */
 #ifndef CANWIRE_TIME_CABLE_H
 #define CANWIRE_TIME_CABLE_H
 
-#include "canwire.h"
-
-#define CW_SPAN_MAX INT64_MAX /* a moment that never comes */
+#include "time/moment.h"
 
 #define CW_WAYS_KEPT 16u /* a power of two */
 
@@ -34,7 +30,7 @@ typedef struct cw_edge {
 typedef struct cw_cable {
     cw_edge *edges;      /* a ring, in the order of moments */
     unsigned capacity;   /* a power of two */
-    unsigned count;      /* edges so far; the last `capacity` of them are kept */
+    uint64_t count;      /* edges so far; the last `capacity` of them are kept */
     unsigned node_count;
     uint64_t dominant;   /* nodes whose last edge is dominant */
     cw_span newest;      /* moment of the last edge, */
@@ -45,7 +41,7 @@ typedef struct cw_cable {
     cw_span *delays;     /* see cw_cable_delay() */
     cw_way *way;         /* of each node, CW_WAYS_KEPT times: now, and before the last changes */
     uint16_t ways;       /* number of the present ones; number n is at n % CW_WAYS_KEPT */
-    unsigned counted;    /* edges that had been put when these came */
+    uint64_t counted;    /* edges that had been put when these came */
     cw_span replaced[CW_WAYS_KEPT]; /* moments at which others have taken their place */
 } cw_cable;
 
@@ -125,13 +121,7 @@ cw_span cw_cable_next_arrival(const cw_cable *cable, unsigned node, cw_span mome
 cw_span cw_cable_change(const cw_cable *cable, unsigned node, bool level, cw_span after,
                         cw_span before, uint64_t from);
 
-/* Moves the epoch forward. cw_cable_rebase_moment() does so for a moment; what came long ago stays
- * long ago. */
-static inline void cw_cable_rebase_moment(cw_span *moment, cw_span by)
-{
-    *moment = *moment > 0 ? *moment - by : -by;
-}
-
+/* Moves the epoch forward. */
 void cw_cable_rebase(cw_cable *cable, cw_span by);
 
 #endif
