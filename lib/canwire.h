@@ -577,8 +577,8 @@ cw_status cw_mac_set_counters(cw_mac *mac, unsigned tec, unsigned rec);
  * stays so, and does this when it is back. */
 void cw_mac_reset(cw_mac *mac, bool hardware);
 
-/* Changes the modes. When listen-only or loopback changes, a controller on the bus leaves it and
- * integrates again (M10). */
+/* Changes the modes. When listen-only, loopback or restricted changes, a controller on the bus
+ * leaves it and integrates again (M10). */
 void cw_mac_set_modes(cw_mac *mac, unsigned modes);
 
 /* Takes the controller off the bus at once, as if its line was cut: it neither drives nor samples,
@@ -1372,7 +1372,7 @@ uint64_t cw_bus_tick_after(const cw_bus *bus, uint64_t bits);
 
 /* Hands a frame to a node at a tick. A tick before cw_bus_now() counts as now. The frame takes part
  * in the first bit that starts at or after at_tick. It is dropped with an event when the node
- * cannot take it (queue full, bus-off, listen-only, bad frame). From the restart request on it waits
+ * cannot take it (queue full, bus-off, listen-only, bad frame). After a restart request it waits
  * until the node is back (R12). A frame for CW_NEVER never becomes due: it keeps its place in the
  * inbox, and counts as pending, until cw_node_flush(). CW_FULL: the inbox is full. Advance the bus
  * to one bit after cw_bus_inbox_first(), since that frame is due by then, and call again.

@@ -179,8 +179,8 @@ CANWIRE_SIM_API int canwire_sim_listen(canwire_sim *sim, int node, int what);
 /* Takes the next frame of a node. Returns 1, or 0 when there is none up to now. */
 CANWIRE_SIM_API int canwire_sim_receive(canwire_sim *sim, int node, canwire_sim_frame *out);
 
-/* Returns how many frames the node still takes before its queue is full; 4096 while it takes none
- * and drops all of them: in bus-off before the request to restart, listen-only, off the bus. */
+/* Returns how many frames the node still takes before its queue is full. A node that is bus-off
+ * before its restart, listen-only or off the bus drops all of them: 4096. */
 CANWIRE_SIM_API int canwire_sim_room(const canwire_sim *sim, int node);
 
 /* ---- Faults and settings --------------------------------------------------------------------- */

@@ -3,7 +3,8 @@
  * required.c - the cases that must be there, with the least number of their elementary tests.
  *
  * Numbers of ISO 16845-1; X: beyond the standard. X11 on are ours: overload frames on request,
- * presume-ack, offers withdrawn and replaced, loopback; X17 is the time-triggered mode.
+ * presume-ack, offers withdrawn and replaced, loopback; X17 is the time-triggered mode. X15, X16
+ * and X18 to X20 are inside the bit, and so are XF8 to XF13: rulings on M11, R12, D12, D13, D16.
  */
 #include "required.h"
 
@@ -35,6 +36,7 @@
 static const requirement classical[] = {
     ALL_NODES,
     {"7.1.4", 1}, {"7.1.5", 7}, {"X15", 122}, {"X16", 16},
+    {"X18", 488}, {"X19", 69}, {"X20", 262},
     /* Inside the bit: all timings of timed.c. */
     {"7.7.1", 3512}, {"7.7.2", 278}, {"7.7.3", 224}, {"7.7.4", 424}, {"7.7.5", 224},
     {"7.7.6", 112}, {"7.7.7", 64}, {"7.7.8", 64}, {"7.7.9.1", 178}, {"7.7.9.2", 14},
@@ -110,6 +112,7 @@ static const requirement fd_in_time[] = {
     {"7.8.9.3", 6}, {"8.8.1.1", 12}, {"8.8.1.2", 12}, {"8.8.1.3", 12}, {"8.8.1.4", 12},
     {"8.8.2.1", 12}, {"8.8.2.2", 12}, {"8.8.2.3", 888}, {"8.8.2.4", 366}, {"8.8.3.1", 22},
     {"8.8.3.2", 22}, {"8.8.4.1", 6}, {"8.8.4.2", 6}, {"8.8.5.1", 40}, {"8.8.5.2", 40},
+    {"XF8", 5}, {"XF9", 93}, {"XF10", 79}, {"XF11", 130}, {"XF12", 36}, {"XF13", 120},
 };
 
 #define ROWS(list) list, sizeof list / sizeof list[0]

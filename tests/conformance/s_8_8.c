@@ -103,44 +103,12 @@ static void run_brs_with_tdc(void)
         check_brs(&fd_timings[i], true);
 }
 
-/* Returns the first sample point of the data phase at or after a moment, CRC delimiter included. */
-static unsigned next_sample(const fd_script *t, unsigned moment)
-{
-    unsigned n = fd_at(t, CW_FIELD_ESI, 0);
-    while (fd_begin_of(t, n) + t->d.sample < moment)
-        n++;
-    return fd_begin_of(t, n) + t->d.sample;
-}
-
-/* The frame is sent and acknowledged, with its own level delayed. */
-static void send_delayed(fd_script *t, unsigned delay, unsigned disturbed)
-{
-    const unsigned ack = fd_at(t, CW_FIELD_ACK_SLOT, 0);
-    fd_sends_late(t, fd_begin_of(t, ack), delay, disturbed);
-    fd_sends_rest(t, ack);
-}
-
-/* The own level comes back after a delay. In one clock it is another one: at the secondary sample
- * point of a bit, which is an error, or right before or after it. */
+/* The own level comes back after a delay, and is disturbed about a secondary sample point. */
 static void check_delayed(const fd_timing *timing, const cw_tdc *tdc, unsigned delay, bool last)
 {
-    for (int where = -1; where <= 1; where++) {
-        fd_script *t = &script;
-        fd_begin_sending(t, timing, 0);
-        t->tdc = *tdc;
-        const unsigned n = last ? fd_at(t, CW_FIELD_CRC_DELIMITER, 0) - 1 : fd_single_recessive(t);
-        const unsigned compared = fd_begin_of(t, n) + delay + tdc->tdco;
-        if (where == 0) {
-            fd_sends_late(t, next_sample(t, compared), delay, compared - 1);
-            const bool level = t->run[t->runs - 1].node;
-            fd_force(t, CW_RECESSIVE, level, t->n.rest);
-            fd_error_frame(t);
-            send_delayed(t, delay, FD_NEVER);
-        } else {
-            send_delayed(t, delay, (unsigned)((int)compared - 1 + where));
-        }
-        fd_play(t, 1, where == 0, 0);
-    }
+    fd_begin(&script, timing, 0);
+    fd_check_compared(&script, tdc, delay, last ? fd_at(&script, CW_FIELD_CRC_DELIMITER, 0) - 1
+                                                : fd_single_recessive(&script));
 }
 
 /* Delays of up to more than a data bit, with the secondary sample point where the sample point is

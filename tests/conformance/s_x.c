@@ -365,6 +365,9 @@ static const test_case cases[] = {
     {"X14", "init=B d11 >" F " d3 >12345678#AA r3 d20 away", NULL},
     {"X15", NULL, timed_run_intermission},
     {"X16", NULL, timed_run_triple_sampling},
+    {"X18", NULL, timed_run_suspend},
+    {"X19", NULL, timed_run_listen_only},
+    {"X20", NULL, timed_run_recovery},
     /* L1: one attempt, no flag; eleven recessive bits, and it takes part again. */
     {"X17", TRIGGERED ">" F ":data0 ~(bit here tx none T+8 drop) r11 " AGAIN, NULL},
     {"X17", TRIGGERED ">" F ":data0 ~(bit here tx none T+8 drop) d6 r10 d r11 <" F " r3", NULL},

@@ -3,6 +3,7 @@
  * s_x_fd.c - FD frames beyond the numbered cases.
  */
 #include "net.h"
+#include "timed_fd.h"
 
 #include <stdio.h>
 
@@ -211,6 +212,12 @@ static const test_case cases[] = {
     {"XF5", "f: " NON_ISO ">123#=55 r3 <123#R2 r3 away", NULL},
     {"XF6", NULL, several_nodes},
     {"XF7", NULL, random_frames},
+    {"XF8", NULL, timed_run_transmitter_at_res},
+    {"XF9", NULL, timed_run_stuff_bit_after_fdf},
+    {"XF10", NULL, timed_run_delimiter_with_tdc},
+    {"XF11", NULL, timed_run_last_compared},
+    {"XF12", NULL, timed_run_first_compared},
+    {"XF13", NULL, timed_run_edges_after_exception},
 };
 
 const section section_x_fd = {"XF", cases, sizeof cases / sizeof cases[0]};

@@ -44,6 +44,11 @@ void timed_offer(timed *t)
     t->run[t->runs].offers = true;
 }
 
+void timed_restart(timed *t)
+{
+    t->run[t->runs].restarts = true;
+}
+
 void timed_begin(timed *t, const cw_bit_timing *timing, bool extended)
 {
     *t = (timed){.timing = *timing};
@@ -127,11 +132,14 @@ static const char *play(const timed *t, unsigned brp, unsigned frames, unsigned 
 {
     cw_timed_mac c;
     cw_mac_report report;
-    if (cw_timed_mac_init(&c, &t->timing, brp ? brp : 1, 0, 96) != CW_OK)
-        return "the timing is refused";
+    if (cw_timed_mac_init(&c, &t->timing, brp ? brp : 1, t->modes, 96) != CW_OK ||
+        cw_mac_set_counters(&c.mac, t->tec, 0) != CW_OK)
+        return "the timing or a counter is refused";
     for (unsigned i = 0; i < t->runs; i++) {
         if (t->run[i].offers && cw_mac_offer(&c.mac, &t->frame) != CW_OK)
             return "the frame is refused";
+        if (t->run[i].restarts && cw_mac_request_restart(&c.mac) != CW_OK)
+            return "the restart is refused";
         for (unsigned k = 0; k < t->run[i].length; k++) {
             if (cw_timed_mac_level(&c) != t->run[i].node)
                 return "the controller drives another level";

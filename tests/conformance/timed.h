@@ -18,6 +18,7 @@ typedef struct timed_run {
     bool bench, node;
     bool alone;  /* the controller sees the level of the bench, whatever it drives itself */
     bool offers; /* the frame is offered to the controller before */
+    bool restarts; /* it is asked to leave bus-off before */
     unsigned length;
 } timed_run;
 
@@ -26,6 +27,7 @@ typedef struct timed {
     cw_frame frame;
     cw_bits bits;
     unsigned bit, sample, runs;
+    unsigned modes, tec; /* of the controller in the beginning */
     timed_run run[TIMED_RUNS];
 } timed;
 
@@ -43,8 +45,9 @@ void timed_bits(timed *t, unsigned from, unsigned before);
 /* Does the same, and the controller sees the level of the bench alone. */
 void timed_force(timed *t, bool bench, bool node, unsigned quanta);
 
-/* The frame is offered before the next run. */
+/* The frame is offered before the next run; a restart out of bus-off is requested then. */
 void timed_offer(timed *t);
+void timed_restart(timed *t);
 
 /* Begins a script as timed_begin() does, with the offer in time for the first bit after it. */
 void timed_begin_sending(timed *t, const cw_bit_timing *timing, bool extended);
@@ -71,5 +74,8 @@ void timed_play(const timed *t, unsigned brp, unsigned frames, unsigned errors);
 /* timed_x.c */
 void timed_run_intermission(void);
 void timed_run_triple_sampling(void);
+void timed_run_suspend(void);
+void timed_run_listen_only(void);
+void timed_run_recovery(void);
 
 #endif

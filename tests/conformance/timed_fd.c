@@ -209,6 +209,43 @@ void fd_sends_again(fd_script *t)
     fd_sends_rest(t, 0);
 }
 
+/* ---- Secondary sample points ----------------------------------------------------------------- */
+
+unsigned fd_next_sample(const fd_script *t, unsigned moment)
+{
+    unsigned n = fd_at(t, CW_FIELD_ESI, 0);
+    while (fd_begin_of(t, n) + t->d.sample < moment)
+        n++;
+    return fd_begin_of(t, n) + t->d.sample;
+}
+
+void fd_sends_delayed(fd_script *t, unsigned delay, unsigned disturbed)
+{
+    const unsigned ack = fd_at(t, CW_FIELD_ACK_SLOT, 0);
+    fd_sends_late(t, fd_begin_of(t, ack), delay, disturbed);
+    fd_sends_rest(t, ack);
+}
+
+void fd_check_compared(fd_script *t, const cw_tdc *tdc, unsigned delay, unsigned n)
+{
+    for (int where = -1; where <= 1; where++) {
+        fd_begin_sending(t, t->timing, 0);
+        t->tdc = *tdc;
+        const unsigned after = delay + tdc->tdco;
+        const unsigned compared = fd_begin_of(t, n) + (after ? after : 1); /* D13, T12 */
+        if (where == 0) {
+            fd_sends_late(t, fd_next_sample(t, compared), delay, compared - 1);
+            const bool level = t->run[t->runs - 1].node;
+            fd_force(t, CW_RECESSIVE, level, t->n.rest);
+            fd_error_frame(t);
+            fd_sends_delayed(t, delay, FD_NEVER);
+        } else {
+            fd_sends_delayed(t, delay, (unsigned)((int)compared - 1 + where));
+        }
+        fd_play(t, 1, where == 0, 0);
+    }
+}
+
 /* ---- Playing --------------------------------------------------------------------------------- */
 
 typedef struct counts {

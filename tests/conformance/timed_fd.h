@@ -74,14 +74,32 @@ void fd_sends_rest(fd_script *t, unsigned from);
 #define FD_NEVER UINT32_MAX
 void fd_sends_late(fd_script *t, unsigned until, unsigned delay, unsigned disturbed);
 
-/* Returns the clocks from SOF to the begin of a wire bit. */
+/* Returns the clocks from SOF to the begin of a wire bit; to the first sample point of the data
+ * phase at or after a moment, CRC delimiter included. */
 unsigned fd_begin_of(const fd_script *t, unsigned n);
+unsigned fd_next_sample(const fd_script *t, unsigned moment);
+
+/* The frame is sent and acknowledged, with its own level delayed. In one clock, see above. */
+void fd_sends_delayed(fd_script *t, unsigned delay, unsigned disturbed);
+
+/* Begins such a transmission, of a frame with a recessive last bit of the CRC, three times. In one
+ * clock the own level is another one: at the secondary sample point of bit n, which is an error, or
+ * right before or after it. */
+void fd_check_compared(fd_script *t, const cw_tdc *tdc, unsigned delay, unsigned n);
 
 /* An active flag begins, as a receiver. Or as a transmitter, up to the next SOF; or with the frame
  * again. */
 void fd_flag(fd_script *t);
 void fd_error_frame(fd_script *t);
 void fd_sends_again(fd_script *t);
+
+/* timed_x_fd.c */
+void timed_run_transmitter_at_res(void);
+void timed_run_stuff_bit_after_fdf(void);
+void timed_run_delimiter_with_tdc(void);
+void timed_run_last_compared(void);
+void timed_run_first_compared(void);
+void timed_run_edges_after_exception(void);
 
 /* Plays the script and counts it as an elementary test. So many frames, received as they are or
  * sent, and errors and protocol exceptions are to be reported. */

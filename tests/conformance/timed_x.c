@@ -46,3 +46,100 @@ void timed_run_triple_sampling(void)
         timed_play(&t, 0, looks == 1, looks == 2);
     }
 }
+
+/* An error-passive transmitter owes suspend time, and has a frame to send. A short dominant pulse,
+ * which is recessive again at the sample point, restarts the bit: hard synchronisation (T4). After
+ * eight bits it sends. If it resynchronised, it would sample the pulse as a SOF. */
+static void check_suspend(const cw_bit_timing *timing, unsigned bit, unsigned e)
+{
+    timed t;
+    timed_begin_sending(&t, timing, false);
+    t.tec = 150;
+    timed_sends(&t, 0, t.bits.length);
+    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 3 * t.bit);
+    timed_offer(&t);
+    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, bit * t.bit + e);
+    timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.sample + timing->sjw - e);
+    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE,
+              (8 - bit) * t.bit - (t.sample + timing->sjw - e));
+    timed_sends_rest(&t, 0);
+    timed_play(&t, 0, 2, 0);
+}
+
+void timed_run_suspend(void)
+{
+    for (unsigned i = 0; i < TIMED_TIMINGS; i++)
+        for (unsigned e = timed_timings[i].sjw + 1u;
+             e < cw_bit_timing_sample_at(&timed_timings[i]); e++)
+            for (unsigned bit = 0; bit < 8; bit++)
+                check_suspend(&timed_timings[i], bit, e);
+}
+
+/* Returns the wire bit of the ACK slot. */
+static unsigned ack_slot(const timed *t)
+{
+    unsigned n = 0;
+    while (!cw_bits_is_at(&t->bits, n, CW_FIELD_ACK_SLOT, 0))
+        n++;
+    return n;
+}
+
+/* M11: nobody but a listen-only controller has acknowledged. Its bit timing sees a recessive slot,
+ * in which it drives nothing. So it follows an edge in the slot (T6), and samples behind what follows;
+ * its last sample is recessive, and it follows an edge in the delimiter as well (T3). In both bits
+ * the dominant level ends at the sample point that it would have without the edge: if it followed
+ * one of them only, the delimiter would be dominant. */
+static void check_own_ack(const cw_bit_timing *timing, unsigned e)
+{
+    timed t;
+    timed_begin(&t, timing, false);
+    t.modes = CW_MODE_LISTEN_ONLY;
+    const unsigned ack = ack_slot(&t);
+    for (unsigned n = 0; n < ack; n++)
+        timed_put(&t, cw_bits_level(&t.bits, n), CW_RECESSIVE, t.bit);
+    for (unsigned bit = 0; bit < 2; bit++) {
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, e);
+        timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.sample - e);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit - t.sample + timing->sjw);
+    }
+    for (unsigned n = ack + 2; n < t.bits.length; n++)
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit);
+    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 4 * t.bit);
+    timed_play(&t, 0, 1, 0);
+}
+
+void timed_run_listen_only(void)
+{
+    for (unsigned i = 0; i < TIMED_TIMINGS; i++)
+        for (unsigned e = timed_timings[i].sjw;
+             e < cw_bit_timing_sample_at(&timed_timings[i]); e++)
+            check_own_ack(&timed_timings[i], e);
+}
+
+/* R12: the request comes before or after the sample point of a bit, which counts or does not. After
+ * the 1408th one the controller is back. It acknowledges a frame that begins with the next bit, but
+ * none that begins a bit earlier, which spoils the last group. */
+static void check_recovery(const cw_bit_timing *timing, unsigned at, bool early)
+{
+    timed t;
+    timed_begin(&t, timing, false);
+    t.tec = 256;
+    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, at);
+    timed_restart(&t);
+    const unsigned bits = 128u * 11u - (at < t.sample ? 1u : 0u) - early;
+    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit - at + bits * t.bit);
+    const unsigned ack = ack_slot(&t);
+    timed_bits(&t, 0, ack);
+    timed_put(&t, CW_RECESSIVE, early, t.bit);
+    for (unsigned n = ack + 1; n < t.bits.length; n++)
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit);
+    timed_play(&t, 0, !early, 0);
+}
+
+void timed_run_recovery(void)
+{
+    for (unsigned i = 0; i < TIMED_TIMINGS; i++)
+        for (unsigned at = 1; at < cw_bit_timing_quanta(&timed_timings[i]); at++)
+            for (unsigned early = 0; early < 2; early++)
+                check_recovery(&timed_timings[i], at, early);
+}

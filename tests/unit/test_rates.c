@@ -177,6 +177,40 @@ static void a_loop_longer_than_the_sample_point_needs_compensation(void **state)
     rig_free(r);
 }
 
+/* D13: tdcv is whole clocks before the one in which the edge is seen. It is 0 without delay, and a
+ * look at 0 is taken after one clock (T12). With no offset it finds the own level in any case. */
+static void the_measured_delay_is_in_whole_clocks(void **state)
+{
+    (void)state;
+    static const struct {
+        cw_span way; /* from the controller to itself */
+        unsigned clocks;
+    } cases[] = {{0, 0},
+                 {1, 0},
+                 {CW_TICK - 1, 0},
+                 {CW_TICK, 1}, /* it is seen behind the moment of the edge */
+                 {CW_TICK + 1, 1},
+                 {10 * CW_TICK - 1, 9},
+                 {10 * CW_TICK + CW_TICK / 2, 10}};
+    for (unsigned i = 0; i < 2 * sizeof cases / sizeof cases[0]; i++) {
+        const unsigned clocks = cases[i / 2].clocks;
+        cw_data_timing data = faster;
+        data.tdc = i & 1 ? (cw_tdc){.mode = CW_TDC_MANUAL, .tdcv = clocks, .tdco = clocks > 0}
+                         : (cw_tdc){.mode = CW_TDC_AUTO, .tdco = clocks > 0};
+        const cw_frame f = frame_of(16);
+        rig *r = rig_of(2, &data);
+        r->nodes[0].timing.rx_delay[0] = r->nodes[0].timing.rx_delay[1] = cases[i / 2].way;
+        rig_start(r);
+        cw_bus_set_own_clocks(r->bus, true);
+        rig_send(r, 0, &f, 0);
+        go_on(r, 400);
+        assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
+        assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
+        assert_int_equal(data_stats(r, 0).tdcv, clocks);
+        rig_free(r);
+    }
+}
+
 static void without_brs_the_delay_does_not_matter(void **state)
 {
     (void)state;
@@ -438,6 +472,7 @@ int main(void)
         cmocka_unit_test(bits_are_nominal_fast_or_mixed),
         cmocka_unit_test(a_frame_lasts_as_long_as_its_bits),
         cmocka_unit_test(a_loop_longer_than_the_sample_point_needs_compensation),
+        cmocka_unit_test(the_measured_delay_is_in_whole_clocks),
         cmocka_unit_test(without_brs_the_delay_does_not_matter),
         cmocka_unit_test(a_node_at_another_data_rate_destroys_what_it_reads),
         cmocka_unit_test(the_data_phase_changes_while_the_bus_runs),
