@@ -362,7 +362,7 @@ static bool never_ends(const cw_rule *rule)
 
 bool cfg_find_unending(const cfg *config, cfg_unending *found)
 {
-    cfg_unending none;
+    cfg_unending none = {.what = NULL};
     const cfg_traffic *traffic = cfg_find_endless(config);
     const cfg_place *place = traffic ? &traffic->place : cfg_find_master(config);
     size_t i = 0;
