@@ -5,7 +5,7 @@
 #include "base/plain.h"
 
 #include <stdarg.h>
-#include <stddef.h>
+#include <stdint.h>
 #include <string.h>
 
 #define TEXT_BYTES 16384 /* of a message; a longer one is cut */
@@ -22,53 +22,67 @@ static size_t size_of(unsigned char first)
     return first >= 0xF0 && first <= 0xF4 ? 4 : 0;
 }
 
-/* Returns the size in bytes of the character that begins here. Returns 0 for an invalid one and for
- * a control character. */
-static size_t shown_size(const unsigned char *text)
+/* Returns a character of valid UTF-8. */
+static uint32_t decode(const unsigned char *text, size_t size)
 {
-    size_t size = size_of(*text);
-    if (*text < ' ' || *text == 0x7F || (*text == 0xC2 && text[1] >= 0x80 && text[1] <= 0x9F))
-        return 0;
+    uint32_t code = size == 1 ? *text : *text & (0x7Fu >> size);
     for (size_t i = 1; i < size; i++)
-        if ((text[i] & 0xC0) != 0x80) /* also at the end of the text */
-            return 0;
-    return size;
+        code = code << 6 | (text[i] & 0x3Fu);
+    return code;
 }
 
-void plain_make(char *text, char instead)
+/* Returns true for a character that is not seen as itself. */
+static bool is_hidden(uint32_t code)
+{
+    static const struct { uint32_t first, last; } hidden[] = {
+        {0, 0x1F}, {0x7F, 0x9F}, {0xAD, 0xAD}, {0x61C, 0x61C}, {0x180E, 0x180E}, {0x200B, 0x200F},
+        {0x2028, 0x202E}, {0x2060, 0x206F}, {0xFEFF, 0xFEFF}, {0xFFF9, 0xFFFB}, {0xE0000, 0xE007F},
+    };
+    for (size_t i = 0; i < sizeof hidden / sizeof hidden[0]; i++)
+        if (code >= hidden[i].first && code <= hidden[i].last)
+            return true;
+    return false;
+}
+
+size_t plain_size(const char *text)
+{
+    const unsigned char *bytes = (const unsigned char *)text;
+    const size_t size = size_of(*bytes);
+    for (size_t i = 1; i < size; i++)
+        if ((bytes[i] & 0xC0) != 0x80) /* also at the end of the text */
+            return 0;
+    return size > 0 && is_hidden(decode(bytes, size)) ? 0 : size;
+}
+
+static void make(char *text, char instead, const char *kept)
 {
     while (*text) {
-        size_t size = shown_size((const unsigned char *)text);
-        if (size == 0)
+        const size_t size = plain_size(text);
+        if (size == 0 && !strchr(kept, *text))
             *text = instead;
         text += size == 0 ? 1 : size;
     }
 }
 
+void plain_make(char *text, char instead)
+{
+    make(text, instead, "");
+}
+
+void plain_make_lines(char *text, char instead)
+{
+    make(text, instead, "\t\n");
+}
+
 bool plain_is_not(const char *text)
 {
     while (*text) {
-        size_t size = shown_size((const unsigned char *)text);
+        const size_t size = plain_size(text);
         if (size == 0 && !strchr("\t\n\r", *text))
             return true;
         text += size == 0 ? 1 : size;
     }
     return false;
-}
-
-static void plain_write(FILE *out, char *text)
-{
-    for (char *piece = text; *piece;) {
-        size_t length = strcspn(piece, "\t\n");
-        const char end = piece[length];
-        piece[length] = '\0';
-        plain_make(piece, '?');
-        fputs(piece, out);
-        if (!end)
-            return;
-        fputc(end, out);
-        piece += length + 1;
-    }
 }
 
 void plain_print(FILE *out, const char *format, ...)
@@ -78,7 +92,8 @@ void plain_print(FILE *out, const char *format, ...)
     va_start(args, format);
     (void)vsnprintf(text, sizeof text, format, args);
     va_end(args);
-    plain_write(out, text);
+    plain_make_lines(text, '?');
+    fputs(text, out);
 }
 
 void plain_options(int argc, char **argv)

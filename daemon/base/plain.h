@@ -6,12 +6,20 @@
 #define CANWIRE_BASE_PLAIN_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdio.h>
 
-/* Replaces each control character, and each byte that is no UTF-8, by another character. Control
- * characters are those below a space, DEL, and C1 (U+0080 to U+009F, as UTF-8 or as single
- * bytes). */
+/* Returns the bytes of the character that begins here. Returns 0 for a byte that is no UTF-8, and
+ * for the first one of a character that is not seen as itself. Such are control characters (below a
+ * space, DEL, and C1, U+0080 to U+009F) and those that change or hide what is around them: marks,
+ * overrides and isolates of direction, ends of lines and paragraphs, characters without width. */
+size_t plain_size(const char *text);
+
+/* Replaces each byte of such characters by another character. */
 void plain_make(char *text, char instead);
+
+/* Does the same, but tabs and ends of lines stay. */
+void plain_make_lines(char *text, char instead);
 
 /* Returns true when a text has such a character, other than tabs and ends of lines. */
 bool plain_is_not(const char *text);

@@ -4,42 +4,40 @@
  */
 #include "base/xmltext.h"
 
-#include <stdbool.h>
+#include "base/plain.h"
+
 #include <string.h>
 
-/* Returns true for a character that XML does not allow: a control character but for those of
- * `allowed`, or the UTF-8 of U+FFFE or U+FFFF. */
-static bool is_forbidden(const char *text, const char *allowed)
+/* Returns the bytes of a character that may be written, 0 for others: those that are not seen as
+ * themselves but for those of `allowed`, and U+FFFE and U+FFFF, which XML does not allow. */
+static size_t size_of(const char *text, const char *allowed)
 {
-    return ((unsigned char)text[0] < ' ' && !strchr(allowed, text[0])) ||
-           strncmp(text, "\xEF\xBF\xBE", 3) == 0 || strncmp(text, "\xEF\xBF\xBF", 3) == 0;
+    if (strncmp(text, "\xEF\xBF\xBE", 3) == 0 || strncmp(text, "\xEF\xBF\xBF", 3) == 0)
+        return 0;
+    return strchr(allowed, text[0]) ? 1 : plain_size(text);
 }
 
+/* Writes '?' for a character that may not be written, and for each byte that is none. */
 static void write_escaped(FILE *out, const char *text, const char *allowed)
 {
-    for (; *text; text++) {
-        switch (*text) {
-        case '&':
-            fputs("&amp;", out);
-            break;
-        case '<':
-            fputs("&lt;", out);
-            break;
-        case '>':
-            fputs("&gt;", out);
-            break;
-        case '"':
-            fputs("&quot;", out);
-            break;
-        default:
-            if (!is_forbidden(text, allowed)) {
-                fputc(*text, out);
-                break;
-            }
+    size_t size;
+    for (; *text; text += size) {
+        size = size_of(text, allowed);
+        if (size == 0)
             fputc('?', out);
-            text += (unsigned char)*text < ' ' ? 0 : 2;
-            break;
-        }
+        else if (*text == '&')
+            fputs("&amp;", out);
+        else if (*text == '<')
+            fputs("&lt;", out);
+        else if (*text == '>')
+            fputs("&gt;", out);
+        else if (*text == '"')
+            fputs("&quot;", out);
+        else
+            (void)fwrite(text, 1, size, out);
+        if (size == 0) /* the others of its bytes are no character by themselves */
+            for (size = 1; ((unsigned char)text[size] & 0xC0u) == 0x80u;)
+                size++;
     }
 }
 

@@ -242,12 +242,64 @@ static const char *read_line(client *c)
     return length > 0 ? c->line : NULL;
 }
 
+static void clean(json_t *value);
+
+/* Makes a text plain. Returns it when that changes it, else NULL; to be freed. */
+static char *cleaned(const char *text)
+{
+    char *copy = strdup(text);
+    if (copy)
+        plain_make(copy, '?');
+    if (copy && strcmp(copy, text) != 0)
+        return copy;
+    free(copy);
+    return NULL;
+}
+
+static void clean_members(json_t *object)
+{
+    void *next;
+    const char *key;
+    json_t *value;
+    json_object_foreach_safe(object, next, key, value) {
+        char *plain = cleaned(key);
+        clean(value);
+        if (plain && json_object_set(object, plain, value) == 0)
+            (void)json_object_del(object, key);
+        free(plain);
+    }
+}
+
+/* Makes all texts of a value plain: in JSON a control character may be written as \u001b. */
+static void clean(json_t *value)
+{
+    if (json_is_string(value)) {
+        char *plain = cleaned(json_string_value(value));
+        if (plain)
+            (void)json_string_set(value, plain);
+        free(plain);
+    }
+    for (size_t i = 0; i < json_array_size(value); i++)
+        clean(json_array_get(value, i));
+    if (json_is_object(value))
+        clean_members(value);
+}
+
+json_t *client_parse(const char *line, json_error_t *error)
+{
+    json_t *value = json_loads(line, 0, error);
+    clean(value);
+    return value;
+}
+
 const char *client_next(client *c)
 {
     set_patience(c->fd, 0);
     errno = 0;
     const char *line = read_line(c);
     c->error = line || feof(c->in) ? 0 : errno;
+    if (line)
+        plain_make_lines(c->line, '?');
     return line;
 }
 
@@ -260,13 +312,15 @@ bool client_report_end(const client *c)
     return c->error == 0;
 }
 
-/* Prints a refusal. Messages of the loader stay unchanged: they name file, line and column. */
+/* Prints a refusal. Messages of the loader stand alone: they name file, line and column. */
 static void print_refusal(const client *c, const json_t *reply)
 {
     const json_t *errors = json_object_get(reply, "errors");
     const char *error = json_string_value(json_object_get(reply, "error"));
-    for (size_t i = 0; i < json_array_size(errors); i++)
-        teller(json_string_value(json_array_get(errors, i)));
+    for (size_t i = 0; i < json_array_size(errors); i++) {
+        const char *text = json_string_value(json_array_get(errors, i));
+        teller(text ? text : "?");
+    }
     if (json_array_size(errors) == 0)
         complain(c, "%s", error ? error : "refused without a reason");
 }
@@ -285,6 +339,8 @@ static json_t *read_reply(client *c)
     int number = errno;
     json_error_t error = {.text = ""};
     json_t *reply = line ? json_loads(line, 0, &error) : NULL;
+    if (!c->exact || !json_is_true(json_object_get(reply, "ok")))
+        clean(reply);
     if (!line)
         complain(c, "%s", why_no_reply(number));
     else if (!json_is_object(reply))
@@ -304,17 +360,28 @@ json_t *client_ask(client *c, json_t *request)
     return sent ? read_reply(c) : NULL;
 }
 
-json_t *client_ask_once(const char *bus, json_t *request)
+static json_t *ask_once(const char *bus, json_t *request, bool exact)
 {
     client c;
     json_t *reply = NULL;
     if (client_open(&c, bus)) {
+        c.exact = exact;
         reply = client_ask(&c, request);
         client_close(&c);
     } else {
         json_decref(request);
     }
     return reply;
+}
+
+json_t *client_ask_once(const char *bus, json_t *request)
+{
+    return ask_once(bus, request, false);
+}
+
+json_t *client_ask_exact(const char *bus, json_t *request)
+{
+    return ask_once(bus, request, true);
 }
 
 json_t *client_ask_found(const char *path, json_t *request, bool *other)

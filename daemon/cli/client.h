@@ -17,6 +17,7 @@ typedef struct client {
     FILE *in;
     char *line; /* the last line that was read */
     size_t line_size;
+    bool exact; /* texts of replies stay as they are */
     int error; /* the errno that ended client_next(), 0: the bus has ended */
 } client;
 
@@ -50,8 +51,12 @@ bool client_open(client *c, const char *bus);
 json_t *client_ask(client *c, json_t *request);
 
 /* Returns the next line of the bus, however long that takes. Returns NULL at the end, of the bus or
- * of the connection. */
+ * of the connection. Like all lines and replies it can be shown as it is: the client makes what
+ * comes from a socket plain (base/plain.h). */
 const char *client_next(client *c);
+
+/* Parses a line of the bus; its texts are plain. Returns NULL for a line that is no JSON. */
+json_t *client_parse(const char *line, json_error_t *error);
 
 /* Reports that the bus has ended, or the error. Returns false when the bus has not ended. */
 bool client_report_end(const client *c);
@@ -60,6 +65,9 @@ void client_close(client *c);
 
 /* Connects, asks and closes for a single request. */
 json_t *client_ask_once(const char *bus, json_t *request);
+
+/* Does the same, and leaves paths in the reply as they are: they are for use and not for show. */
+json_t *client_ask_exact(const char *bus, json_t *request);
 
 /* Does the same for a reply without content: returns the exit status. */
 int client_report(const char *bus, json_t *request);

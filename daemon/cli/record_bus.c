@@ -86,7 +86,7 @@ static bool take_nodes(recording *r, const json_t *status)
  * Returns false after a message. */
 static bool ask_status(recording *r, bool first)
 {
-    json_t *reply = client_ask_once(r->bus.bus, client_request("status"));
+    json_t *reply = client_ask_exact(r->bus.bus, client_request("status"));
     const json_t *status = json_object_get(reply, "status");
     const bool check = first && r->order->stream < 0;
     bool good = reply && take_nodes(r, status) &&
@@ -134,7 +134,7 @@ static event_read_result look_again(recording *r, cw_event *event, uint64_t *tim
 
 static void take_line(recording *r, const char *text)
 {
-    json_t *line = json_loads(text, 0, NULL);
+    json_t *line = client_parse(text, NULL);
     const json_t *lost = json_object_get(line, "lost");
     uint64_t time_ns = 0;
     cw_event event;

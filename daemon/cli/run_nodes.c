@@ -139,7 +139,7 @@ static bool is_fd(const json_t *node)
 
 static bool find_in_status(search *s)
 {
-    json_t *reply = client_ask_once(s->node->bus, client_request("status"));
+    json_t *reply = client_ask_exact(s->node->bus, client_request("status"));
     const json_t *status = json_object_get(reply, "status");
     const json_t *nodes = json_object_get(status, "nodes");
     s->directory = json_string_value(json_object_get(status, "directory"));

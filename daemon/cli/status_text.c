@@ -5,7 +5,6 @@
 #include "serve/status.h"
 
 #include "base/decimal.h"
-#include "base/plain.h"
 #include "cli/gateways_text.h"
 
 #include <ctype.h>
@@ -31,20 +30,16 @@ static intmax_t number(const json_t *object, const char *key)
     return (intmax_t)json_integer_value(json_object_get(object, key));
 }
 
-/* Returns "" for a missing text. A bus may send any text: it is made plain in place, which keeps
- * its length. */
-static const char *plain_text(const json_t *string)
+/* Returns "" for a missing text. The client has made all texts plain. */
+static const char *text_of(const json_t *string)
 {
-    char *value = (char *)(uintptr_t)json_string_value(string);
-    if (!value)
-        return "";
-    plain_make(value, '?');
-    return value;
+    const char *value = json_string_value(string);
+    return value ? value : "";
 }
 
 static const char *text(const json_t *object, const char *key)
 {
-    return plain_text(json_object_get(object, key));
+    return text_of(json_object_get(object, key));
 }
 
 static const char *upper(char out[UPPER_MAX], const char *word)
@@ -511,7 +506,7 @@ static void print_kept(FILE *out, const json_t *kept)
         const json_t *one = json_array_get(kept, i), *rules = json_object_get(one, "rules");
         fprintf(out, "kept %s:", text(one, "name"));
         for (size_t k = 0; k < json_array_size(rules); k++)
-            fprintf(out, "%s %s", k > 0 ? "," : "", plain_text(json_array_get(rules, k)));
+            fprintf(out, "%s %s", k > 0 ? "," : "", text_of(json_array_get(rules, k)));
         fputs(json_is_true(json_object_get(one, "refused")) ? " (refused, see the log)\n" : "\n",
               out);
     }

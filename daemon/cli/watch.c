@@ -65,7 +65,7 @@ static void print_event(json_t *event)
 static void print_line(const char *line)
 {
     json_error_t error;
-    json_t *event = json_loads(line, 0, &error);
+    json_t *event = client_parse(line, &error);
     const json_t *lost = json_object_get(event, "lost");
     if (lost)
         printf("%15s  %" JSON_INTEGER_FORMAT " events lost, this reads too slowly\n", "",

@@ -8,7 +8,7 @@
 #include "config/address.h"
 
 #define PORTNAME_INTERFACE_EXPECTED                                                                \
-    "the name of an interface, at most 15 bytes without '/', ':' and white space"
+    "the name of an interface, at most 15 bytes without '/', ':', '%' and white space"
 #define PORTNAME_EXPECTED                                                                          \
     PORTNAME_INTERFACE_EXPECTED ", or unix:PATH, or fd:NUMBER, or tcp:[HOST:]PORT, or "            \
                                 "cannelloni:udp,peer=HOST:PORT, or { usb: INTERFACE }"
