@@ -612,6 +612,24 @@ def test_outputs_are_whole_or_not_there(rows, tmp_path):
     assert not list(tmp_path.glob("*.part"))
 
 
+@pytest.mark.parametrize("form", ["", "--html", "--junit"])
+def test_texts_that_turn_or_hide_others_are_seen(form, rows, tmp_path):
+    """U+202E lets what follows be read from the right: such characters become '?'."""
+    evil = "\u202egnp.\u2066\u200b\x9b31m\x1b[31m"
+    _, every = rows(PASSING)
+    for row in every:
+        row.update(outcome="failed", repeat=row["repeat"] + evil,
+                   factors={name + evil: f"{value}{evil}" for name, value in
+                            row["factors"].items()},
+                   expectations={"met": 0, "failed": [{"name": "calm" + evil}]})
+    (tmp_path / "campaign.yaml").unlink()
+    file = tmp_path / "evil.ndjson"
+    file.write_text("".join(json.dumps(row) + "\n" for row in every))
+    shown = report(file, *([form, "-"] if form else [])).stdout
+    assert re.search(r"\?gnp\.\?+31m\?\[31m", shown)
+    assert all(c.isprintable() or c == "\n" for c in shown)
+
+
 @pytest.mark.parametrize("option", ["--json", "--html", "--junit"])
 def test_outputs_are_opened_before_the_work(option, rows, tmp_path):
     """A file of rows that is none tells what came first."""

@@ -164,16 +164,6 @@ const char *report_scenario_state(const shortest_scenario *one)
     return one->found.whole ? ", minimised" : "";
 }
 
-/* Names may have what ends a comment of YAML: ends of lines, which are U+2028 and U+2029, too. */
-static void keep_on_line(char *text)
-{
-    static const char *const ends[] = {"\xE2\x80\xA8", "\xE2\x80\xA9"};
-    plain_make(text, ' ');
-    for (size_t i = 0; i < sizeof ends / sizeof *ends; i++)
-        for (char *at = text; (at = strstr(at, ends[i]));)
-            memset(at, ' ', strlen(ends[i]));
-}
-
 char *report_scenario_text(const report *r, const shortest *s, size_t i)
 {
     const shortest_scenario *one = &s->list[i];
@@ -183,8 +173,8 @@ char *report_scenario_text(const report *r, const shortest *s, size_t i)
     char *first = memory_print("%s%s", class_name(one->class), why);
     char *second = memory_print("%s %" PRIu64 " of %s%s", r->source.is_campaign ? "row" : "seed",
                                 one->number, r->source.file, report_scenario_state(one));
-    keep_on_line(first);
-    keep_on_line(second);
+    plain_make(first, '?'); /* an end of a line would end the comment */
+    plain_make(second, '?');
     char *text = memory_print("# %s\n# %s\n# %s\n%s", first, second, command,
                               one->found.text.main);
     free(name);
