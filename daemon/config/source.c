@@ -8,6 +8,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 char *cfg_resolve_path(schema *self, const char *file, const char *path)
 {
@@ -58,6 +59,16 @@ static const cfg_file *read_new_file(schema *self, const char *name)
 
     free(text);
     return kept;
+}
+
+bool cfg_has_file(const schema *self, const char *file)
+{
+    const cfg_walk *walk = self->user;
+    const cfg *config = walk->config;
+
+    return find_file(config->files, config->file_count, file) ||
+           find_file(walk->given, walk->given_count, file) ||
+           (cfg_reads_files(self) && access(file, F_OK) == 0);
 }
 
 bool cfg_load_file(schema *self, yaml_document_t *document, const char *file)

@@ -11,6 +11,9 @@
  * complaint. */
 char *cfg_resolve_path(schema *self, const char *file, const char *path);
 
+/* Returns true when a file is there to be loaded. */
+bool cfg_has_file(const schema *self, const char *file);
+
 /* Loads the document of a file and keeps its text in the configuration. Returns false after a
  * complaint. */
 bool cfg_load_file(schema *self, yaml_document_t *document, const char *file);

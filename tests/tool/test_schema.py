@@ -41,7 +41,7 @@ SEMANTIC = [
     "within 0.1 %", "whole nanoseconds", "too large", "window must end after", "No such file",
     "cannot read", "profiles: there are errors", "no fault profile", "has no parameter",
     "of the profile needs a value", "there is no parameter", "has more than 63 characters",
-    "No such file", "not a regular file", "this is neither", "there is no time stamp",
+    "No such file", "neither beside", "not a regular file", "this is neither", "there is no time stamp",
     "expected a line of candump", "expected an event such as", "at most as long as 'every'",
     "at most 107 bytes", "merge keys", "expected a size from", "$$ stands for a dollar",
     "error frames (bit 20000000)",
