@@ -87,7 +87,7 @@ void background_ready(int ready)
         return;
     (void)prctl(PR_SET_PDEATHSIG, 0);
     (void)setsid();
-    const int null = open("/dev/null", O_RDWR | O_CLOEXEC);
+    const int null = open("/dev/null", O_RDWR | O_NOFOLLOW | O_CLOEXEC);
     (void)dup2(null, STDIN_FILENO);
     (void)dup2(null, STDOUT_FILENO);
     (void)close(null);
