@@ -140,8 +140,8 @@ static size_t add_bus(char line[STATUS_BYTES], size_t used, const cfg *config,
                           "%s: %zu nodes at %u bit/s, load %u.%u %%, %" PRIu64 " frames, %" PRIu64
                           " error frames%s%s%s%s", config->bus_name, config->node_count,
                           config->bitrate_bps, bus->load_permille / 10u, bus->load_permille % 10u,
-                          bus->frames, bus->error_frames, status->trouble, files, *status->lost_rules ? "; " : "",
-                          status->lost_rules);
+                          bus->frames, bus->error_frames, status->trouble, files,
+                          *status->lost_rules ? "; " : "", status->lost_rules);
     return add_status(line, used, "%s%s: load %u.%u %%%s%s%s%s%s", used > 0 ? "; " : "",
                       config->bus_name, bus->load_permille / 10u, bus->load_permille % 10u,
                       status->trouble, files, *status->lost_rules ? ", " : "",

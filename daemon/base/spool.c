@@ -224,12 +224,10 @@ static int try_to_make(const folder *in)
 {
     int fd = openat(in->fd, ".", O_WRONLY | O_TMPFILE | O_CLOEXEC, MODE);
     if (fd >= 0)
-        (void)close(fd);
-    else if (errno != EOPNOTSUPP && errno != EISDIR && errno != ENOENT)
+        return close(fd) == 0 ? 0 : errno;
+    if (errno != EOPNOTSUPP && errno != EISDIR && errno != ENOENT)
         return errno;
-    else if (faccessat(in->fd, ".", W_OK | X_OK, AT_EACCESS) != 0)
-        return errno;
-    return 0;
+    return faccessat(in->fd, ".", W_OK | X_OK, AT_EACCESS) == 0 ? 0 : errno;
 }
 
 /* Probes FILE, or one that it would be rotated to. */

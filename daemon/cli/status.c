@@ -180,8 +180,8 @@ int cli_status(int argc, char **argv)
     check_limits limits = CHECK_LIMITS_DEFAULT;
     const bool monitors = wants_check(argc, argv);
     int first = 0;
-    const command c = {.usage = "canwire status [BUS] [--json | --check [--load W,C] [--state W,C]\n"
-                                "       [--sinks LEVEL] [--links LEVEL]]",
+    const command c = {.usage = "canwire status [BUS] [--json | --check [--load W,C]\n"
+                                "       [--state W,C] [--sinks LEVEL] [--links LEVEL]]",
                        .help = help,
                        .words_max = 1,
                        .options = {{.name = "json", .flag = &json},

@@ -4,6 +4,7 @@
  */
 #include "serve/kept.h"
 
+#include "base/folder.h"
 #include "base/jsonput.h"
 #include "base/log.h"
 
@@ -23,8 +24,10 @@
 
 struct kept {
     char *path;
-    char *next; /* becomes PATH */
-    char *bad;  /* a damaged one is moved here */
+    folder folder;    /* of the file: all calls stay there */
+    const char *name; /* of the file */
+    char *next;       /* becomes it */
+    char *bad;        /* a damaged one is moved here */
     const char *bus;
     json_t *entries;  /* that are kept: objects with text, name, rules, cleared */
     json_t *passing;  /* names of the others */
@@ -56,7 +59,8 @@ static void stamp(int fd)
 
 static bool write_state(const kept *k)
 {
-    const int fd = open(k->next, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, MODE);
+    const int fd = openat(k->folder.fd, k->next,
+                          O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, MODE);
     if (fd < 0)
         return false;
     json_t *state = state_of(k);
@@ -64,7 +68,8 @@ static bool write_state(const kept *k)
     const int number = good ? 0 : errno;
     json_decref(state);
     stamp(fd);
-    good = close(fd) == 0 && good && rename(k->next, k->path) == 0;
+    good = close(fd) == 0 && good &&
+           renameat(k->folder.fd, k->next, k->folder.fd, k->name) == 0;
     if (number != 0)
         errno = number;
     return good;
@@ -75,7 +80,7 @@ static bool save(const kept *k)
 {
     if (json_array_size(k->entries) + json_array_size(k->passing) > 0)
         return write_state(k);
-    return unlink(k->path) == 0 || errno == ENOENT;
+    return unlinkat(k->folder.fd, k->name, 0) == 0 || errno == ENOENT;
 }
 
 void kept_save(kept *k)
@@ -116,7 +121,7 @@ static const char *find_fault(const kept *k, const json_t *state)
 
 static void move_away(const kept *k, const char *why)
 {
-    const bool moved = rename(k->path, k->bad) == 0;
+    const bool moved = renameat(k->folder.fd, k->name, k->folder.fd, k->bad) == 0;
     log_error("rules %s: %s; the rules in it are not injected, %s%s", k->path, why,
               moved ? "it is now " : "and it stays: ", moved ? k->bad : strerror(errno));
 }
@@ -155,7 +160,8 @@ static void forget_crash(kept *k)
 static void read_file(kept *k)
 {
     struct stat file;
-    const int fd = open(k->path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    const int fd =
+        openat(k->folder.fd, k->name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
     if (fd < 0 && errno == ENOENT)
         return;
     json_t *state = fd >= 0 && fstat(fd, &file) == 0 && S_ISREG(file.st_mode)
@@ -287,6 +293,7 @@ static void free_kept(kept *k)
     json_decref(k->entries);
     json_decref(k->passing);
     json_decref(k->lost);
+    folder_close(&k->folder);
     free(k->path);
     free(k->next);
     free(k->bad);
@@ -299,6 +306,19 @@ static char *path_with(const char *path, const char *end)
     return asprintf(&text, "%s%s", path, end) < 0 ? NULL : text;
 }
 
+/* Opens the folder and makes the names. Returns 0 or an errno. */
+static int open_folder(kept *k, const char *control)
+{
+    k->path = path_with(control, ".rules");
+    const int error = k->path ? folder_open(&k->folder, k->path) : ENOMEM;
+    if (error != 0)
+        return error;
+    k->name = k->folder.name;
+    k->next = path_with(k->name, ".new");
+    k->bad = path_with(k->name, ".bad");
+    return k->next && k->bad ? 0 : ENOMEM;
+}
+
 kept *kept_open(const char *control, const char *bus)
 {
     kept *k = calloc(1, sizeof *k);
@@ -306,17 +326,16 @@ kept *kept_open(const char *control, const char *bus)
         log_error("out of memory");
         return NULL;
     }
-    *k = (kept){.path = path_with(control, ".rules"),
-                .next = path_with(control, ".rules.new"),
-                .bad = path_with(control, ".rules.bad"),
+    *k = (kept){.folder = FOLDER_NONE,
                 .bus = bus,
                 .entries = json_array(),
                 .passing = json_array()};
-    if (k->path && k->next && k->bad) {
+    const int error = open_folder(k, control);
+    if (error == 0) {
         read_file(k);
         return k;
     }
-    log_error("out of memory");
+    log_error("rules %s: %s", k->path ? k->path : control, strerror(error));
     free_kept(k);
     return NULL;
 }
@@ -325,7 +344,8 @@ void kept_live(kept *k)
 {
     if (json_array_size(k->passing) == 0)
         return;
-    const int fd = open(k->path, O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+    const int fd =
+        openat(k->folder.fd, k->name, O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
     if (fd < 0)
         return;
     stamp(fd);

@@ -22,8 +22,8 @@
 typedef struct kept kept;
 
 /* Reads the file that belongs to a control socket, and logs the rules that a crash has lost. bus is
- * the name of the bus. A damaged file is moved away. Returns NULL after logging that there is no
- * memory. */
+ * the name of the bus. A damaged file is moved away. Returns NULL after logging why, without memory
+ * or the folder. */
 kept *kept_open(const char *control, const char *bus);
 
 /* Injects the rules that are kept, after a start or a reload: the bus has no injected rules then.
