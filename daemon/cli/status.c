@@ -194,6 +194,10 @@ int cli_status(int argc, char **argv)
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return monitors && status != CLI_OK ? (int)CHECK_UNKNOWN : status;
+    if ((json && checks) || (limits.given && !checks)) {
+        fputs("canwire status: limits go with --check, and neither with --json\n", stderr);
+        return monitors ? (int)CHECK_UNKNOWN : CLI_USAGE;
+    }
     if (checks)
         return show_check(&limits, first < argc ? argv[first] : NULL);
     return first < argc ? show_one(argv[first], json) : show_all(json);

@@ -46,6 +46,7 @@ bool check_take_load(void *user, const char *text)
     check_limits *limits = user;
     char parts[2][32];
     bool good = split(parts, text);
+    limits->given = true;
     for (size_t i = 0; good && i < 2; i++) {
         uint64_t percent = 0;
         good = *parts[i] == '\0' || (!text_parse_uint(&percent, parts[i]) && percent <= 100);
@@ -67,15 +68,18 @@ bool check_take_state(void *user, const char *text)
     check_limits *limits = user;
     char parts[2][32];
     bool good = split(parts, text);
+    limits->given = true;
     for (size_t i = 0; good && i < 2; i++)
         good = find(&limits->state[CHECK_WARNING + i], states, COUNT_OF(states), parts[i]);
     return good || refuse("state", text, "two of error-active, error-warning, error-passive, "
                                          "bus-off and none, such as error-passive,bus-off");
 }
 
-static bool take_level(check_level *level, const char *option, const char *text)
+static bool take_level(check_limits *limits, check_level *level, const char *option,
+                       const char *text)
 {
     unsigned place;
+    limits->given = true;
     if (!find(&place, levels, COUNT_OF(levels), text))
         return refuse(option, text, "ok, warning or critical");
     *level = (check_level)place;
@@ -85,13 +89,13 @@ static bool take_level(check_level *level, const char *option, const char *text)
 bool check_take_sinks(void *user, const char *text)
 {
     check_limits *limits = user;
-    return take_level(&limits->sinks, "sinks", text);
+    return take_level(limits, &limits->sinks, "sinks", text);
 }
 
 bool check_take_links(void *user, const char *text)
 {
     check_limits *limits = user;
-    return take_level(&limits->links, "links", text);
+    return take_level(limits, &limits->links, "links", text);
 }
 
 /* ---- Findings -------------------------------------------------------------------------------- */

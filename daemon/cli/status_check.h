@@ -22,6 +22,7 @@ typedef struct check_limits {
     unsigned state[CHECK_UNKNOWN];         /* as well: a place in the row of states */
     check_level sinks;                     /* of one that is in trouble */
     check_level links;                     /* of a node without link */
+    bool given;                            /* there was an option */
 } check_limits;
 
 #define CHECK_LIMITS_DEFAULT                                                                       \

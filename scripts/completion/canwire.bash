@@ -82,7 +82,7 @@ _canwire_options() {
         echo --extcap-interfaces --extcap-interface --extcap-dlts --extcap-config --capture --fifo \
             --frames-only --extcap-capture-filter --extcap-version --help
         ;;
-    inject) echo --with --wait --help ;;
+    inject) echo --keep --with --wait --help ;;
     clear) echo --injected --wait --help ;;
     reload) echo --config --pid --wait --help ;;
     run) echo --bus --as --interface --virtual --wait --help

@@ -113,7 +113,7 @@ def test_states_sinks_and_rules(bus):
 def answer_once(listener, nodes):
     """Answers a request for the status as a bus with such nodes does."""
     with listener.accept()[0] as client:
-        client.recv(65536)
+        client.makefile().readline()
         status = {"bus": {"name": "day", "load_second_permille": 5}, "nodes": nodes, "sinks": []}
         client.sendall(json.dumps({"ok": True, "status": status}).encode() + b"\n")
 
@@ -143,3 +143,11 @@ def test_links(bus, words, expected):
 def test_wrong_usage_is_unknown_and_no_state_of_a_bus(bus, words):
     status, line = bus.check(*words)
     assert (status, line) == (UNKNOWN, "")
+
+
+@pytest.mark.parametrize("words", [("--load", "1,2"), ("--json", "--check")])
+def test_limits_without_a_check_are_wrong_usage(bus, words):
+    done = subprocess.run([CANWIRE, "status", *words], cwd=bus.folder, capture_output=True,
+                          text=True, timeout=60, check=False)
+    assert done.returncode == (UNKNOWN if "--check" in words else 2)
+    assert done.stdout == "" and "go with --check" in done.stderr
