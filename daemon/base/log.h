@@ -48,7 +48,7 @@ void log_warnings(const char *lines);
 
 #define LOG_LAST_BYTES 512
 
-/* Copies the last error, of lines that were logged together the first one; "" when there is none. */
+/* Copies the last error, of lines that were logged together the first one; "": none. */
 void log_last_error(char out[LOG_LAST_BYTES]);
 
 #endif

@@ -47,8 +47,8 @@ static void complain_no_map(schema *self, const char *what, const yaml_node_t *v
     for (const schema_key *key = keys; key->name; key++)
         named = named || (key->read && strcmp(key->name, "name") == 0);
     if (named && text && *text)
-        schema_complain(self, value, "%s %s is a map: name: %s", strchr("aeiou", *what) ? "an" : "a",
-                        what, quoted(self, value, ""));
+        schema_complain(self, value, "%s %s is a map: name: %s",
+                        strchr("aeiou", *what) ? "an" : "a", what, quoted(self, value, ""));
     else
         schema_complain(self, value, "%s: expected a map with the keys %s, not %s", what,
                         allowed_keys(self, keys), shown(self, value));

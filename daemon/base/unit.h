@@ -14,12 +14,12 @@
 /* Returns the instance, or NULL when this is no process of the service. */
 const char *unit_instance(void);
 
-/* Returns the exit status of what another start may mend: 1, in the service 75 (EX_TEMPFAIL). There 1
- * is for a bad configuration alone, with which systemd does not start it again. */
+/* Returns the exit status of what another start may mend: 1, in the service 75 (EX_TEMPFAIL). There
+ * 1 is for a bad configuration alone, with which systemd does not start it again. */
 int unit_failure(void);
 
-/* Returns the folder that the service has of its own, or does not see, and that has this path in it;
- * NULL: none, or this is not the service. */
+/* Returns the folder around a path that the service does not see or has of its own. NULL: none, or
+ * this is not the service. */
 const char *unit_private_folder(const char *path);
 
 /* Returns what to say behind strerror(number) about a path, " (...)" or "". NULL: any path that is

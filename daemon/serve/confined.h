@@ -7,8 +7,8 @@
 
 #include "config/config.h"
 
-/* Warns of files and sockets that nobody else sees, and of other hosts that do not get through. Does
- * nothing outside of the service. */
+/* Warns of files and sockets that nobody else sees, and of other hosts that do not get through.
+ * Does nothing outside of the service. */
 void confined_warn(const cfg *config);
 
 #endif

@@ -427,9 +427,9 @@ static void claim_name(service *s)
         return;
     (void)snprintf(key, sizeof key, "bus/%s", s->config->bus_name);
     if (claim_take(&s->name, key, unit_instance()) == EADDRINUSE && claim_find(&other, key))
-        log_warning("canwired@%s, pid %ld, runs a bus of the same name, %s: their messages over LCM "
-                    "and in the journal cannot be told apart; give one another `bus: { name: ... }`",
-                    other.name, other.pid, s->config->bus_name);
+        log_warning("canwired@%s, pid %ld, runs a bus of the same name, %s: their messages over "
+                    "LCM and in the journal cannot be told apart; give one another `bus: { name: "
+                    "... }`", other.name, other.pid, s->config->bus_name);
 }
 
 bool service_start(service *s, engine *bus, int inherited)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 # shellcheck shell=bash
 #
-# canwire.bash - completes the command lines of canwire, canwired, canwire-usb and canwire-restbus in
-# bash, which reads it by the name of each of them.
+# canwire.bash - completes the command lines of canwire, canwired, canwire-usb and canwire-restbus
+# in bash, which reads it by the name of each of them.
 #
 # Names of buses are those of the sockets in /run/canwire; nodes and rules are asked of the bus.
 
@@ -220,7 +220,10 @@ _canwired() {
     case ${COMP_WORDS[COMP_CWORD - 1]} in
     -c | --config) _canwire_yaml ;;
     --journal) _canwire_files ;;
-    *) _canwire_words "-c --config --background --journal --journal-files --verbose --help --version" ;;
+    *)
+        _canwire_words "-c --config --background --journal --journal-files --verbose --help \
+            --version"
+        ;;
     esac
 }
 

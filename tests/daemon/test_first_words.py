@@ -46,8 +46,8 @@ def test_the_socket_in_this_folder_needs_no_slash(tmp_path, monkeypatch):
             assert "nobody listens at" in answer(tmp_path, "status", "day.sock", status=1)
 
 
-SWAPPED = [("inject", "rules.yaml", "{bus}"), ("inject", RULE, "{bus}"), ("record", "x.log", "{bus}"),
-           ("clear", "off", "{bus}"), ("restart", "engine", "{bus}"),
+SWAPPED = [("inject", "rules.yaml", "{bus}"), ("inject", RULE, "{bus}"),
+           ("record", "x.log", "{bus}"), ("clear", "off", "{bus}"), ("restart", "engine", "{bus}"),
            ("set", "engine", "{bus}", "queue=2"), ("fire", "off", "{bus}")]
 
 

@@ -80,7 +80,8 @@ def test_the_status_of_the_program_is_told(bus, tmp_path):
 # As the Go compiler leaves it in a program, beside other notes.
 GO_NOTE = r"""
 __asm__(".pushsection .note.other,\"a\",@note\n.long 4, 1, 1\n.asciz \"abc\"\n.long 7\n"
-        ".section .note.go.buildid,\"a\",@note\n.long 4, 2, 4\n.asciz \"Go\"\n.byte 0, 88, 89, 0, 0\n"
+        ".section .note.go.buildid,\"a\",@note\n.long 4, 2, 4\n.asciz \"Go\"\n"
+        ".byte 0, 88, 89, 0, 0\n"
         ".popsection");
 """
 
