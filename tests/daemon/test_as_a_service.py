@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: MIT
+"""What canwired does where its unit has set CANWIRE_SERVICE; tests/systemd has the unit itself."""
+
+import contextlib
+import os
+import socket
+import subprocess
+
+import pytest
+
+from simtool import CANWIRED, TIMEOUT_S, stop_canwired
+from failing import SANITIZERS
+from test_record import wait_until
+
+GOOD = "bus: { name: day, bitrate: 500000 }\nnodes: [ { name: a }, { name: b } ]\n"
+BAD = GOOD.replace("500000", "fast")
+CONTROL = "control: day.sock\n"
+
+
+def environment(instance, **more):
+    service = {"CANWIRE_SERVICE": instance} if instance else {}
+    return dict(os.environ, **SANITIZERS, **service, **more)
+
+
+def ended(folder, text, instance, **more):
+    """Returns a canwired that cannot start, and what it has told the service manager."""
+    (folder / "bus.yaml").write_text(text)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notify:
+        notify.bind(str(folder / "notify"))
+        notify.settimeout(TIMEOUT_S)
+        done = subprocess.run([CANWIRED, "-c", "bus.yaml"], cwd=folder, capture_output=True,
+                              text=True, timeout=TIMEOUT_S, check=False, env=environment(
+                                  instance, NOTIFY_SOCKET=str(folder / "notify"), **more))
+        told = notify.recv(4096).decode()
+    (folder / "notify").unlink()
+    return done, told
+
+
+@pytest.mark.parametrize("instance", [None, "day"])
+def test_how_it_ends_says_if_another_start_helps(tmp_path, instance):
+    done, told = ended(tmp_path, BAD, instance)
+    assert done.returncode == 1
+    assert told == f"STATUS={done.stderr.rstrip()}" and "bitrate: expected" in told
+    done, told = ended(tmp_path, GOOD + "control: none/day.sock\n", instance)
+    assert done.returncode == (75 if instance else 1)
+    assert told == "STATUS=" + done.stderr.removeprefix("canwired: error: ").rstrip()
+    assert "the directory does not exist" in told
+
+
+def test_of_several_errors_the_first_is_shown(tmp_path):
+    done, told = ended(tmp_path, BAD + "faults: 1\n", "day")
+    first, second = done.stderr.splitlines()
+    assert told == f"STATUS={first}" and "faults" in second
+
+
+@contextlib.contextmanager
+def running(folder, text, instance):
+    folder.mkdir()
+    (folder / "bus.yaml").write_text(text)
+    log = folder / "log"
+    with log.open("w") as errors:
+        with subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=folder, stderr=errors,
+                              env=environment(instance)) as process:
+            wait_until(lambda: "nodes at" in log.read_text() or process.poll() is not None, "it")
+            try:
+                yield log.read_text(), process.pid
+            finally:
+                stop_canwired(process, log)
+
+
+def test_two_units_with_a_bus_of_one_name(tmp_path):
+    name = f"bus: {{ name: b{os.getpid()}, bitrate: 500000 }}\n"
+    text = name + GOOD.split("\n", 1)[1] + CONTROL
+    with running(tmp_path / "a", text, "one") as (first, pid):
+        with running(tmp_path / "b", text, "two") as (second, _):
+            told = f"canwired@one, pid {pid}, runs a bus of the same name"
+            assert told in second and "same name" not in first
+        with running(tmp_path / "c", text, None) as (by_hand, _):
+            assert "same name" not in by_hand
+    with running(tmp_path / "d", text, "two") as (later, _):
+        assert "same name" not in later
+
+
+def test_sockets_that_only_the_service_sees(tmp_path):
+    """tmp_path is below /tmp, or else nothing is said."""
+    within = str(tmp_path).startswith(("/tmp/", "/var/tmp/"))
+    with running(tmp_path / "a", GOOD + f"control: {tmp_path}/day.sock\n", "day") as (log, _):
+        assert (log.count("of its own, where nobody else finds it: use /run/canwire") ==
+                int(within))
+    with running(tmp_path / "b", GOOD + f"control: {tmp_path}/day.sock\n", None) as (log, _):
+        assert "of its own" not in log
+
+
+def test_clients_of_a_bad_bus_get_the_reason(tmp_path):
+    (tmp_path / "bus.yaml").write_text(BAD)
+    with socket.socket(socket.AF_UNIX) as listener, socket.socket(socket.AF_UNIX) as client:
+        listener.bind(str(tmp_path / "day.sock"))
+        listener.listen()
+        client.settimeout(TIMEOUT_S)
+        client.connect(str(tmp_path / "day.sock"))
+        client.sendall(b'{"request":"status"}\n')
+        start = 'exec env LISTEN_PID=$$ LISTEN_FDS=1 LISTEN_FDNAMES=control "$@" 3<&0'
+        done = subprocess.run(["sh", "-c", start, "sh", CANWIRED, "-c", "bus.yaml"], cwd=tmp_path,
+                              stdin=listener, capture_output=True, text=True, timeout=TIMEOUT_S,
+                              check=False, env=environment("day"))
+        assert done.returncode == 1
+        assert client.makefile().readline().startswith(
+            '{"ok":false,"error":"bus.yaml:1:28: bitrate: expected ')
