@@ -52,16 +52,21 @@ static bool touches(const campaign *c, const factor *f, const yaml_node_t *item)
     return f->edit.before && f->edit.begin <= end && f->edit.end >= begin;
 }
 
+static bool begins_with(const char *path, const char *key)
+{
+    return strncmp(path, key, strlen(key)) == 0;
+}
+
 /* A bus in a file of its own is changed by the name of this file alone. A rule may stand in a
- * profile, and its parameters anywhere: each row is asked again. */
+ * profile, whose parameters may end it: each row is asked again. */
 static bool may_change(campaign_owner *o, const factor *f)
 {
-    if (o->unending_rule)
-        return f->rules || f->path;
     if (f->rules || !f->path)
-        return false;
+        return f->rules && o->unending_rule;
     if (!o->unending_inside)
-        return strncmp(f->path, "buses", strlen("buses")) == 0;
+        return begins_with(f->path, "buses");
+    if (o->unending_rule)
+        return begins_with(f->path, "faults") || begins_with(f->path, "profiles");
     const yaml_node_t *item = find_item(o, &o->unending_at);
     return !item || touches(&o->campaign, f, item);
 }

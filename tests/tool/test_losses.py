@@ -252,6 +252,21 @@ def test_a_rule_that_may_come_for_ever_needs_an_end(when, write):
     assert sim(path, "--until", "3s", "--log", "-").stdout.count("\n") == 1
 
 
+def test_a_campaign_of_such_a_rule_needs_an_end(write, tmp_path):
+    write(rules("when: { period: 1s }, do: { counters: b, rec: 0 }"))
+    text = "scenario: bus.yaml\nvary: [ { set: SET } ]\n"
+    told = "bus.yaml:5:5: a rule with `period` never ends: give `until` in the campaign"
+    other = write(text.replace("SET", "seed, values: [ 1, 2 ]"), "camp.yaml")
+    assert told in canwire("campaign", "plan", other, status=1, cwd=tmp_path).stderr
+    # each row decides where the rule varies
+    same = write(text.replace("SET", "faults.r0.when.period, values: [ 1s, 2s ]"), "camp.yaml")
+    rows = canwire("campaign", "run", same, status=1, cwd=tmp_path).stdout.splitlines()
+    assert [json.loads(row)["why"].endswith(told) for row in rows] == [True] * 2
+    bounded = write("until: 2500ms\n" + same.read_text(), "camp.yaml")
+    rows = canwire("campaign", "run", bounded, cwd=tmp_path).stdout.splitlines()
+    assert [json.loads(row)["faults"] for row in rows] == [3, 2]
+
+
 # ---- Rigs and campaigns --------------------------------------------------------------------------
 
 
