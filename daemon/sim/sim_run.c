@@ -326,9 +326,11 @@ static void advance(sim_run *s, uint64_t tick)
         advance_bus(s, tick);
 }
 
+/* As long as one time is to come, later ones need not be known. */
 uint64_t sim_last_activity(sim_run *s)
 {
-    const uint64_t rules = cw_bus_rules_until(s->bus);
+    const bool known = s->last_rule > cw_bus_now(s->bus);
+    const uint64_t rules = known ? 0 : cw_bus_rules_until(s->bus);
     if (rules > s->last_rule)
         s->last_rule = rules;
     return s->last_rule > s->last_activity ? s->last_rule : s->last_activity;
@@ -426,10 +428,12 @@ static bool traffic_is_over(const sim_run *s)
 static uint64_t sure_until(const sim_run *s, uint64_t tick)
 {
     const uint64_t recessive = cw_bus_recessive_bits(s->bus);
-    const uint64_t rules = end_of_rules(s);
+    const uint64_t now = cw_bus_now(s->bus);
+    /* a rule may arm others: look again when it has acted */
+    const uint64_t rules = s->last_rule > now ? s->last_rule : end_of_rules(s);
     if (s->step)
-        return cw_bus_now(s->bus);
-    if (rules > cw_bus_now(s->bus))
+        return now;
+    if (rules > now)
         tick = least(tick, rules);
     if (recessive >= END_RECESSIVE_BITS)
         return cw_bus_rests_until(s->bus, tick);

@@ -65,6 +65,20 @@ static const end_case cases[] = {
              "  - name: l\n    when: { after: { rule: k, delay: 2s } }\n"
              "    do: { send: 124#, as: b }\n",
      3000, false, 7000},
+    {"a rule arms another one in the last bits",
+     BUS("") "  - { name: a, " SENDS OTHERS "faults:\n"
+             "  - { name: k, when: { time: 6s }, do: { counters: b, rec: 0 } }\n"
+             "  - name: l\n    when: { after: { rule: k, delay: 4bit } }\n"
+             "    do: { counters: b, rec: 0 }\n"
+             "  - name: m\n    when: { after: { rule: l, delay: 150us } }\n"
+             "    do: { counters: b, rec: 0 }\n",
+     3000, false, 6000},
+    {"a rule acts behind the last frame",
+     BUS("") "  - { name: a, " SENDS OTHERS "faults:\n"
+             "  - { name: k, when: { time: 98200us }, do: { counters: b, rec: 0 } }\n"
+             "  - name: l\n    when: { after: { rule: k, delay: 3bit } }\n"
+             "    do: { counters: b, rec: 0 }\n",
+     3000, false, 0},
     {"a rule comes again",
      BUS("") "  - { name: a, " SENDS OTHERS "faults:\n"
              "  - { name: k, when: { time: 1s.., period: 11s, count: 3 }, do: { bus-off: b } }\n",
