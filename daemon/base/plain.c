@@ -22,21 +22,31 @@ static size_t size_of(unsigned char first)
     return first >= 0xF0 && first <= 0xF4 ? 4 : 0;
 }
 
-/* Returns a character of valid UTF-8. */
-static uint32_t decode(const unsigned char *text, size_t size)
+/* Reads the character that begins here. Returns its bytes, 0: it is no UTF-8. */
+static size_t read_character(uint32_t *code, const char *text)
 {
-    uint32_t code = size == 1 ? *text : *text & (0x7Fu >> size);
-    for (size_t i = 1; i < size; i++)
-        code = code << 6 | (text[i] & 0x3Fu);
-    return code;
+    const unsigned char *bytes = (const unsigned char *)text;
+    const size_t size = size_of(*bytes);
+    *code = size == 1 ? *bytes : *bytes & (0x7Fu >> size);
+    for (size_t i = 1; i < size; i++) {
+        if ((bytes[i] & 0xC0) != 0x80) /* also at the end of the text */
+            return 0;
+        *code = *code << 6 | (bytes[i] & 0x3Fu);
+    }
+    return size;
 }
 
-/* Returns true for a character that is not seen as itself. */
+static bool is_control(uint32_t code)
+{
+    return code < ' ' || (code >= 0x7F && code <= 0x9F);
+}
+
+/* Returns true for a character that changes or hides what is around it. */
 static bool is_hidden(uint32_t code)
 {
     static const struct { uint32_t first, last; } hidden[] = {
-        {0, 0x1F}, {0x7F, 0x9F}, {0xAD, 0xAD}, {0x61C, 0x61C}, {0x180E, 0x180E}, {0x200B, 0x200F},
-        {0x2028, 0x202E}, {0x2060, 0x206F}, {0xFEFF, 0xFEFF}, {0xFFF9, 0xFFFB}, {0xE0000, 0xE007F},
+        {0xAD, 0xAD}, {0x61C, 0x61C}, {0x180E, 0x180E}, {0x200B, 0x200F}, {0x2028, 0x202E},
+        {0x2060, 0x206F}, {0xFEFF, 0xFEFF}, {0xFFF9, 0xFFFB}, {0xE0000, 0xE007F},
     };
     for (size_t i = 0; i < sizeof hidden / sizeof hidden[0]; i++)
         if (code >= hidden[i].first && code <= hidden[i].last)
@@ -46,12 +56,9 @@ static bool is_hidden(uint32_t code)
 
 size_t plain_size(const char *text)
 {
-    const unsigned char *bytes = (const unsigned char *)text;
-    const size_t size = size_of(*bytes);
-    for (size_t i = 1; i < size; i++)
-        if ((bytes[i] & 0xC0) != 0x80) /* also at the end of the text */
-            return 0;
-    return size > 0 && is_hidden(decode(bytes, size)) ? 0 : size;
+    uint32_t code;
+    const size_t size = read_character(&code, text);
+    return is_control(code) || is_hidden(code) ? 0 : size;
 }
 
 static void make(char *text, char instead, const char *kept)
@@ -77,10 +84,11 @@ void plain_make_lines(char *text, char instead)
 bool plain_is_not(const char *text)
 {
     while (*text) {
-        const size_t size = plain_size(text);
-        if (size == 0 && !strchr("\t\n\r", *text))
+        uint32_t code;
+        const size_t size = read_character(&code, text);
+        if (size == 0 || (is_control(code) && !strchr("\t\n\r", *text)))
             return true;
-        text += size == 0 ? 1 : size;
+        text += size;
     }
     return false;
 }

@@ -21,7 +21,8 @@ void plain_make(char *text, char instead);
 /* Does the same, but tabs and ends of lines stay. */
 void plain_make_lines(char *text, char instead);
 
-/* Returns true when a text has such a character, other than tabs and ends of lines. */
+/* Returns true when a text has control characters, other than tabs and ends of lines, or bytes that
+ * are no UTF-8. */
 bool plain_is_not(const char *text);
 
 /* Makes the names of options on a command line safe: getopt() prints unknown ones unchanged. Text

@@ -49,6 +49,15 @@ static void text_is_made_plain(void **state)
     }
 }
 
+/* A name may have them where a language needs them. */
+static void hidden_characters_are_no_control_characters(void **state)
+{
+    (void)state;
+    assert_false(plain_is_not("a\u200Cb\u2028c\r\n"));
+    assert_true(plain_is_not("a\xC2\x9B"));
+    assert_true(plain_is_not("a\xE2\x82"));
+}
+
 static void lines_stay(void **state)
 {
     char text[] = "a\tb\n\x1B" "c\u202E\n";
@@ -77,6 +86,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(text_is_made_plain),
+        cmocka_unit_test(hidden_characters_are_no_control_characters),
         cmocka_unit_test(lines_stay),
         cmocka_unit_test(xml_shows_each_such_character_once),
     };
