@@ -10,9 +10,9 @@
 #include <stdio.h>
 
 /* Returns the bytes of the character that begins here. Returns 0 for a byte that is no UTF-8, and
- * for the first one of a character that is not seen as itself. Such are control characters (below a
- * space, DEL, and C1, U+0080 to U+009F) and those that change or hide what is around them: marks,
- * overrides and isolates of direction, ends of lines and paragraphs, characters without width. */
+ * for the first one of a character that is not seen as itself. Such are control characters: below a
+ * space, DEL, and C1 (U+0080 to U+009F). Such are also those that change or hide what is around
+ * them: marks of direction, ends of paragraphs, characters without width. */
 size_t plain_size(const char *text);
 
 /* Replaces each byte of such characters by another character. */

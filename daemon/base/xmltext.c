@@ -8,8 +8,8 @@
 
 #include <string.h>
 
-/* Returns the bytes of a character that may be written, 0 for others: those that are not seen as
- * themselves but for those of `allowed`, and U+FFFE and U+FFFF, which XML does not allow. */
+/* Returns the bytes of a character that may be written, 0 for others. These are not seen as
+ * themselves, or XML does not allow them: U+FFFE and U+FFFF. */
 static size_t size_of(const char *text, const char *allowed)
 {
     if (strncmp(text, "\xEF\xBF\xBE", 3) == 0 || strncmp(text, "\xEF\xBF\xBF", 3) == 0)

@@ -352,8 +352,8 @@ static bool listen_to(pool *p, worker *w)
 
 /* ---- The work -------------------------------------------------------------------------------- */
 
-/* Ends processes that take too long; their ends come as those of others. One that a program of a row
- * has stopped goes on. */
+/* Ends processes that take too long; their ends come as those of others. One that a program of a
+ * row has stopped goes on. */
 static void end_late(pool *p, int64_t now)
 {
     for (unsigned i = 0; i < p->work->jobs && p->work->limit_ms > 0; i++) {

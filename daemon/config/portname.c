@@ -23,8 +23,8 @@ static const char *behind(const char *text, const char *prefix)
     return strncmp(text, prefix, length) == 0 ? text + length : NULL;
 }
 
-/* Returns true for a name that the kernel accepts for an interface, and takes as it is: of one with
- * '%' it makes another one, "hc%d" becomes hc0, then hc1. */
+/* Returns true for a name that the kernel accepts for an interface, and takes as it is. Of one with
+ * '%' it makes another one: "hc%d" becomes hc0, then hc1. */
 static bool is_interface_name(const char *name)
 {
     if (!*name || strlen(name) > INTERFACE_NAME_MAX || strcmp(name, ".") == 0 ||

@@ -209,8 +209,8 @@ static trace_result next_entry(replay *r, trace_record *record)
     return result;
 }
 
-/* Leaves out a frame without a time: its line may be torn. Where none has a time, all was recorded
- * without, which end_pass() refuses. */
+/* Leaves out a frame without a time: its line may be torn. end_pass() refuses a file of which no
+ * frame has a time. */
 static void leave_untimed(replay *r, const trace_record *record)
 {
     if (r->untimed.count == 0)

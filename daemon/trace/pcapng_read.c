@@ -357,8 +357,8 @@ static bool may_follow(const pcap_state *s, const unsigned char *b, size_t there
     return there < BLOCK_HEAD || big32(b) == BLOCK_SHB || is_length(get32(s, b + 4));
 }
 
-/* Returns true when an entry lacks bytes, so that the next one begins in it. Often nothing else tells
- * so: entries have equal lengths. */
+/* Returns true when an entry lacks bytes, so that the next one begins in it. Often nothing else
+ * tells so: entries have equal lengths. */
 static bool lacks_bytes(trace_input *in, const pcap_state *s)
 {
     const unsigned char *b;

@@ -162,7 +162,8 @@ trace_result trace_line(trace_input *in)
     if (too_long)
         return trace_bad_text(in, in->text, "this line has more than %u bytes", TRACE_LINE_MAX);
     if (zero)
-        return trace_bad_text(in, in->text + length, "a byte 0: a crash leaves such bytes, or this is no text");
+        return trace_bad_text(in, in->text + length,
+                              "a byte 0: a crash leaves such bytes, or this is no text");
     if (length > 0 && in->text[length - 1] == '\r')
         in->text[length - 1] = '\0';
     return TRACE_RECORD;

@@ -139,5 +139,5 @@ def test_answers_are_shown_plain(tmp_path, raw):
     server = Server(tmp_path / "evil.sock", answer)
     shown = b"".join(assert_plain(tmp_path, words) for words in COMMANDS)
     server.close()
-    assert shown.count(b"gnp.") > 50  # what is left of the text
+    assert shown.count(b"gnp.") > 50  # the rest of the text is left
     assert not os.path.exists(tmp_path / "evil.sock.lock")

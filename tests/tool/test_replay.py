@@ -409,7 +409,7 @@ def test_replies_are_no_rules(write):
 # ---- What goes wrong -----------------------------------------------------------------------------
 
 
-TORN = {  # what follows three lines of a log, and what is said about it
+TORN = {  # the text behind three lines of a log, and its message
     "a cut line": ("(1.3) a 126#0", "1 damaged entry of 13 bytes (line 4: '126#0'"),
     "a torn line": ("(1.2) a 12\n5#11\n(1.3) a 126#\n",
                     "2 damaged entries of 16 bytes (the first at line 4: expected"),

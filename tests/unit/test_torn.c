@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_torn.c - recordings of recorders that were killed, and of machines that crashed: whatever is
- * missing or zero, entries that nothing has touched are read, and what is not whole is told.
+ * test_torn.c - recordings of recorders that were killed, and of machines that crashed. Bytes are
+ * missing or zero: entries that nothing has touched are read, and the others are told.
  */
 #include "trace/read.h"
 
@@ -32,7 +32,7 @@ typedef struct recording {
     unsigned char bytes[BYTES_MAX + CRASH + BYTES_MAX];
 } recording;
 
-/* What was read of it. */
+/* The entries that were read of it. */
 typedef struct reading {
     bool refused;
     bool seen[FRAMES]; /* frame i, as it was recorded */
@@ -298,7 +298,7 @@ static void what_follows_bytes_0_is_read(void **state)
 }
 
 /* All frames are there that the missing bytes leave alone. Packets of pcap have no mark at their
- * end, so that one on each side of the gap may be taken for a part of it. */
+ * end: one on each side of the gap may be taken for a part of it. */
 static void bytes_are_missing_amid_a_recording(void **state)
 {
     (void)state;
@@ -313,7 +313,7 @@ static void bytes_are_missing_amid_a_recording(void **state)
                 memmove(torn.bytes + from, r.bytes + to, r.size - to);
                 const reading got = read_bytes(&torn, r.size - (to - from));
                 assert_got(&got, ended(&r, from) - beside, next);
-                /* what is left of two may look like one */
+                /* the rest of two may look like one */
                 assert_true(is_text(&r) || got.damaged > 0 || to - from > PCAP_HEAD);
                 assert_true(is_text(&r) || is_pcap(&all[which]) || got.others == 0);
             }

@@ -250,8 +250,8 @@ static const text_case candump[] = {
     {"(2000-13-01 00:00:00.0) a 123#\n", "bad:1:1: " CANDUMP_STAMP},
     {"(2000-01-01 00:00:61.0) a 123#\n", "bad:1:1: " CANDUMP_STAMP},
     {"(1.5) a 123#\n(1.5) \xC3\xA4 800#\n",
-     "1 1.500000000 a 123#\n2 damaged 14: '800#': identifiers have 3 hexadecimal digits (base, up to "
-     "7FF) or 8 (extended, up to 1FFFFFFF)\n"},
+     "1 1.500000000 a 123#\n2 damaged 14: '800#': identifiers have 3 hexadecimal digits (base, up "
+     "to 7FF) or 8 (extended, up to 1FFFFFFF)\n"},
     {"(1.5) a 123#1\n", "bad:1:9: '123#1': data bytes have two hexadecimal digits\n"},
     {"(1.5) a 123##1F\n", "bad:1:9: '123##1F': data bytes have two hexadecimal digits\n"},
     {"(1.5) a 123##0" EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT EIGHT "00\n",
@@ -906,8 +906,8 @@ static const replay_case replays[] = {
     {{.count = 2, .gap = {.ns = 1000}}, /* lines without their beginning and their end */
      0,
      "a 001 [0]\n(1.0) a 002#\n(1.1) a 003#1\n a 004#\n(1.1) a 005#00",
-     "0 002#\n8000000 005#00\n8000080 002#\n16000080 005#00\nnote: left out: 1 damaged entry of 14 "
-     "bytes (line 3: '003#1': data bytes have two hexadecimal digits), 2 frames without a time (the "
+     "0 002#\n8000000 005#00\n8000080 002#\n16000080 005#00\nnote: left out: 1 damaged entry of "
+     "14 bytes (line 3: '003#1': data bytes have two hexadecimal digits), 2 frames without a time (the "
      "first at line 1); 1 frame whose line has no end and may be cut (line 5)\n"},
     {{.count = 1, .fast = true}, 0, "  a 001 [0]\n  a 002 [0]\n", "0 001#\n0 002#\n"},
 };
