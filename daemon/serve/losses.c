@@ -108,11 +108,39 @@ static void print_remedy(char out[REMEDY_BYTES], unsigned kind, const cfg_node *
                        port_buffer_bytes(beyond->port) / 1024u, PORT_BUFFER_BYTES);
 }
 
+bool losses_due(losses_node *node, uint64_t kinds)
+{
+    const bool other = kinds & ~node->kinds;
+    node->passed += node->passed <= LOSSES_WAIT_MAX;
+    if (kinds == 0 && node->passed > LOSSES_WAIT_MAX) {
+        node->kinds = 0;
+        node->wait = 0;
+    }
+    if (kinds == 0 || (!other && node->passed < node->wait))
+        return false;
+    const unsigned longer = 2 * node->wait < LOSSES_WAIT_MAX ? 2 * node->wait : LOSSES_WAIT_MAX;
+    node->wait = other ? 1 : longer;
+    node->kinds |= kinds;
+    node->passed = 0;
+    return true;
+}
+
+static uint64_t kinds_added(const uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS])
+{
+    uint64_t kinds = 0;
+    for (unsigned kind = 0; kind < LOSS_KINDS; kind++)
+        kinds |= (uint64_t)(now[kind] != logged[kind]) << kind;
+    return kinds;
+}
+
 static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS],
-                     const cfg_node *node, const report_node *beyond)
+                     const cfg_node *node, const report_node *beyond, unsigned seconds)
 {
     char line[LINE_BYTES] = "";
     size_t used = 0;
+    if (seconds > 1)
+        used = (size_t)snprintf(line, sizeof line, "in %u s: ", seconds);
+    const size_t begin = used;
     for (unsigned kind = 0; kind < LOSS_KINDS; kind++) {
         uint64_t added = now[kind] - logged[kind];
         logged[kind] = now[kind];
@@ -121,23 +149,26 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
         char remedy[REMEDY_BYTES];
         print_remedy(remedy, kind, node, beyond);
         int length = snprintf(line + used, LINE_BYTES - used, "%s%" PRIu64 " %s%s",
-                              used ? "; " : "", added, losses_text(kind), remedy);
+                              used > begin ? "; " : "", added, losses_text(kind), remedy);
         used += length > 0 ? (size_t)length : 0;
     }
-    if (used > 0)
-        log_node_warning(node->name, "%s", line);
+    log_node_warning(node->name, "%s", line);
 }
 
 void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX])
 {
-    reload_remap(l->logged, sizeof l->logged[0], from);
+    reload_remap(l->nodes, sizeof l->nodes[0], from);
 }
 
-void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *beyond)
+void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *beyond, bool last)
 {
     for (unsigned i = 0; i < config->node_count; i++) {
         uint64_t now[LOSS_KINDS] = {0};
+        losses_node *node = &l->nodes[i];
         collect(now, bus, i, &beyond->nodes[i].interface);
-        log_node(l->logged[i], now, &config->nodes[i], &beyond->nodes[i]);
+        const uint64_t kinds = kinds_added(node->logged, now);
+        const unsigned seconds = node->wait > 0 ? node->passed + 1 : 0;
+        if (losses_due(node, kinds) || (last && kinds))
+            log_node(node->logged, now, &config->nodes[i], &beyond->nodes[i], seconds);
     }
 }

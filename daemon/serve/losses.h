@@ -8,6 +8,8 @@
 #include "config/config.h"
 #include "engine/report.h"
 
+#include <stdbool.h>
+
 /* First the reasons of cw_drop for frames on their way onto the bus, then the same for frames on
  * their way to the host. */
 typedef enum loss_kind {
@@ -27,10 +29,20 @@ typedef enum loss_kind {
     LOSS_KINDS
 } loss_kind;
 
+/* What has been logged about a node, and when the next line may follow. */
+typedef struct losses_node {
+    uint64_t logged[LOSS_KINDS];
+    uint64_t kinds;   /* that the lines of late had */
+    unsigned passed;  /* seconds since the last line */
+    unsigned wait;    /* ... up to the next one with nothing but these kinds */
+} losses_node;
+
 /* The losses that have been logged; starts all zero. */
 typedef struct losses {
-    uint64_t logged[CW_NODES_MAX][LOSS_KINDS];
+    losses_node nodes[CW_NODES_MAX];
 } losses;
+
+#define LOSSES_WAIT_MAX 60u /* s between lines about what goes on and on */
 
 /* Adapts to a changed configuration, in which nodes have other places. */
 void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX]);
@@ -38,7 +50,13 @@ void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX]);
 /* Returns the text behind the number of a loss, or of going bus-off or restarting. */
 const char *losses_text(loss_kind kind);
 
-/* Logs a line for each node with losses, a bus-off or a restart since the last call. */
-void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *beyond);
+/* Returns true when a line about losses of these kinds is due; called each second. What goes on has
+ * a line after 1, 2, 4 and more seconds, at last one a minute, with the losses of all that time. A
+ * kind that was not in the lines of the last minute has one at once. */
+bool losses_due(losses_node *node, uint64_t kinds);
+
+/* Logs a line for each node with losses, a bus-off or a restart since the last one, when it is due.
+ * Called each second; last: nothing waits any more. */
+void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *beyond, bool last);
 
 #endif

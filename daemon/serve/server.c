@@ -67,16 +67,21 @@ struct server {
 
 /* ---- Log ------------------------------------------------------------------------------------- */
 
+static void log_left_out(server *s)
+{
+    if (s->log_lines > LOG_LINES_PER_S)
+        log_info("control: %u more messages about clients left out",
+                 s->log_lines - LOG_LINES_PER_S);
+    s->log_lines = 0;
+}
+
 /* Returns true when a line about a client may be logged. */
 static bool may_log(server *s)
 {
     ev_tstamp now = ev_now(s->loop);
     if (now < s->log_second || now >= s->log_second + 1.0) {
-        if (s->log_lines > LOG_LINES_PER_S)
-            log_info("control: %u more messages about clients left out",
-                     s->log_lines - LOG_LINES_PER_S);
+        log_left_out(s);
         s->log_second = now;
-        s->log_lines = 0;
     }
     return ++s->log_lines <= LOG_LINES_PER_S;
 }
@@ -573,6 +578,7 @@ void server_stop(server *s)
     ev_prepare_stop(s->loop, &s->turn);
     ev_idle_stop(s->loop, &s->busy);
     pathsocket_close(&s->socket);
+    log_left_out(s);
     free(s);
 }
 

@@ -355,7 +355,7 @@ void service_update(service *s, service_status *out)
     enter(s);
     engine_count_loopless(s->engine);
     engine_report(s->engine, &beyond);
-    losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
+    losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond, false);
     recordings_update(s->recordings, engine_bus(s->engine));
     observe_bits(s);
     cw_bus_get_stats(engine_bus(s->engine), &out->bus);
@@ -508,7 +508,7 @@ void service_report_end(service *s)
     engine_report(s->engine, &beyond);
     if (s->publisher)
         publisher_stats(s->publisher, engine_bus(s->engine), &beyond);
-    losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond);
+    losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond, true);
     (void)engine_check_books(s->engine);
     cw_bus_get_stats(engine_bus(s->engine), &stats);
     log_info("stopped: %" PRIu64 " frames, %" PRIu64 " error frames, %" PRIu32

@@ -36,11 +36,37 @@ static void a_drop_on_the_way_to_the_host_is_told_apart(void **state)
     }
 }
 
+/* A bus-off loop has 3600 losses an hour. */
+static void what_goes_on_is_told_ever_more_seldom(void **state)
+{
+    (void)state;
+    losses_node node = {.kinds = 0};
+    const unsigned first[] = {1, 2, 4};
+    unsigned lines = 0, longest = 0, since = 0;
+    for (unsigned second = 1; second <= 3600; second++) {
+        since++;
+        if (!losses_due(&node, 1))
+            continue;
+        if (lines < 3)
+            assert_int_equal(second, first[lines]);
+        lines++;
+        longest = since > longest ? since : longest;
+        since = 0;
+    }
+    assert_int_equal(longest, LOSSES_WAIT_MAX);
+    assert_in_range(lines, 60, 70);
+    assert_true(losses_due(&node, 3)); /* another kind */
+    for (unsigned second = 0; second <= LOSSES_WAIT_MAX; second++)
+        assert_false(losses_due(&node, 0));
+    assert_true(losses_due(&node, 1)); /* after a minute without */
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(each_loss_has_a_text_of_its_own),
         cmocka_unit_test(a_drop_on_the_way_to_the_host_is_told_apart),
+        cmocka_unit_test(what_goes_on_is_told_ever_more_seldom),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
