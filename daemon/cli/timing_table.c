@@ -254,9 +254,10 @@ static void print_data_table(FILE *out, const table *all)
     for (size_t i = 0; i < config->node_count; i++)
         if (strlen(config->nodes[i].name) > width)
             width = strlen(config->nodes[i].name);
-    fprintf(out, "\ndata phase: dbitrate %" PRIu32 "\n%*s  %6s  %11s  %4s  %8s  %11s  %6s  %4s  %4s  %7s  %9s\n",
-            config->dbitrate_bps, -(int)width, titles[0], "DTQ/NS", "SEGMENTS", "DBRP", "SAMPLE/%",
-            "TOLERANCE/%", "TDC", "TDCV", "TDCO", "SSP/NS", "MARGIN/NS");
+    fprintf(out, "\ndata phase: dbitrate %" PRIu32 "\n", config->dbitrate_bps);
+    fprintf(out, "%*s  %6s  %11s  %4s  %8s  %11s  %6s  %4s  %4s  %7s  %9s\n", -(int)width,
+            titles[0], "DTQ/NS", "SEGMENTS", "DBRP", "SAMPLE/%", "TOLERANCE/%", "TDC", "TDCV",
+            "TDCO", "SSP/NS", "MARGIN/NS");
     for (size_t i = 0; i < config->node_count; i++) {
         const row r = row_of(all, i);
         if (r.time->data.clock_hz > 0)

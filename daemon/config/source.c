@@ -6,6 +6,7 @@
 
 #include "base/yamlfile.h"
 
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -68,7 +69,7 @@ bool cfg_has_file(const schema *self, const char *file)
 
     return find_file(config->files, config->file_count, file) ||
            find_file(walk->given, walk->given_count, file) ||
-           (cfg_reads_files(self) && access(file, F_OK) == 0);
+           (cfg_reads_files(self) && faccessat(AT_FDCWD, file, F_OK, 0) == 0);
 }
 
 bool cfg_load_file(schema *self, yaml_document_t *document, const char *file)

@@ -128,7 +128,7 @@ void svg_skip(svg *self, const cw_bit_view *bit)
     self->notes.end = bit->end;
 }
 
-/* Where nodes sample at moments of their own, each keeps its level from one to the next. */
+/* A node that samples at moments of its own keeps its level from one to the next. */
 static void keep_samples(svg *self, cw_bit_view *bit)
 {
     uint64_t now = bit->sampled;
@@ -337,7 +337,7 @@ static level wire_level(const cw_bit_view *bit, unsigned wire)
 /* A lane of levels: of a wire, or of a node. */
 typedef struct level_lane {
     level_of *at_begin; /* of a bit */
-    inside_kind inside; /* what changes it later in the bit */
+    inside_kind inside; /* the kind of moments that change it in the bit */
     unsigned which;
 } level_lane;
 
