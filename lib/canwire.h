@@ -1334,8 +1334,39 @@ typedef struct cw_event {
                        one. Last, since the ring keeps a classical one in its short form */
 } cw_event;
 
-/* Returns the bytes that cw_bus_init() needs, or 0 when the configuration is outside the documented
- * ranges. */
+#define CW_BIT_RATIO_MAX 64  /* between the bits of a node and those of the bus */
+#define CW_DELAY_BITS_MAX 16 /* of the shortest bits of a node */
+
+/* The limits of a configuration. */
+typedef enum cw_limit {
+    CW_LIMIT_NONE = 0,   /* it is within all of them */
+    CW_LIMIT_BUS,        /* bit_ticks, node_count, inbox */
+    CW_LIMIT_TIMING,     /* the segments, the quantum or the data phase of a node by themselves */
+    CW_LIMIT_WAY,        /* a delay, a place, a stub or the ringing of a node: CW_DELAY_MAX */
+    CW_LIMIT_LONG_BITS,  /* bits over 1.7 s have no clocks and no delays of nodes */
+    CW_LIMIT_BIT_MOST,   /* the bit of a node: CW_BIT_RATIO_MAX bits of the bus */
+    CW_LIMIT_BIT_LEAST,  /* ... or one of its data phase: that part of one */
+    CW_LIMIT_DELAY,      /* from a node to another one, or to itself: CW_DELAY_BITS_MAX bits */
+    CW_LIMIT_RULES,      /* CW_RULES_MAX, with rule_room */
+    CW_LIMIT_NODE,       /* any other value of a node */
+    CW_LIMIT_PROTECTION, /* an entry of protections */
+} cw_limit;
+
+/* A limit that a configuration is outside of. */
+typedef struct cw_bus_finding {
+    cw_limit limit;
+    uint8_t node;    /* of TIMING to DELAY, and of NODE: it is about this node */
+    uint8_t other;   /* of DELAY: the node to which the way goes */
+    bool fast;       /* of BIT_LEAST: it is a bit of the data phase */
+    cw_span is;      /* of BIT_MOST, BIT_LEAST and DELAY: the bit, or the delay, ... */
+    cw_span allowed; /* ... and the most, or the least, that it may be */
+} cw_bus_finding;
+
+/* Returns the first limit that a configuration is outside of. Within all of them cw_bus_size() is
+ * not 0, and cw_bus_init() makes a bus if it takes each rule, see cw_bus_add_rule(). */
+cw_bus_finding cw_bus_check(const cw_bus_config *config);
+
+/* Returns the bytes that cw_bus_init() needs, or 0 when cw_bus_check() finds something. */
 size_t cw_bus_size(const cw_bus_config *config);
 
 /* Returns true when cw_node_set() takes the bit timing of these settings, from the configuration's
@@ -1529,9 +1560,10 @@ cw_status cw_bus_stop_rule(cw_bus *bus, unsigned index);
  * finished. */
 cw_status cw_bus_fire_rule(cw_bus *bus, unsigned index);
 
-/* Changes settings of a node at the next bit. A node whose listen-only or loopback changes leaves
- * the bus and integrates again (M10). Its queue stays, but a listen-only node drops it. CW_INVALID:
- * a value is out of range, or there is no room for such a queue (cw_node_config.queue_room). */
+/* Changes settings of a node at the next bit. A node whose listen-only, loopback or restricted
+ * changes leaves the bus and integrates again (M10). Its queue stays, but one that is listen-only
+ * or restricted drops it. CW_INVALID: a value is out of range, or there is no room for such a queue
+ * (cw_node_config.queue_room). */
 cw_status cw_node_set(cw_bus *bus, unsigned node, const cw_settings *settings);
 
 /* Reads all settings as they are now. */

@@ -6,6 +6,7 @@
 
 #include "base/plain.h"
 #include "config/doubts.h"
+#include "run/bus_make.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -53,7 +54,7 @@ static bool open_buses(scenario *s, FILE *messages)
     for (size_t i = 0; i < count && good; i++)
         good = open_bus(s, s->rig ? s->rig->buses[i] : s->alone, messages);
     if (!good && messages)
-        plain_print(messages, "canwire: out of memory\n");
+        plain_print(messages, "canwire: %s\n", bus_why_not());
     return good;
 }
 

@@ -212,6 +212,8 @@ static void read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted 
         complete_control(self, walk->config);
     if (root->type == YAML_MAPPING_NODE && !*is_profile)
         cfg_complete_virtual(self, root, walk->config);
+    if (self->errors->errors == 0 && !*is_profile)
+        cfg_check_limits(self, schema_find(self, root, "nodes"), false);
 }
 
 /* Returns true when a configuration has all parts that its users rely on. */

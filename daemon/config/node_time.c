@@ -12,8 +12,6 @@
 #include <inttypes.h>
 #include <string.h>
 
-#define BIT_RATIO_MAX 64        /* limits of the library */
-#define DELAY_BITS_MAX 16
 #define RATE_ERROR_INVERSE 100u /* a larger one than 1 % is worth a warning */
 
 /* The keys of time. The first four are needed together. */
@@ -200,72 +198,6 @@ static void complete_bit(schema *self, yaml_node_t *item, cfg_node_time *time)
     time->timing.bit = cfg_bit_timing(time, 0);
 }
 
-/* ---- The line -------------------------------------------------------------------------------- */
-
-static cw_span bit_length(const cfg *config, const cfg_node_time *time)
-{
-    const cw_bit_timing *bit = &time->timing.bit;
-    return bit->quantum ? bit->quantum * cw_bit_timing_quanta(bit)
-                        : (cw_span)cw_rate_ticks(config->rate, 1) * CW_TICK;
-}
-
-static void check_lengths(schema *self, yaml_node_t *item, const cfg_node_time *time)
-{
-    static const char *const names[] = {"brp", "clock", NULL};
-    static const char *const ways[] = {"position", "stub", "tx-delay", "rx-delay", "ringing", NULL};
-    const cfg *config = cfg_of(self);
-    const cw_node_timing *t = &time->timing;
-    const cw_span bus = (cw_span)cw_rate_ticks(config->rate, 1) * CW_TICK;
-    const cw_span own = bit_length(config, time);
-    const cw_span delays[] = {t->place,       t->stub,        t->tx_delay[0], t->tx_delay[1],
-                              t->rx_delay[0], t->rx_delay[1], t->ringing};
-
-    if (own > bus * BIT_RATIO_MAX || own < bus / BIT_RATIO_MAX)
-        schema_complain(self, place_of(self, item, names),
-                        "a bit of a node lasts between 1/64 and 64 bits of the bus");
-    for (size_t i = 0; i < sizeof delays / sizeof delays[0]; i++)
-        if (delays[i] > CW_DELAY_MAX) {
-            schema_complain(self, place_of(self, item, ways),
-                            "no delay and no way is longer than 10 ms");
-            return;
-        }
-}
-
-/* Returns the longest way of an edge from one node to another. */
-static cw_span way_between(const cw_node_timing *a, const cw_node_timing *b)
-{
-    const cw_span line = a->place < b->place ? b->place - a->place : a->place - b->place;
-    const cw_span stubs = a == b ? 0 : a->stub + b->stub;
-    const cw_span dominant = a->tx_delay[CW_DOMINANT] + b->rx_delay[CW_DOMINANT];
-    const cw_span recessive = a->tx_delay[CW_RECESSIVE] + b->rx_delay[CW_RECESSIVE];
-
-    return line + stubs + (dominant > recessive ? dominant : recessive);
-}
-
-/* Complains about the first way that is too long. */
-static void check_ways(schema *self, yaml_node_t *nodes)
-{
-    static const char *const names[] = {"position", "stub", "rx-delay", "tx-delay", NULL};
-    const cfg *config = cfg_of(self);
-    cw_span shortest = INT64_MAX;
-
-    for (size_t i = 0; i < config->node_count; i++) {
-        const cw_span own = bit_length(config, &config->nodes[i].time);
-        shortest = own < shortest ? own : shortest;
-    }
-    for (size_t i = 0; i < config->node_count; i++)
-        for (size_t k = 0; k < config->node_count; k++) {
-            const cw_node_timing *a = &config->nodes[i].time.timing;
-            const cw_node_timing *b = &config->nodes[k].time.timing;
-            if (way_between(a, b) > shortest * DELAY_BITS_MAX) {
-                schema_complain(self, place_of(self, cfg_node_map(self, nodes, k), names),
-                                "no edge is under way for longer than %d of the shortest bits, "
-                                "but those from '%s' are", DELAY_BITS_MAX, config->nodes[i].name);
-                return;
-            }
-        }
-}
-
 /* ---- All nodes ------------------------------------------------------------------------------- */
 
 static bool uses_time(schema *self, const yaml_node_t *map)
@@ -321,10 +253,6 @@ static void complete_nodes(schema *self, yaml_node_t *nodes)
     for (size_t i = 0; i < config->node_count; i++)
         complete_node(self, cfg_node_map(self, nodes, i), &config->nodes[i]);
     cfg_add_ringing(self, nodes);
-    for (size_t i = 0; i < config->node_count; i++)
-        check_lengths(self, cfg_node_map(self, nodes, i), &config->nodes[i].time);
-    if (self->errors->errors == errors)
-        check_ways(self, nodes);
 }
 
 /* Without any key of time all nodes have the bits of the bus. */
@@ -337,6 +265,8 @@ static void complete_time(schema *self, yaml_node_t *nodes)
     cfg_check_fd(self, nodes);
     if (self->errors->errors == 0 && any_uses_time(self, nodes))
         complete_nodes(self, nodes);
+    if (self->errors->errors == errors)
+        cfg_check_limits(self, nodes, true);
     if (self->errors->errors == errors)
         cfg_check_pairs(self, nodes);
 }

@@ -94,6 +94,10 @@ void cfg_complete_data(schema *self, yaml_node_t *item, cfg_node *node);
  * places are known. */
 void cfg_add_ringing(schema *self, yaml_node_t *nodes); /* termination.c */
 
+/* Complains of what the library does not take: cw_bus_check() is the one judge of that. early: of
+ * the timing alone, since rules and traffic have not been read. */
+void cfg_check_limits(schema *self, yaml_node_t *nodes, bool early); /* limits.c */
+
 /* Warns of what ISO 11898 does not promise to work: clocks that differ too much, a line that is too
  * long, too many nodes. Their timing is complete. */
 void cfg_check_pairs(schema *self, yaml_node_t *nodes); /* pairs.c */

@@ -5,6 +5,7 @@
 #include "embed/embed.h"
 
 #include "config/doubts.h"
+#include "run/bus_make.h"
 
 #include <stdlib.h>
 
@@ -128,8 +129,8 @@ static canwire_sim *load(const cfg_file *file, FILE *out)
         cfg_free(alone);
         rig_free(buses);
     }
+    fprintf(out, "%s: %s\n", file->name, bus_why_not());
     canwire_sim_free(sim);
-    fprintf(out, "%s: out of memory\n", file->name);
     return NULL;
 }
 
@@ -199,5 +200,5 @@ int canwire_sim_reset(canwire_sim *sim, const uint64_t *seed)
         good = embed_judge_start(b);
     }
     sim->no_memory = !good;
-    return good ? CANWIRE_SIM_OK : embed_fail(sim, CANWIRE_SIM_NO_MEMORY, "out of memory");
+    return good ? CANWIRE_SIM_OK : embed_fail(sim, CANWIRE_SIM_NO_MEMORY, "%s", bus_why_not());
 }

@@ -9,6 +9,7 @@
 #include "engine/core.h"
 
 #include "base/log.h"
+#include "run/bus_make.h"
 
 #include <errno.h>
 #include <stdlib.h>
@@ -162,11 +163,11 @@ engine *engine_open(struct ev_loop *loop, live *config)
         engine_free(e);
         return NULL;
     }
-    bool memory = setup_make(&e->now, e->config);
+    const bool made = setup_make(&e->now, e->config);
     inputs_init(&e->inputs, config, e->now.bus, engine_handle_events, e);
-    if (!memory)
-        log_error("out of memory");
-    if (memory && engine_open_ports(e) && engine_open_door(e) && engine_watch_links(e))
+    if (!made)
+        log_error("%s", bus_why_not());
+    if (made && engine_open_ports(e) && engine_open_door(e) && engine_watch_links(e))
         return e;
     engine_free(e);
     return NULL;

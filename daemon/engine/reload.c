@@ -225,7 +225,7 @@ reload *reload_read(const char *file, const fileuses *others, FILE *errors)
     bool good = r->config && cfg_check_files(r->config, others, "canwired", errors) &&
                 check_records(r->config, errors);
     if (good && !setup_make(&r->setup, r->config)) {
-        fprintf(errors, "%s: out of memory\n", file);
+        fprintf(errors, "%s: %s\n", file, bus_why_not());
         good = false;
     }
     if (good)

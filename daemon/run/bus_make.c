@@ -6,8 +6,10 @@
 
 #include "run/release.h"
 
+#include <errno.h>
 #include <stddef.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define INBOX_FRAMES 9216 /* the engine keeps 1024 of them for traffic */
 #define EVENT_RING 4096
@@ -38,6 +40,21 @@ void bus_take_guests_off(cw_bus *bus, const cfg *config)
     take_off(bus, config, false);
 }
 
+cw_bus *bus_init(void *memory, const cw_bus_config *config)
+{
+    cw_bus *bus = memory && cw_bus_size(config) > 0 ? cw_bus_init(memory, config) : NULL;
+    if (!bus && memory)
+        errno = EINVAL;
+    return bus;
+}
+
+const char *bus_why_not(void)
+{
+    if (errno == EINVAL)
+        return "the bus does not take this configuration";
+    return errno == ENOMEM ? "out of memory" : strerror(errno);
+}
+
 cw_bus *bus_make(void **memory, const cfg *config)
 {
     cw_node_config nodes[CW_NODES_MAX];
@@ -51,7 +68,7 @@ cw_bus *bus_make(void **memory, const cfg *config)
     const size_t bytes = bytes_of(&bus_config);
     const size_t records = config->node_count; /* `set` may take it off the grid */
     *memory = malloc(bytes + records * sizeof(cw_sync_record));
-    cw_bus *bus = *memory ? cw_bus_init(*memory, &bus_config) : NULL;
+    cw_bus *bus = bus_init(*memory, &bus_config);
     if (bus) {
         void *behind = (unsigned char *)*memory + bytes;
         cw_bus_set_sync_records(bus, behind);

@@ -54,7 +54,7 @@ static bool make_bus(journal_player *p, played *b)
         cfg_free(config);
     cw_bus *bus = b->live ? bus_make(&b->memory, config) : NULL;
     if (!bus)
-        return fail(p, NULL, "out of memory");
+        return fail(p, NULL, bus_why_not());
     b->user = journal_buses(p->reader) > 0 ? p->calls.of_bus(p->user, p->count) : p->user;
     inputs_init(&b->inputs, b->live, bus, p->calls.drain, b->user);
     b->inputs.renaming = p->calls.renaming;
@@ -289,9 +289,10 @@ static bool go_over(journal_player *p, cfg *config)
     cw_bus *bus = bus_make(&memory, config);
     cfg_match_nodes(from, config, live_config(p->now->live));
     if (!bus || inputs_take_over(&p->now->inputs, bus, config, from) != CW_OK) {
+        const char *why = bus ? "the bus cannot go over to it" : bus_why_not();
         free(memory);
         cfg_free(config);
-        return fail(p, "reload", bus ? "the bus cannot go over to it" : "out of memory");
+        return fail(p, "reload", why);
     }
     p->calls.leaving(p->now->user, config, from);
     free(p->now->memory);

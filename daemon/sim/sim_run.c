@@ -51,7 +51,7 @@ static void describe(cw_bus_config *out, cw_node_config nodes[CW_NODES_MAX], con
 static bool make(sim_run *s, const cw_bus_config *bus_config)
 {
     s->plan = release_plan_new(s->config, report, s);
-    s->bus = s->memory && s->plan ? cw_bus_init(s->memory, bus_config) : NULL;
+    s->bus = s->plan ? bus_init(s->memory, bus_config) : NULL;
     if (!s->bus)
         return false;
     release_add_replies(s->bus, s->config);
@@ -66,7 +66,7 @@ static bool reserve(sim_run *s, const cw_bus_config *bus_config)
     if (s->memory && room <= s->room)
         return true;
     free(s->memory);
-    s->memory = malloc(room);
+    s->memory = malloc(room ? room : 1);
     s->room = room;
     s->bus = NULL;
     return s->memory != NULL;

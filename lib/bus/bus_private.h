@@ -3,6 +3,7 @@
  * bus_private.h - declarations that the parts of the bus share.
  *
  *   bus.c         runs what is due and chooses the next step; memory.c lays out the caller's memory
+ *   valid.c       checks configurations
  *   host.c        takes nodes on and off the bus; restarts and settings of nodes
  *   rules.c       adds and removes rules; control.c acts on controllers for them
  *   status.c      reads time and statistics; view.c reads the last bit, for traces
@@ -23,16 +24,18 @@ void cw_link_rules(cw_bus *bus, uint64_t seed);
 /* Does the action of a rule at once to all controllers that the rule names. */
 void cw_control_nodes(cw_bus *bus, const cw_rule *rule);
 
+/* ---- valid.c --------------------------------------------------------------------------------- */
+
+/* Returns true when cw_bus_check() finds nothing. */
+bool cw_bus_is_valid(const cw_bus_config *config);
+
 /* ---- timing.c -------------------------------------------------------------------------------- */
 
 #define CW_DIVIDED_BIT_MAX (1u << 27) /* ticks, 1.7 s; longer bits are not divided, so that moments
                                          fit into 64 bits */
 
-#define CW_BIT_RATIO_MAX 64  /* between the bits of a node and those of the bus */
-#define CW_DELAY_BITS_MAX 16 /* of the shortest bits of a node */
-
-/* Returns true when all nodes have valid clocks and delays (see CW_*_MAX, canwire.h). */
-bool cw_timing_valid(const cw_bus_config *config);
+/* Returns which clock or delay of a node is not valid (see CW_*_MAX, canwire.h), or nothing. */
+cw_bus_finding cw_check_timing(const cw_bus_config *config);
 
 /* Returns the bit timing of a node. */
 cw_bit_timing cw_bit_timing_of(const cw_bus_config *config, unsigned node);

@@ -16,12 +16,11 @@ static bool delay_valid(cw_span delay)
     return delay >= 0 && delay <= CW_DELAY_MAX;
 }
 
-static bool node_timing_valid(const cw_node_timing *t)
+static bool ways_valid(const cw_node_timing *t)
 {
-    return cw_data_timing_valid(&t->data) &&
-           (t->bit.quantum == 0 || cw_bit_timing_valid(&t->bit)) && delay_valid(t->place) &&
-           delay_valid(t->stub) && delay_valid(t->tx_delay[0]) && delay_valid(t->tx_delay[1]) &&
-           delay_valid(t->rx_delay[0]) && delay_valid(t->rx_delay[1]) && delay_valid(t->ringing);
+    return delay_valid(t->place) && delay_valid(t->stub) && delay_valid(t->tx_delay[0]) &&
+           delay_valid(t->tx_delay[1]) && delay_valid(t->rx_delay[0]) &&
+           delay_valid(t->rx_delay[1]) && delay_valid(t->ringing);
 }
 
 static uint64_t ticks_of_bit(const cw_bus_config *c)
@@ -85,13 +84,6 @@ static void find_ways(cw_way ways[CW_NODES_MAX], const cw_bus_config *c)
         ways[i] = way_of(&c->nodes[i].timing);
 }
 
-static cw_span longest_delay(const cw_bus_config *c)
-{
-    cw_way ways[CW_NODES_MAX];
-    find_ways(ways, c);
-    return longest_of(ways, c->node_count);
-}
-
 cw_span cw_longest_ringing(const cw_bus_config *c)
 {
     cw_span longest = 0;
@@ -145,26 +137,78 @@ static bool has_at_most(cw_span span, cw_span units, cw_span unit)
     return span / units + (span % units != 0) <= unit;
 }
 
-/* Returns true when the clocks and delays of nodes can be simulated on the bus. */
-static bool fits(const cw_bus_config *c)
+/* Returns a multiple of a span, or the longest one. */
+static cw_span times(cw_span span, unsigned n)
 {
-    const cw_span bit_time = bit_time_of(c), shortest = cw_shortest_bit(c);
-    bool fit = shortest >= bit_time / CW_BIT_RATIO_MAX &&
-               has_at_most(longest_delay(c), CW_DELAY_BITS_MAX, shortest);
-    for (unsigned i = 0; i < c->node_count; i++) {
-        const cw_bit_timing timing = cw_bit_timing_of(c, i);
-        fit = fit && has_at_most(bit_length(&timing), CW_BIT_RATIO_MAX, bit_time);
-        fit = fit && (c->nodes[i].timing.bit.quantum == 0 || divides_bits(c));
-    }
-    return fit;
+    return span <= INT64_MAX / n ? span * n : INT64_MAX;
 }
 
-bool cw_timing_valid(const cw_bus_config *c)
+/* Looks at the values of a node by themselves. */
+static cw_limit check_values(const cw_bus_config *c, unsigned i)
 {
-    for (unsigned i = 0; i < c->node_count; i++)
-        if (!node_timing_valid(&c->nodes[i].timing))
-            return false;
-    return fits(c) && (longest_delay(c) == 0 || divides_bits(c));
+    const cw_node_timing *t = &c->nodes[i].timing;
+    if (!cw_data_timing_valid(&t->data) || (t->bit.quantum != 0 && !cw_bit_timing_valid(&t->bit)))
+        return CW_LIMIT_TIMING;
+    if (t->bit.quantum != 0 && !divides_bits(c))
+        return CW_LIMIT_LONG_BITS;
+    return ways_valid(t) ? CW_LIMIT_NONE : CW_LIMIT_WAY;
+}
+
+/* Looks at the bits of a node, whose values are valid. */
+static cw_bus_finding check_bits(const cw_bus_config *c, unsigned i)
+{
+    const cw_bit_timing timing = cw_bit_timing_of(c, i);
+    const cw_span bit = bit_length(&timing), data = cw_data_bit(c, i, &timing);
+    const cw_span least = bit_time_of(c) / CW_BIT_RATIO_MAX;
+    cw_bus_finding found = {.node = (uint8_t)i, .is = bit};
+    if (!has_at_most(bit, CW_BIT_RATIO_MAX, bit_time_of(c))) {
+        found.limit = CW_LIMIT_BIT_MOST;
+        found.allowed = times(bit_time_of(c), CW_BIT_RATIO_MAX);
+    } else if (bit < least || data < least) {
+        found.limit = CW_LIMIT_BIT_LEAST;
+        found.allowed = least;
+        found.fast = bit >= least;
+        found.is = found.fast ? data : bit;
+    }
+    return found;
+}
+
+/* Looks at the ways between nodes, whose values are valid. */
+static cw_bus_finding check_ways(const cw_bus_config *c)
+{
+    cw_way ways[CW_NODES_MAX];
+    const cw_span shortest = cw_shortest_bit(c);
+    find_ways(ways, c);
+    for (unsigned from = 0; from < c->node_count; from++)
+        for (unsigned to = 0; to < c->node_count; to++) {
+            const cw_span one = cw_way_delay(&ways[from], &ways[to], 0);
+            const cw_span other = cw_way_delay(&ways[from], &ways[to], 1);
+            const cw_span delay = one > other ? one : other;
+            cw_bus_finding found = {.node = (uint8_t)from, .other = (uint8_t)to, .is = delay,
+                                    .allowed = times(shortest, CW_DELAY_BITS_MAX)};
+            if (delay > 0 && !divides_bits(c))
+                found.limit = CW_LIMIT_LONG_BITS;
+            else if (!has_at_most(delay, CW_DELAY_BITS_MAX, shortest))
+                found.limit = CW_LIMIT_DELAY;
+            if (found.limit != CW_LIMIT_NONE)
+                return found;
+        }
+    return (cw_bus_finding){.limit = CW_LIMIT_NONE};
+}
+
+cw_bus_finding cw_check_timing(const cw_bus_config *c)
+{
+    for (unsigned i = 0; i < c->node_count; i++) {
+        const cw_limit limit = check_values(c, i);
+        if (limit != CW_LIMIT_NONE)
+            return (cw_bus_finding){.limit = limit, .node = (uint8_t)i};
+    }
+    for (unsigned i = 0; i < c->node_count; i++) {
+        const cw_bus_finding found = check_bits(c, i);
+        if (found.limit != CW_LIMIT_NONE)
+            return found;
+    }
+    return check_ways(c);
 }
 
 static uint32_t fastest_permille(const cw_bus_config *c)

@@ -600,7 +600,9 @@ static void configurations_out_of_range_are_refused(void **state)
     bad[3].inbox = 0;
     bad[4].rule_count = CW_RULES_MAX + 1;
     assert_true(cw_bus_size(&good) > 0);
+    assert_int_equal(cw_bus_check(&good).limit, CW_LIMIT_NONE);
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        assert_int_equal(cw_bus_check(&bad[i]).limit, i < 4 ? CW_LIMIT_BUS : CW_LIMIT_RULES);
         assert_int_equal(cw_bus_size(&bad[i]), 0);
         assert_null(cw_bus_init(NULL, &bad[i]));
     }
@@ -611,6 +613,8 @@ static void configurations_out_of_range_are_refused(void **state)
     };
     for (size_t i = 0; i < sizeof nodes / sizeof nodes[0]; i++) {
         r->nodes[1] = nodes[i];
+        assert_int_equal(cw_bus_check(&good).limit, CW_LIMIT_NODE);
+        assert_int_equal(cw_bus_check(&good).node, 1);
         assert_int_equal(cw_bus_size(&good), 0);
     }
     static const cw_node_config edges[] = {
@@ -622,6 +626,47 @@ static void configurations_out_of_range_are_refused(void **state)
         assert_true(cw_bus_size(&good) > 0);
     }
     rig_free(r);
+}
+
+static void clocks_and_ways_have_limits(void **state)
+{
+    (void)state;
+    const cw_span quantum = CW_TICK * 10; /* 16 of them are a bit of the bus */
+    const cw_bit_timing bit = {.quantum = quantum, .prop_seg = 6, .phase_seg1 = 7,
+                               .phase_seg2 = 2, .sjw = 1};
+    const struct {
+        cw_span quantum, tx_delay, place;
+        cw_limit limit;
+        cw_span is, allowed;
+    } cases[] = {
+        {quantum, 0, 0, CW_LIMIT_NONE, 0, 0},
+        {-1, 0, 0, CW_LIMIT_TIMING, 0, 0},
+        {quantum, -1, 0, CW_LIMIT_WAY, 0, 0},
+        {quantum, 0, CW_DELAY_MAX + 1, CW_LIMIT_WAY, 0, 0},
+        {quantum * 64, 0, 0, CW_LIMIT_NONE, 0, 0},
+        {quantum * 64 + 1, 0, 0, CW_LIMIT_BIT_MOST, quantum * 1024 + 16, quantum * 1024},
+        {quantum / 64, 0, 0, CW_LIMIT_NONE, 0, 0},
+        {quantum / 64 - 1, 0, 0, CW_LIMIT_BIT_LEAST, quantum / 4 - 16, quantum / 4},
+        {quantum, 256 * quantum, 0, CW_LIMIT_NONE, 0, 0},
+        {quantum, 256 * quantum + 1, 0, CW_LIMIT_DELAY, 256 * quantum + 1, 256 * quantum},
+        {quantum / 2, 128 * quantum + 1, 0, CW_LIMIT_DELAY, 128 * quantum + 1, 128 * quantum},
+        {quantum, 255 * quantum, quantum + 1, CW_LIMIT_DELAY, 256 * quantum + 1, 256 * quantum},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        rig *r = rig_new(3);
+        r->nodes[1].timing.bit = bit;
+        r->nodes[1].timing.bit.quantum = cases[i].quantum;
+        r->nodes[1].timing.tx_delay[0] = cases[i].tx_delay;
+        r->nodes[1].timing.place = cases[i].place;
+        const cw_bus_finding found = cw_bus_check(&r->config);
+        assert_int_equal(found.limit, cases[i].limit);
+        assert_int_equal(cw_bus_size(&r->config) > 0, found.limit == CW_LIMIT_NONE);
+        assert_int_equal(found.is, cases[i].is);
+        assert_int_equal(found.allowed, cases[i].allowed);
+        if (found.limit != CW_LIMIT_NONE)
+            assert_int_equal(found.node, 1);
+        rig_free(r);
+    }
 }
 
 /* ---- Work ------------------------------------------------------------------------------------ */
@@ -763,6 +808,7 @@ int main(void)
         cmocka_unit_test(receptions_of_some_frames_are_foretold),
         cmocka_unit_test(a_detected_error_is_not_counted_as_undetected),
         cmocka_unit_test(configurations_out_of_range_are_refused),
+        cmocka_unit_test(clocks_and_ways_have_limits),
         cmocka_unit_test(idle_time_costs_nothing),
         cmocka_unit_test(events_are_seen_where_they_lie),
     };

@@ -9,6 +9,7 @@
 #include "cli/analyse/report.h"
 #include "config/files.h"
 #include "config/rig.h"
+#include "run/bus_make.h"
 #include "sim/sim_run.h"
 
 #include <getopt.h>
@@ -162,7 +163,7 @@ static bool simulate(sources *s, cfg *config, uint64_t until)
         sim_add_sink(&run, &sink);
         good = sim_go(&run);
     } else {
-        plain_print(stderr, "canwire analyse: out of memory\n");
+        plain_print(stderr, "canwire analyse: %s\n", bus_why_not());
     }
     sim_close(&run);
     return good;

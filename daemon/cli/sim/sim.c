@@ -17,6 +17,7 @@
 #include "config/files.h"
 #include "record/output.h"
 #include "record/pcapng.h"
+#include "run/bus_make.h"
 #include "sim/losses.h"
 #include "sim/sim_run.h"
 #include "sim/sim_until.h"
@@ -180,7 +181,7 @@ static bool make_bus(sim *s, const sim_options *o)
     if (sim_open(&s->run, s->config, stderr) &&
         (!o->outputs[OUT_STATS] || sim_count_syncs(&s->run)))
         return true;
-    plain_print(stderr, "canwire sim: out of memory\n");
+    plain_print(stderr, "canwire sim: %s\n", bus_why_not());
     return false;
 }
 

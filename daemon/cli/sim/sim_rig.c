@@ -21,6 +21,7 @@
 #include "config/files.h"
 #include "record/output.h"
 #include "record/pcapng.h"
+#include "run/bus_make.h"
 #include "run/journal_play.h"
 #include "sim/losses.h"
 #include "sim/sim_group.h"
@@ -413,7 +414,7 @@ static bool open_bus(sim_rig *s, size_t i)
     if (before)
         b->first_node = before->first_node + (unsigned)before->run.config->node_count;
     if (!open_run(s, b))
-        return fail("out of memory");
+        return fail(bus_why_not());
     b->run.step = s->options->step;
     if (s->options->has_until) /* the last tick whose time in events is not after TIME */
         b->run.until = text_time_ticks_sum(s->options->until, 1, (cfg_time){.ns = 1},
