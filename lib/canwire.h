@@ -1502,6 +1502,11 @@ uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick);
  * arbitrations a bus with many busy nodes is faster. */
 void cw_bus_set_events(cw_bus *bus, uint32_t kinds);
 
+/* Returns those nodes of an event that come after another event of the bus, by tick, then rule or
+ * node, then kind. UINT64_MAX: the whole event. Frames that are handed in at a tick may be dropped
+ * at it after events of a bit that ended then have been taken: these come behind. */
+uint64_t cw_event_part_behind(const cw_event *e, const cw_event *other);
+
 /* Takes the oldest event. Returns false when there is none. Data of its frame beyond
  * cw_frame_length() are undefined. */
 bool cw_bus_poll(cw_bus *bus, cw_event *event);

@@ -18,7 +18,7 @@ static uint64_t until_of(const sim_group *g)
 static bool go(void *user, size_t bus, uint64_t tick)
 {
     sim_group *g = user;
-    sim_release_to(g->runs[bus], tick);
+    sim_release_before(g->runs[bus], tick);
     return true;
 }
 
@@ -168,12 +168,20 @@ static void tell_reached(const sim_group *g)
         g->reached(g->user);
 }
 
+static void release_to(sim_group *g, uint64_t tick, uint32_t buses)
+{
+    for (size_t i = 0; i < g->count; i++)
+        if (buses >> i & 1u)
+            sim_release_to(g->runs[i], tick);
+}
+
 /* Goes up to a tick in strides. */
 static void stride(sim_group *g, uint64_t tick, uint32_t buses)
 {
     for (size_t i = 0; i < g->count; i++)
         meeting_look(&g->meeting, i);
     (void)meeting_run(&g->meeting, tick, buses);
+    release_to(g, tick, buses);
     tell_reached(g);
 }
 
@@ -223,8 +231,9 @@ static uint64_t next_meeting(const sim_group *g)
 static void meet(sim_group *g, uint64_t tick)
 {
     for (size_t i = 0; i < g->count; i++)
-        sim_release_to(g->runs[i], tick);
+        sim_release_before(g->runs[i], tick);
     gateways_meet(g->meeting.gateways, CW_NEVER, NULL);
+    release_to(g, tick, all_buses(g));
     tell_reached(g);
 }
 
@@ -284,8 +293,7 @@ static void skip_meetings(sim_group *g, uint64_t tick)
     if (periods < 4)
         return;
     tick += (periods - 3) * period;
-    for (size_t i = 0; i < g->count; i++)
-        sim_release_to(g->runs[i], tick);
+    release_to(g, tick, all_buses(g));
     tell_reached(g);
 }
 

@@ -562,19 +562,30 @@ bool sim_go(sim_run *s)
 
 /* ---- Runs of several buses ------------------------------------------------------------------- */
 
-void sim_release_to(sim_run *s, uint64_t end)
+/* Advances to a tick with the releases before a limit: that tick, or the one behind it. */
+static void release_before(sim_run *s, uint64_t limit, uint64_t end)
 {
     release_look(s->plan, s->bus);
     while (!is_over(s)) {
         const uint64_t tick = release_next_tick(s->plan);
         const uint64_t bit_end = cw_bus_tick_after(s->bus, 1);
-        if (tick <= end && tick <= bit_end)
+        if (tick < limit && tick <= bit_end)
             hand_in_due(s, tick);
         else if (bit_end <= end)
-            advance(s, least(tick - 1, end));
+            advance(s, tick < limit ? tick - 1 : end);
         else
             break;
     }
+}
+
+void sim_release_to(sim_run *s, uint64_t end)
+{
+    release_before(s, cw_after(end, 1), end);
+}
+
+void sim_release_before(sim_run *s, uint64_t end)
+{
+    release_before(s, end, end);
 }
 
 bool sim_owes_events(const sim_run *s, uint64_t tick)

@@ -111,6 +111,9 @@ void sim_change(sim_run *s, const cfg *config, cw_bus *bus);
 /* Advances to a tick with all releases up to there. */
 void sim_release_to(sim_run *s, uint64_t tick);
 
+/* Does the same without the releases of that tick, before which gateways hand in frames. */
+void sim_release_before(sim_run *s, uint64_t tick);
+
 /* Returns true when nodes may end bits of their own before the bus does. */
 bool sim_has_own_bits(const sim_run *run);
 

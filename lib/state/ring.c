@@ -70,10 +70,9 @@ static uint64_t nodes_behind(const cw_event *e, cw_event_kind kind, uint64_t nod
     return e->nodes & (e->kind > kind ? higher | self : higher);
 }
 
-/* Returns those nodes of an event that come after a new one. Faults come first, in the order of the
- * rules. UINT64_MAX: the whole event. A bit may end before the hit of a rule that has been
+/* Faults come first, in the order of the rules. A bit may end before the hit of a rule that has been
  * reported already, if nodes have clocks of their own. */
-static uint64_t part_behind(const cw_event *e, const cw_event *added)
+uint64_t cw_event_part_behind(const cw_event *e, const cw_event *added)
 {
     if (e->tick != added->tick)
         return e->tick > added->tick ? UINT64_MAX : 0;
@@ -94,7 +93,7 @@ static unsigned find_place(event_ring *ring, const cw_event *added)
 {
     unsigned place = ring->count;
     uint64_t behind = 0;
-    while (place > 0 && (behind = part_behind(event_at(ring, place - 1), added)) != 0) {
+    while (place > 0 && (behind = cw_event_part_behind(event_at(ring, place - 1), added)) != 0) {
         cw_event *before = event_at(ring, place - 1);
         bool all = behind == UINT64_MAX || behind == before->nodes;
         if (!all && ring->count + 1 < ring->capacity) {

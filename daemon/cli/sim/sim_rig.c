@@ -162,10 +162,41 @@ static void write_reached(void *user)
     s->write_at = 2 * s->count > KEPT_MAX ? 2 * s->count : KEPT_MAX;
 }
 
+/* Opens a gap in the list, which has room. */
+static kept *open_gap(rig_bus *b, size_t place)
+{
+    memmove(b->list + place + 1, b->list + place, (b->end - place) * sizeof *b->list);
+    b->end++;
+    b->all->count++;
+    b->list[place].line = NULL;
+    b->list[place].logged = NULL;
+    return &b->list[place];
+}
+
+/* Finds the place of an event, as the bus does it: a gateway may have handed in a frame behind the
+ * bit that ended at its tick. Divides an event of several nodes when it comes in between. */
+static size_t find_place(rig_bus *b, const cw_event *added)
+{
+    size_t place = b->end;
+    uint64_t behind;
+    while (place > b->first &&
+           (behind = cw_event_part_behind(&b->list[place - 1].event, added)) != 0) {
+        kept *before = &b->list[place - 1];
+        if (behind != UINT64_MAX && behind != before->event.nodes && !before->line) {
+            copy_event(&open_gap(b, place)->event, &before->event);
+            b->list[place].event.nodes = behind;
+            before->event.nodes &= ~behind;
+            break;
+        }
+        place--;
+    }
+    return place;
+}
+
 /* Adds an event to those of a bus. Returns false without memory. */
 static bool keep(rig_bus *b, const cw_event *event)
 {
-    if (b->end == b->room) {
+    if (b->room - b->end < 2) {
         const size_t room = b->room > 0 ? 2 * b->room : 256;
         kept *list = realloc(b->list, room * sizeof *list);
         if (!list)
@@ -173,10 +204,7 @@ static bool keep(rig_bus *b, const cw_event *event)
         b->list = list;
         b->room = room;
     }
-    kept *k = &b->list[b->end++];
-    k->line = NULL;
-    k->logged = NULL;
-    copy_event(&k->event, event);
+    copy_event(&open_gap(b, find_place(b, event))->event, event);
     return true;
 }
 
@@ -192,7 +220,6 @@ static void keep_event(void *user, const cw_event *event)
         s->no_memory = true;
         return;
     }
-    s->count++;
     if (s->player && s->count >= s->write_at)
         write_reached(s);
 }
