@@ -16,14 +16,14 @@ from simtool import CANWIRE, CANWIRED, canwire, kill_all, listens, sim, stop_can
 from test_push_back import Ecu
 from test_record import PATIENCE_S, wait_until
 
-BODY = """bus: {{ name: body, bitrate: 125000 }}
+BODY = """bus: {{ name: body, bitrate: 125000{data} }}
 control: body.sock
 pacing: {pacing}
 nodes:
   - {{ name: airbag, {airbag} }}
   - {{ name: gw }}
 """
-SAFETY = """bus: {{ name: safety, bitrate: 500000 }}
+SAFETY = """bus: {{ name: safety, bitrate: 500000{data} }}
 control: safety.sock
 pacing: {pacing}
 nodes:
@@ -45,11 +45,12 @@ class Rig:
     """A canwired in a folder with two buses."""
 
     def __init__(self, folder, *words, rules=CRASH, airbag=QUIET, engine=QUIET, pacing="precise",
-                 other_pacing="", queue=16, environment=None):
+                 other_pacing="", queue=16, data="",
+                 environment=None):
         self.folder, self.log = folder, folder / "log"
-        (folder / "body.yaml").write_text(BODY.format(airbag=airbag, pacing=pacing))
+        (folder / "body.yaml").write_text(BODY.format(airbag=airbag, pacing=pacing, data=data))
         (folder / "safety.yaml").write_text(
-            SAFETY.format(engine=engine, pacing=other_pacing or pacing, queue=queue))
+            SAFETY.format(engine=engine, pacing=other_pacing or pacing, queue=queue, data=data))
         (folder / "rig.yaml").write_text(RIG.format(rules=rules))
         with self.log.open("w") as log:
             self.process = subprocess.Popen([CANWIRED, "-c", "rig.yaml", *words], cwd=folder,
@@ -301,6 +302,27 @@ def test_a_journal_repeats_both_buses(rig, tmp_path):
             e for e in whole if e["t"] <= end]
     assert [b["bus"]["name"] for b in json.loads((tmp_path / "stats").read_text())["buses"]] == [
         "body", "safety"]
+    assert "ok (bus body, safety" in canwire("check", "--journal", tmp_path / "j").stdout
+
+
+def test_a_journal_repeats_what_came_in_data_phases(rig, tmp_path):
+    """Bits are shorter there. A replay that stopped before the last ones would show other errors."""
+    data = "A5" * 32
+    r = rig("--journal", "j", data=", dbitrate: 1000000", airbag=every(f"050##1{data}", "2ms"),
+            engine=every(f"123##1{data}", "700us"))
+    watches = [r.watch(bus, "error", "fault") for bus in ("body", "safety")]
+    for number in range(20):
+        for bus in "body", "safety":
+            r.run("inject", f"./{bus}.sock", f"{{ name: e{number}, do: {{ error-flag: gw }} }}")
+    wait_until(lambda: all(file.read_text().count("fault") > 10 for _, file in watches), "faults")
+    r.stop()
+    for process, _ in watches:
+        process.wait(PATIENCE_S)
+    whole = read_run(tmp_path)
+    for bus, (_, file) in zip(("body", "safety"), watches):
+        seen = [event for event in read_events(file) if "record" not in event]
+        again = [e for e in of_bus(whole, bus) if e["event"] in ("error", "fault")]
+        assert again[-len(seen):] == seen
     assert "ok (bus body, safety" in canwire("check", "--journal", tmp_path / "j").stdout
 
 

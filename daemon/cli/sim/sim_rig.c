@@ -174,12 +174,13 @@ static kept *open_gap(rig_bus *b, size_t place)
 }
 
 /* Finds the place of an event, as the bus does it: a gateway may have handed in a frame behind the
- * bit that ended at its tick. Divides an event of several nodes when it comes in between. */
+ * bit that ended at its tick. Divides an event of several nodes when it comes in between. A journal
+ * repeats the order in which the running rig has told its events. */
 static size_t find_place(rig_bus *b, const cw_event *added)
 {
     size_t place = b->end;
     uint64_t behind;
-    while (place > b->first &&
+    while (!b->all->player && place > b->first &&
            (behind = cw_event_part_behind(&b->list[place - 1].event, added)) != 0) {
         kept *before = &b->list[place - 1];
         if (behind != UINT64_MAX && behind != before->event.nodes && !before->line) {
