@@ -269,8 +269,8 @@ CANWIRE_SIM_API char *canwire_sim_expectations(canwire_sim *sim);
 
 /* Returns the losses up to now, as `canwire sim` tells them at its end. They are frames that were
  * dropped or never sent, and rules of the files that never matched. It is a JSON array of objects
- * with `bus`, `node` or `rule`, `why`, and `frames`, `ids`, `help` where there are any. NULL without
- * memory. */
+ * with `bus`, `node` or `rule`, `why`, and `frames`, `ids`, `help` where there are any. NULL
+ * without memory. */
 CANWIRE_SIM_API char *canwire_sim_lost(canwire_sim *sim);
 
 #ifdef __cplusplus

@@ -70,8 +70,9 @@ bool release_is_as_written(const release_plan *plan);
  * changed. CW_AGAIN: a frame of a file waits for room in its node's queue. A release must exist. */
 cw_status release_hand_in(release_plan *plan, cw_bus *bus);
 
-/* Returns true when a file is replayed as fast as possible, or waits for room. The caller then calls release_look()
- * before the first bit, and after each bit that may leave the node without a frame. */
+/* Returns true when a file is replayed as fast as possible, or waits for room. The caller then
+ * calls release_look() before the first bit, and after each bit that may leave the node without a
+ * frame, or with room. */
 bool release_is_fast(const release_plan *plan);
 
 /* Returns the end of the next bit after which release_look() is due, if no faults act on the

@@ -124,8 +124,9 @@ static const char *check_losses(const json_t *lost)
         return "`lost`: expected a list";
     for (size_t i = 0; i < json_array_size(lost); i++) {
         const json_t *l = json_array_get(lost, i);
-        if (!json_is_string(json_object_get(l, "why")) ||
-            json_is_string(json_object_get(l, "node")) == json_is_string(json_object_get(l, "rule")))
+        const bool node = json_is_string(json_object_get(l, "node"));
+        const bool rule = json_is_string(json_object_get(l, "rule"));
+        if (!json_is_string(json_object_get(l, "why")) || node == rule)
             return "`lost`: expected objects, each with a `node` or a `rule`, and `why`";
     }
     return NULL;

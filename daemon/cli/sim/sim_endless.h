@@ -7,7 +7,7 @@
 
 #include "config/config.h"
 
-/* Complains about traffic, a rule, or a time master, that never ends; does nothing where all ends. */
+/* Complains about traffic, a rule or a time master that never ends. Does nothing where all ends. */
 void sim_endless_tell(const cfg *config);
 
 #endif
