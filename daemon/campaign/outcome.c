@@ -237,6 +237,30 @@ static void write_losses(rowtext *row, const scenario *s)
     rowtext_put(row, "]");
 }
 
+/* ---- Notes ----------------------------------------------------------------------------------- */
+
+/* Writes what was left out of files that the scenario replays; no key where nothing was. */
+static void write_notes(rowtext *row, const scenario *s)
+{
+    const size_t begin = strlen(SIM_NOTE);
+    bool any = false;
+    for (const char *line = scenario_notes(s); *line; line += strcspn(line, "\n") + 1) {
+        const size_t length = strcspn(line, "\n");
+        char *note = strncmp(line, SIM_NOTE, begin) == 0 && line[length]
+                         ? strndup(line + begin, length - begin)
+                         : NULL;
+        if (!note)
+            continue;
+        if (!any)
+            rowtext_key(row, "notes");
+        rowtext_put(row, any ? "," : "[");
+        rowtext_quoted(row, note);
+        free(note);
+        any = true;
+    }
+    rowtext_put(row, any ? "]" : "");
+}
+
 /* ---- All of it ------------------------------------------------------------------------------- */
 
 outcome outcome_write(rowtext *row, const scenario *s)
@@ -252,6 +276,7 @@ outcome outcome_write_as(rowtext *row, const scenario *s, outcome o, const char 
     write_first_error(row, s);
     write_nodes(row, s);
     write_losses(row, s);
+    write_notes(row, s);
     return o;
 }
 

@@ -168,6 +168,7 @@ static bool conclude(scenario *s)
     for (size_t i = 0; i < s->count; i++) {
         scenario_bus *b = &s->buses[i];
         observe_end(&b->seen, b->run.bus, (unsigned)b->config->node_count);
+        release_tell(b->run.plan);
         if (b->judge && !expect_conclude(b->judge, &s->report, b->run.bus))
             good = false;
     }
@@ -191,6 +192,11 @@ bool scenario_run(scenario *s, const uint64_t *seed)
         (void)sim_go(&s->buses[0].run);
     s->failed = sim_group_failed(&s->group);
     return conclude(s);
+}
+
+const char *scenario_notes(const scenario *s)
+{
+    return fflush(s->told) == 0 && s->told_size > 0 ? s->told_text : "";
 }
 
 char *scenario_why(scenario *s)

@@ -61,6 +61,10 @@ bool scenario_ends(const scenario *s, const char *advice, FILE *messages);
  * a file cannot be read, or without memory. */
 bool scenario_run(scenario *s, const uint64_t *seed);
 
+/* Returns the lines that the last run has said about files that it replays. They begin with
+ * SIM_NOTE, errors do not. They are valid until the next run. */
+const char *scenario_notes(const scenario *s);
+
 /* Returns why the last run has failed, for its owner to free; NULL: without memory. */
 char *scenario_why(scenario *s);
 

@@ -4,10 +4,28 @@
  */
 #include "campaign/tally.h"
 
+#include "base/plain.h"
+
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/wait.h>
+
+const char *tally_first_note(const char *row, size_t length)
+{
+    static const char key[] = ",\"notes\":[\"";
+    const char *found = memmem(row, length, key, sizeof key - 1);
+    return found ? found + sizeof key - 1 : NULL;
+}
+
+void tally_add(tally *t, const char *program, outcome o, const char *row, size_t length)
+{
+    const char *note = tally_first_note(row, length);
+    t->count[o]++;
+    if (!note || t->noted++ > 0)
+        return;
+    plain_print(stderr, "%s: %.*s\n", program, (int)strcspn(note, "\""), note);
+}
 
 uint64_t tally_total(const tally *t)
 {
@@ -33,6 +51,8 @@ void tally_print(FILE *out, const tally *t)
     for (unsigned i = OUTCOME_PASSED + 1; i < OUTCOME_COUNT; i++)
         if (t->count[i] > 0)
             fprintf(out, ", %" PRIu64 " %s", t->count[i], outcome_name((outcome)i));
+    if (t->noted > 0)
+        fprintf(out, "; %" PRIu64 " with notes", t->noted);
 }
 
 outcome tally_lost(rowtext *row, const pool_loss *loss)

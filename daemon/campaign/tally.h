@@ -11,7 +11,14 @@
 /* All zeros has counted nothing. */
 typedef struct tally {
     uint64_t count[OUTCOME_COUNT];
+    uint64_t noted; /* rows with notes */
 } tally;
+
+/* Returns the first note in a row, which ends with a quote; NULL: there is none. */
+const char *tally_first_note(const char *row, size_t length);
+
+/* Counts an outcome and its row, and shows the first one's first note. */
+void tally_add(tally *t, const char *program, outcome o, const char *row, size_t length);
 
 /* Returns the number of outcomes. */
 uint64_t tally_total(const tally *t);

@@ -359,6 +359,13 @@ bool release_read_ahead(release_plan *plan)
     return true;
 }
 
+void release_tell(release_plan *plan)
+{
+    for (size_t i = 0; i < plan->source_count; i++)
+        if (plan->sources[i].replay)
+            report_note(plan, &plan->sources[i]);
+}
+
 void release_plan_free(release_plan *plan)
 {
     if (!plan)

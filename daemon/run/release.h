@@ -26,6 +26,9 @@ release_plan *release_plan_new(const cfg *config, release_reporter *report, void
  * not been read in time comes late. Returns false without memory or a thread. */
 bool release_read_ahead(release_plan *plan);
 
+/* Reports pending messages about files, which the end of the plan would do. */
+void release_tell(release_plan *plan);
+
 /* Reports pending messages about files and frees the plan. NULL is allowed. */
 void release_plan_free(release_plan *plan);
 

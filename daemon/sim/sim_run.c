@@ -32,7 +32,7 @@ static void report(void *user, bool failed, const char *text)
     if (!s->messages)
         return;
     wipe(s);
-    plain_print(s->messages, "%s%s\n", failed ? "" : "canwire sim: ", text);
+    plain_print(s->messages, "%s%s\n", failed ? "" : SIM_NOTE, text);
 }
 
 static void describe(cw_bus_config *out, cw_node_config nodes[CW_NODES_MAX], const sim_run *s)

@@ -10,6 +10,8 @@
 
 #include <stdio.h>
 
+#define SIM_NOTE "canwire sim: " /* begins a note about a file; an error has its place there */
+
 #define SIM_SINKS_MAX 16
 
 /* An observer of a run. Both functions may be NULL; neither may change the bus. */

@@ -476,7 +476,8 @@ def test_a_row_that_is_broken_says_why(make, tmp_path):
     bus = BUS.replace("  - name: gearbox\n",
                       "  - name: gearbox\n    traffic: [ { replay: drive.log } ]\n")
     file = make("scenario: bus.yaml\nvary:\n  - { set: seed, values: [ 1, 2 ] }\n", bus)
-    why = sim(tmp_path / "bus.yaml", status=1).stderr.splitlines()[-1]
+    why = next(line for line in sim(tmp_path / "bus.yaml", status=1).stderr.splitlines()
+               if line.startswith(f"{tmp_path}/drive.log:"))
     assert why.startswith(f"{tmp_path}/drive.log:2001:1: there is no time stamp")
     result = campaign("run", file, status=1)
     for row in rows_of(result.stdout):
@@ -485,6 +486,22 @@ def test_a_row_that_is_broken_says_why(make, tmp_path):
     assert f"row 0 could not be run:\n{why}\n" in result.stderr
     rows = rows_of(sim(tmp_path / "bus.yaml", "--seeds", "1..2", status=1).stdout)
     assert [row["why"] for row in rows] == [why, why]
+
+
+def test_entries_that_are_not_replayed_are_told_in_rows_and_once(make, tmp_path):
+    (tmp_path / "drive.log").write_text("(1.0) can0 700#11\n(1.1) can0 7\n(9.0) can0 701#\n")
+    bus = BUS.replace("  - name: gearbox\n",
+                      "  - name: gearbox\n    traffic: [ { replay: drive.log } ]\n")
+    file = make("scenario: bus.yaml\nuntil: 500ms\nvary:\n"
+                "  - { set: seed, range: { from: 1, to: 3, step: 1 } }\n", bus)
+    note = f"{tmp_path}/drive.log: left out: 1 damaged entry of 13 bytes (line 2: expected a line"
+    for result, program in ((campaign("run", file), "canwire campaign"),
+                            (sim(tmp_path / "bus.yaml", "--until", "500ms", "--seeds", "1..3"),
+                             "canwire sim")):
+        rows = rows_of(result.stdout)
+        assert len(rows) == 3 and all(row["notes"][0].startswith(note) for row in rows)
+        assert result.stderr.count("left out") == 1 and f"{program}: {note}" in result.stderr
+        assert result.stderr.endswith("3 passed; 3 with notes\n")
 
 
 def test_plan_tells_what_there_is(make):

@@ -48,19 +48,27 @@ static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, ro
     return (unsigned char)runner_lost(r->runner, number, loss, row);
 }
 
+static void wipe(const run *r)
+{
+    if (r->shows)
+        fputs("\r\033[K", stderr);
+}
+
 /* Counts the next row. */
-static void count_row(run *r, outcome o)
+static void count_row(run *r, outcome o, const char *row, size_t length)
 {
     const bool bad = o == OUTCOME_INVALID || o == OUTCOME_BROKEN;
     if (bad && r->bad == UINT64_MAX)
         r->bad = r->first + r->old.there + r->taken;
-    r->tally.count[o]++;
+    if (r->tally.noted == 0 && tally_first_note(row, length))
+        wipe(r);
+    tally_add(&r->tally, "canwire campaign", o, row, length);
 }
 
 static bool take(void *user, unsigned char code, const char *row, size_t length)
 {
     run *r = user;
-    count_row(r, (outcome)code);
+    count_row(r, (outcome)code, row, length);
     r->taken++;
     if (fwrite(row, 1, length, r->file.stream) == length)
         return true;
@@ -78,12 +86,6 @@ static bool check_row(void *user, const char *line, size_t length)
 }
 
 /* ---- Progress -------------------------------------------------------------------------------- */
-
-static void wipe(const run *r)
-{
-    if (r->shows)
-        fputs("\r\033[K", stderr);
-}
 
 static void look(void *user, uint64_t made)
 {

@@ -64,7 +64,7 @@ static unsigned char lose(void *user, uint64_t seed, const pool_loss *loss, rowt
 static bool take(void *user, unsigned char code, const char *row, size_t length)
 {
     seeds *s = user;
-    s->tally.count[code]++;
+    tally_add(&s->tally, "canwire sim", (outcome)code, row, length);
     if (fwrite(row, 1, length, stdout) == length)
         return true;
     plain_print(stderr, "canwire sim: standard output: %s\n", strerror(errno));
