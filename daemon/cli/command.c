@@ -105,7 +105,7 @@ int command_parse(const command *c, int *first, int argc, char **argv)
     int words = argc - optind;
     if (words < c->words_min || (c->words_max >= 0 && words > c->words_max))
         return refuse(c);
-    if (words > 1 && is_swapped(argv[optind], argv[optind + 1])) {
+    if (words > 1 && !c->is_program && is_swapped(argv[optind], argv[optind + 1])) {
         plain_print(stderr, "%s: the bus comes first, and that is %s\n", argv[0],
                     argv[optind + 1]);
         return refuse(c);

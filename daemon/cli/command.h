@@ -24,6 +24,7 @@ typedef struct command {
     int words_min;      /* arguments that are no options */
     int words_max;      /* -1: any number */
     bool options_first; /* the options end at the first word, whatever follows */
+    bool is_program;    /* the words are a program and its arguments, and no bus */
     command_option options[COMMAND_FLAGS_MAX + 1];
     void *user; /* for the options */
 } command;

@@ -234,6 +234,7 @@ int cli_run(int argc, char **argv)
                        .words_min = 1,
                        .words_max = -1,
                        .options_first = true,
+                       .is_program = true,
                        .options = {{.name = "bus", .text = take_bus},
                                    {.name = "as", .text = take_node},
                                    {.name = "interface", .text = take_interface},
