@@ -100,8 +100,8 @@ static bool is_socket(const char *path)
     return stat(path, &found) == 0 && S_ISSOCK(found.st_mode);
 }
 
-/* Writes the path of the socket of a bus, which may be a socket in the current folder, as far as no
- * bus has that name. Returns false when the path is too long. */
+/* Writes the path of the socket of a bus. It may be a socket in the current folder when no bus has
+ * that name. Returns false when the path is too long. */
 static bool find_socket(struct sockaddr_un *address, const char *bus)
 {
     char *path = address->sun_path;

@@ -39,7 +39,7 @@ static int open_found(const char *program)
     return -1;
 }
 
-/* What the segments of a program tell. */
+/* Properties of a program, by its segments. */
 typedef struct traits {
     bool has_linker; /* it names a dynamic linker */
     bool musl;       /* ... that of musl */

@@ -177,8 +177,8 @@ static void complete_root(yaml_document_t *document, schema *self)
         diag_add(self->errors, 0, 0, "out of memory");
 }
 
-/* Gives a bus of the service a control socket where its clients look: by the name of the unit,
- * those of a rig by their own. */
+/* Gives a bus of the service a control socket where its clients look. It has the name of the unit,
+ * in a rig that of the bus. */
 static void complete_control(schema *self, cfg *config)
 {
     const char *instance = unit_instance();

@@ -283,7 +283,7 @@ const char *trace_damage(const trace_reader *reader)
     return reader->damage + reader->damage_place;
 }
 
-/* What a user can do about the times of a file, by its format. */
+/* Remedies for the times of a file, by its format. */
 static const struct {
     const char *no_time;
     const char *stepped_back;

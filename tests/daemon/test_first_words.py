@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What people type at first: the socket beside them, and arguments in another order."""
+"""The tool understands a socket in the current folder, and arguments in another order."""
 
 import contextlib
 import os

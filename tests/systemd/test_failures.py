@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What an administrator sees when something is wrong, and the shipped examples, under systemd."""
+"""Failures of the service as an administrator sees them, and its shipped examples."""
 
 import json
 import os
