@@ -15,6 +15,7 @@
 
 #define WELCOME_MS 30000 /* for the answer to a hello */
 #define FLUSH_MS 10000   /* for the bus to send what is left; a bus-off node never does */
+#define LOOK_MS 10       /* between two looks for an answer that another thread may read */
 #define GUESTS_MAX 64u
 
 /* The room of a socket in bytes; the kernel doubles it, and takes no more without privileges. By
@@ -58,13 +59,24 @@ static int64_t now_ms(void)
     return now.tv_sec * INT64_C(1000) + now.tv_nsec / 1000000;
 }
 
-/* Receives a message of one of two types; others are lost. Returns 0 or an errno. */
-static int await(int fd, message *m, message_type one, message_type other, int limit_ms)
+/* Returns true when another thread has read the answer that this one waits for. */
+static bool is_answered(const unsigned *elsewhere, unsigned before)
+{
+    return elsewhere && __atomic_load_n(elsewhere, __ATOMIC_ACQUIRE) != before;
+}
+
+/* Receives a message of one of two types; others are lost. elsewhere: see conn_flush(), before: its
+ * value before the question. Returns 0 or an errno. */
+static int await_here_or_there(int fd, message *m, message_type one, message_type other,
+                               int limit_ms, const unsigned *elsewhere, unsigned before)
 {
     const int64_t end = now_ms() + limit_ms;
     for (int64_t left = limit_ms; left > 0; left = end - now_ms()) {
         struct pollfd in = {.fd = fd, .events = POLLIN};
-        if (poll(&in, 1, (int)left) <= 0)
+        const int ready = poll(&in, 1, elsewhere && left > LOOK_MS ? LOOK_MS : (int)left);
+        if (is_answered(elsewhere, before))
+            return 0;
+        if (ready <= 0)
             continue;
         m->head = (message_head){.type = 0};
         const ssize_t size = real()->recv(fd, m, sizeof *m, MSG_DONTWAIT);
@@ -76,6 +88,11 @@ static int await(int fd, message *m, message_type one, message_type other, int l
             return errno;
     }
     return ETIMEDOUT;
+}
+
+static int await(int fd, message *m, message_type one, message_type other, int limit_ms)
+{
+    return await_here_or_there(fd, m, one, other, limit_ms, NULL, 0);
 }
 
 /* ---- Connecting ------------------------------------------------------------------------------ */
@@ -130,7 +147,7 @@ static void complain(const iface *in, const char *why)
 static void begin_filtered(int fd, const conn_wants *wants)
 {
     conn_set_filters(fd, wants);
-    conn_flush(fd);
+    conn_flush(fd, NULL);
 }
 
 int conn_start(int fd, const iface *in, const conn_wants *wants, unsigned number)
@@ -192,9 +209,11 @@ int conn_send(int fd, const void *frame, size_t size, int flags)
     return conn_is_over(errno) ? ENETDOWN : errno;
 }
 
-void conn_flush(int fd)
+void conn_flush(int fd, const unsigned *elsewhere)
 {
     message answer;
+    const unsigned before = elsewhere ? __atomic_load_n(elsewhere, __ATOMIC_ACQUIRE) : 0;
     if (send_control(fd, MESSAGE_FLUSH, NULL, 0) == 0)
-        (void)await(fd, &answer, MESSAGE_FLUSH, MESSAGE_FLUSH, FLUSH_MS);
+        (void)await_here_or_there(fd, &answer, MESSAGE_FLUSH, MESSAGE_FLUSH, FLUSH_MS, elsewhere,
+                                  before);
 }

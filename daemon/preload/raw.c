@@ -207,6 +207,27 @@ static void release(int fd)
     table_unlock();
 }
 
+/* Counts a frame that is about to be sent, so that whoever ends the socket meanwhile waits for it.
+ * Returns true when the socket itself is the connection to that interface. */
+static bool begin_frame(cansock *s, int number)
+{
+    table_lock();
+    const bool direct = s->direct == number;
+    s->sent[number]++;
+    table_unlock();
+    return direct;
+}
+
+/* Returns true while the socket is the connection that a frame has gone to. Where another thread
+ * has found its end, the frame may have gone to what replaces it, and is lost in any case. */
+static bool is_still_direct(const cansock *s, int number)
+{
+    table_lock();
+    const bool direct = s->direct == number;
+    table_unlock();
+    return direct;
+}
+
 /* Refuses what the kernel's raw_sendmsg() and can_send() refuse. */
 static int check(const cansock *s, const iface *in, const struct canfd_frame *frame, size_t size)
 {
@@ -225,16 +246,16 @@ int raw_send(cansock *s, int fd, const void *frame, size_t size, int index, int 
     if (error)
         return error;
     const int number = ifmap_number(in);
-    const bool direct = s->direct == number;
+    const bool direct = begin_frame(s, number);
     const int to = direct ? fd : side_of(s, in);
     if (to < 0)
         return errno;
     if (!direct && (real()->fcntl(fd, F_GETFL) & O_NONBLOCK))
         flags |= MSG_DONTWAIT;
     error = conn_send(to, frame, size, flags);
-    if (error == 0)
-        s->sent[number]++;
-    else if (error == ENETDOWN && direct)
+    if (error == 0 && direct && !is_still_direct(s, number))
+        return ENETDOWN;
+    if (error == ENETDOWN && direct)
         raw_went_down(s, index, true);
     else if (error == ENETDOWN)
         lose_side(s, in, to);
@@ -277,6 +298,18 @@ void raw_filters_changed(cansock *s, int fd)
 
 /* ---- The end --------------------------------------------------------------------------------- */
 
+/* Returns the connection of frames that may be lost, which the caller releases, or -1. */
+static int hold_unsent(cansock *s, int fd, int number)
+{
+    int held = -1;
+    table_lock();
+    if (ifmap_at(number)->guest && s->sent[number] > 0)
+        held = s->direct == number ? fd : table_hold(s->side[number]);
+    s->sent[number] = 0;
+    table_unlock();
+    return held;
+}
+
 void raw_flush(cansock *s, int fd)
 {
     if (s->shared)
@@ -285,9 +318,11 @@ void raw_flush(cansock *s, int fd)
     relay_stop(s); /* it would read the answers */
     table_unlock();
     for (int i = 0; i < ifmap_count(); i++) {
-        if (!ifmap_at(i)->guest || s->sent[i] == 0)
+        const int held = hold_unsent(s, fd, i);
+        if (held < 0)
             continue;
-        s->sent[i] = 0;
-        conn_flush(s->direct == i ? fd : s->side[i]);
+        conn_flush(held, &s->flushed);
+        if (held != fd)
+            release(held);
     }
 }

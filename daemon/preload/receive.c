@@ -171,6 +171,8 @@ ssize_t receive(cansock *s, int fd, struct msghdr *out, int flags)
         if (in.head.type == MESSAGE_FRAME)
             return hand_over(s, out, &in, (size_t)size);
         drop_peeked(fd, flags);
+        if (in.head.type == MESSAGE_FLUSH) /* another thread ends the socket, and waits for it */
+            (void)__atomic_add_fetch(&s->flushed, 1, __ATOMIC_RELEASE);
         if (in.head.type == MESSAGE_ERROR && s->direct < 0) { /* of this library, not of a port */
             errno = error_of(&in);
             return -1;

@@ -52,6 +52,7 @@ typedef struct cansock {
     int direct;           /* the interface whose connection the socket itself is, or -1 */
     int side[IFMAP_MAX];  /* hidden connections of other interfaces, or -1 */
     uint64_t sent[IFMAP_MAX]; /* frames; back to 0 when the bus has sent them */
+    unsigned flushed;     /* answers to flushes that a receiving thread has read; atomic */
     int64_t stamp_ns;     /* of the last message that was received; 0: none */
     cansock_stamps stamps;
     cansock_raw raw;

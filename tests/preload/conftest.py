@@ -90,10 +90,21 @@ def bus(tmp_path):
         kill_all([one.process, *one.programs])
 
 
+def build_program(folder, name):
+    """Compiles tests/preload/NAME.c; returns the path of the program."""
+    subprocess.run([os.environ.get("CC", "cc"), "-D_GNU_SOURCE", "-O1", "-Wall", "-Wextra",
+                    "-Werror", "-pthread", "-o", folder / name,
+                    ROOT / f"tests/preload/{name}.c"], check=True)
+    return folder / name
+
+
 @pytest.fixture(scope="session")
 def calls(tmp_path_factory):
     """The path of the program calls.c."""
-    made = tmp_path_factory.mktemp("calls") / "calls"
-    subprocess.run([os.environ.get("CC", "cc"), "-D_GNU_SOURCE", "-O1", "-Wall", "-Wextra",
-                    "-Werror", "-pthread", "-o", made, ROOT / "tests/preload/calls.c"], check=True)
-    return made
+    return build_program(tmp_path_factory.mktemp("calls"), "calls")
+
+
+@pytest.fixture(scope="session")
+def threads(tmp_path_factory):
+    """The path of the program threads.c."""
+    return build_program(tmp_path_factory.mktemp("threads"), "threads")

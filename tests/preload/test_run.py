@@ -169,6 +169,19 @@ def test_a_guest_that_sends_and_ends_loses_nothing(bus):
     r.stop()
 
 
+def test_a_socket_that_threads_share_is_flushed_at_its_end(bus, threads):
+    """A thread that receives may read the answer to the flush. The closing one would wait for it
+    for 10 s in each of 8 rounds, longer than the program may take."""
+    r = bus()
+    dash = r.client("dash")
+    lines = r.run("probe", threads, "probe").stdout.splitlines()
+    assert lines == ["closed"] * 8
+    sent = [0x100 + 0x10 * writer + i for writer in range(4) for i in range(10)]
+    for _ in range(8):
+        assert sorted(dash.receive().can_id for _ in sent) == sent
+    r.stop()
+
+
 def test_each_socket_of_a_guest_is_a_node(bus):
     r = bus()
     program = SOCKET + """
