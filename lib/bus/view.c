@@ -17,9 +17,9 @@ static inline void view_node(const cw_bus *bus, unsigned i, cw_bit_node *n)
 static void view_nodes(const cw_bus *bus, cw_bit_node *nodes)
 {
     const bit_note *note = &bus->note;
-    const cw_bit_node *shared = note->alike ? cw_noted(note, cw_lowest_node(note->alike)) : NULL;
+    const unsigned lowest = note->alike ? cw_lowest_node(note->alike) : 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        nodes[i] = note->alike >> i & 1u ? *shared : note->nodes[i];
+        nodes[i] = note->nodes[note->alike >> i & 1u ? lowest : i];
         view_node(bus, i, &nodes[i]);
     }
     for (unsigned i = 0; note->wire_count > 1 && i < bus->node_count; i++)
