@@ -32,7 +32,7 @@ static unsigned format_sent(const cw_bus *bus)
 
 /* Receivers cannot tell SRR and FDF from the bits of other frames at these places, before they have
  * seen more. Their traces have the names of the transmitter's bits. */
-static cw_field name_as_sent(const cw_bus *bus, const cw_mac *m, const cw_place *place)
+__attribute__((noinline)) static cw_field name_as_sent(const cw_bus *bus, const cw_mac *m, const cw_place *place)
 {
     if (place->field == CW_FIELD_RTR && !place->extended)
         return format_sent(bus) & CW_BITS_EXTENDED ? CW_FIELD_SRR : CW_FIELD_RTR;
@@ -45,7 +45,8 @@ static cw_field name_as_sent(const cw_bus *bus, const cw_mac *m, const cw_place 
 cw_place cw_view_place(const cw_bus *bus, const cw_mac *m)
 {
     cw_place place = cw_mac_place(m);
-    if (m->phase == CW_MAC_FRAME && m->role == CW_ROLE_RECEIVER)
+    const bool fits = place.field >= CW_FIELD_RTR && place.field <= CW_FIELD_R0;
+    if (fits && m->role == CW_ROLE_RECEIVER)
         place.field = name_as_sent(bus, m, &place);
     return place;
 }
