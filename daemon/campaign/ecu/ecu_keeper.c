@@ -209,8 +209,8 @@ static bool read_result(int in, watch *w, ecu_result *result)
     return used == sizeof *result;
 }
 
-/* The keeper has ended without a result, and its programs with it. Processes that these have started
- * are now children of this one. */
+/* The keeper has ended without a result, and its programs with it. Processes that these have
+ * started are now children of this one. */
 static void clean_up(const ecu_task *task, const watch *w, ecu_result *result)
 {
     ecu_process_kill_all(0);
