@@ -135,7 +135,7 @@ def test_the_examples_of_the_page(bus):
     page = (ROOT / "config/run.md").read_text()
     example = re.search(r"```sh\n(.*?)```", page, re.DOTALL)[1]
     first, listen, send = [line for line in example.splitlines() if line]
-    assert first.startswith("canwired -c rig.yaml &")
+    assert first.startswith("canwired -c rig.yaml --background")
     os.symlink("bus.yaml", r.folder / "rig.yaml")
     tool = {**os.environ, "PATH": f"{os.path.dirname(CANWIRE)}:{os.environ['PATH']}"}
     r.programs.append(subprocess.Popen(["sh", "-c", f"exec {listen}"], cwd=r.folder, text=True,
