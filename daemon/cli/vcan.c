@@ -38,7 +38,7 @@ static const char help[] =
     "         peer a pair of vxcan with the other end in the network namespace of the peer;\n"
     "         with \"vxcan: yes\" in FILE a pair for each, the ECU's end called as its node\n"
     "  down   removes what `up` has made for FILE, which need not be there any more, but for\n"
-    "         interfaces that a running bus uses\n"
+    "         interfaces that a running bus of another FILE uses\n"
     "\n"
     "  -h, --help   this text\n"
     "\n"
@@ -347,18 +347,33 @@ static bool bring_up(plan *plans, size_t count)
 
 typedef struct name_list {
     const char *owner;
+    const rig *several; /* the buses of FILE, as far as it is there */
+    const cfg *one;
     size_t count;
     char (*names)[IF_NAMESIZE];
     bool no_memory;
 } name_list;
 
-/* Tells of an interface that a running bus uses. The file of that bus may be another one. */
-static bool is_claimed(const link_info *info)
+static bool is_bus(const cfg *bus, const claim_owner *owner)
+{
+    return strncmp(bus->bus_name, owner->name, CLAIM_OWNER_BYTES - 1) == 0;
+}
+
+static bool is_bus_of(const name_list *list, const claim_owner *owner)
+{
+    bool found = list->one && is_bus(list->one, owner);
+    for (size_t i = 0; list->several && i < list->several->bus_count; i++)
+        found = found || is_bus(list->several->buses[i], owner);
+    return found;
+}
+
+/* Tells of an interface that a running bus of another file uses. */
+static bool is_claimed(const name_list *list, const link_info *info)
 {
     char key[CLAIM_KEY_BYTES];
     claim_owner owner;
     claim_print_port(key, info->index);
-    if (!claim_find(&owner, key))
+    if (!claim_find(&owner, key) || is_bus_of(list, &owner))
         return false;
     plain_print(stderr, "canwire vcan: %s stays: it is in use by bus %s of canwired, pid %ld\n",
                 info->name, owner.name, owner.pid);
@@ -369,7 +384,7 @@ static bool collect(void *user, const link_info *info)
 {
     name_list *list = user;
 
-    if (!is_ours(list->owner, info) || is_claimed(info))
+    if (!is_ours(list->owner, info) || is_claimed(list, info))
         return true;
     void *longer = realloc(list->names, (list->count + 1) * sizeof list->names[0]);
     list->no_memory = !longer;
@@ -381,9 +396,9 @@ static bool collect(void *user, const link_info *info)
 }
 
 /* Removes all interfaces that it can. */
-static bool bring_down(const plan *p)
+static bool bring_down(const plan *p, const rig *several, const cfg *one)
 {
-    name_list list = {.owner = p->owner};
+    name_list list = {.owner = p->owner, .several = several, .one = one};
     int number = links_each(p->links, collect, &list);
     bool good = number == 0 && !list.no_memory;
 
@@ -429,6 +444,22 @@ static bool up_file(links *l, const char *owner, const char *file)
     return good;
 }
 
+/* FILE may be bad, or gone. Then each running bus keeps its interfaces. */
+static bool down_file(links *l, const char *owner, const char *file)
+{
+    rig *several = NULL;
+    cfg *one = NULL;
+    FILE *ignored = fopen("/dev/null", "we");
+    if (ignored)
+        (void)rig_load_either(&several, &one, &(cfg_file){.name = file}, ignored);
+    bool good = bring_down(&(plan){.links = l, .owner = owner}, several, one);
+    rig_free(several);
+    cfg_free(one);
+    if (ignored)
+        (void)fclose(ignored);
+    return good;
+}
+
 static int run(const char *verb, const char *file)
 {
     char owner[PATH_MAX];
@@ -438,8 +469,7 @@ static int run(const char *verb, const char *file)
     links *l = links_open();
     bool good = l || complain("netlink", strerror(errno));
     if (good)
-        good = strcmp(verb, "up") == 0 ? up_file(l, owner, file)
-                                       : bring_down(&(plan){.links = l, .owner = owner});
+        good = strcmp(verb, "up") == 0 ? up_file(l, owner, file) : down_file(l, owner, file);
     links_close(l);
     return good ? CLI_OK : CLI_BAD_INPUT;
 }

@@ -246,6 +246,17 @@ def test_down_leaves_what_another_file_made(rig, tmp_path):
     rig("down", name=other)
 
 
+def test_down_leaves_what_a_bus_of_another_file_uses(rig, canwired):
+    rig("up", PAIR)
+    other = canwired(PAIR.replace("name: ", "name: other-", 1))
+    told = subprocess.run([CANWIRE, "vcan", "down", rig.file], capture_output=True, text=True,
+                          check=True)
+    assert (told.stdout, told.stderr.count(" stays: it is in use by bus other-")) == ("", 2)
+    assert {"v0", "v1"} <= set(links())
+    other.stop()
+    assert rig("down") == "removed v0\nremoved v1\n"
+
+
 def test_who_may_not_is_told(rig):
     def become_nobody():
         os.setgroups([])
