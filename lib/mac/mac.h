@@ -147,7 +147,7 @@ static inline const cw_frame *cw_mac_offered(const cw_mac *mac)
 /* Encodes the offered frame, see cw_bits_encode_crc(). */
 void cw_mac_encode(cw_mac *mac, const cw_frame *frame, unsigned inverted);
 
-/* Returns the level that the controller drives in the bit that comes next, if it begins no frame. */
+/* Returns the level that the controller drives in the next bit, if it begins no frame. */
 bool cw_mac_level(const cw_mac *mac);
 
 /* Returns true when the controller drives this level in the next bit, whatever its host hands in

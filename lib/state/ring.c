@@ -70,8 +70,8 @@ static uint64_t nodes_behind(const cw_event *e, cw_event_kind kind, uint64_t nod
     return e->nodes & (e->kind > kind ? higher | self : higher);
 }
 
-/* Faults come first, in the order of the rules. A bit may end before the hit of a rule that has been
- * reported already, if nodes have clocks of their own. */
+/* Faults come first, in the order of the rules. A bit may end before the hit of a rule that has
+ * been reported already, if nodes have clocks of their own. */
 uint64_t cw_event_part_behind(const cw_event *e, const cw_event *added)
 {
     if (e->tick != added->tick)

@@ -220,7 +220,7 @@ __attribute__((noinline)) void cw_timed_show_wire(cw_bus *bus)
             bus->timed.nodes[i].pcs.last_sample = bus->wire;
 }
 
-/* ---- The end of the bit that begins now ------------------------------------------------------- */
+/* ---- The end of the bit that begins now ------------------------------------------------------ */
 
 static const cw_mac *controller_of(const cw_bus *bus, unsigned i)
 {

@@ -56,8 +56,8 @@ static inline void cw_watch_wire(cw_bus *bus, uint64_t bits)
  * must have a data rate. */
 bool cw_is_data_phase(const cw_bus *bus);
 
-/* Returns the length of the bit that begins now and that all nodes have in common, if no fault comes.
- * 0: it is as long as a nominal one, since their bits do not end together. Nodes that are away do
+/* Returns the length of the bit that begins now and that all nodes have in common, if no fault
+ * comes. 0: it is as long as a nominal one, since their bits do not end together. Nodes that are away do
  * not count. Some node must have a data rate. */
 cw_span cw_timed_common_bit(const cw_bus *bus);
 
@@ -133,8 +133,8 @@ static inline uint64_t cw_frame_step_tick(const cw_bus *bus, unsigned n)
 /* Returns the tick at which the next bit ends, where some node has a data rate. */
 uint64_t cw_short_bit_end(const cw_bus *bus);
 
-/* Returns the same for any bus. All steps stop at such ticks, so where a bus stops does not depend on
- * how it came there. */
+/* Returns the same for any bus. All steps stop at such ticks, so where a bus stops does not depend
+ * on how it came there. */
 static inline uint64_t cw_next_bit_end(const cw_bus *bus)
 {
     return bus->timed.rates ? cw_short_bit_end(bus) : cw_wire_tick(&bus->time, 1);

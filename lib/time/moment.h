@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * moment.h - moments of nodes with clocks of their own: spans since an epoch, which moves forward so
- * that they stay below 2^62.
+ * moment.h - moments of nodes with clocks of their own: spans since an epoch, which moves forward
+ * so that they stay below 2^62.
  *
  * A moment that nothing renews any more would go further and further back. So all of them move with
  * cw_moment_rebase(), which has a floor.
@@ -14,8 +14,8 @@
 #define CW_SPAN_MAX INT64_MAX           /* a moment that never comes */
 #define CW_LONG_AGO (-(INT64_C(1) << 61)) /* one that is before all others */
 
-/* Moves the epoch of a moment forward. What came long ago stays long ago, and what never comes stays
- * so. */
+/* Moves the epoch of a moment forward. What came long ago stays long ago, and what never comes
+ * stays so. */
 static inline void cw_moment_rebase(cw_span *moment, cw_span by)
 {
     if (*moment != CW_SPAN_MAX)

@@ -306,7 +306,7 @@ def test_a_journal_repeats_both_buses(rig, tmp_path):
 
 
 def test_a_journal_repeats_what_came_in_data_phases(rig, tmp_path):
-    """Bits are shorter there. A replay that stopped before the last ones would show other errors."""
+    """Bits are shorter there. A replay that stops before the last ones shows other errors."""
     data = "A5" * 32
     r = rig("--journal", "j", data=", dbitrate: 1000000", airbag=every(f"050##1{data}", "2ms"),
             engine=every(f"123##1{data}", "700us"))

@@ -21,7 +21,8 @@ FAULTS = ("when: { frame: '100:700', every: 3 }, do: { flip: ack-slot }",
 
 def random_frame(r, fast=False):
     if fast and r.random() < 0.6:
-        return f"{r.randrange(0x7F0):03X}##{r.choice((0, 1, 1, 3))}" + "A5" * r.choice((0, 3, 20, 64))
+        data = "A5" * r.choice((0, 3, 20, 64))
+        return f"{r.randrange(0x7F0):03X}##{r.choice((0, 1, 1, 3))}{data}"
     number = f"{r.randrange(1 << 29):08X}" if r.random() < 0.2 else f"{r.randrange(0x7F0):03X}"
     return number + r.choice(("#R", "#" + "A5" * r.randrange(9)))
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_hours.c - hours of bus time, for each feature that remembers moments. What was long ago stays
- * long ago: sanitizer builds find a moment that goes out of its range, and the same traffic has the
+ * test_hours.c - hours of bus time, for each feature that remembers moments. What was long ago
+ * stays long ago: sanitizer builds find a moment that goes out of its range, and the same traffic has the
  * same outcome at any time.
  *
  * Idle time is skipped at 500 kbit/s. Where a feature keeps the bus from that, bits last 0.1 s, so
@@ -36,9 +36,9 @@ static void own_clocks(rig *r)
 {
     const cw_span quantum = (cw_span)r->config.bit_ticks * CW_TICK / 16;
     for (unsigned i = 0; i < NODES; i++)
-        r->nodes[i].timing.bit = (cw_bit_timing){.quantum = quantum + quantum / 1000000 * (cw_span)i,
-                                                 .prop_seg = 7, .phase_seg1 = 4, .phase_seg2 = 4,
-                                                 .sjw = 3};
+        r->nodes[i].timing.bit = (cw_bit_timing){
+            .quantum = quantum + quantum / 1000000 * (cw_span)i, .prop_seg = 7, .phase_seg1 = 4,
+            .phase_seg2 = 4, .sjw = 3};
 }
 
 /* A quantum has its longest length, too. */
@@ -166,7 +166,8 @@ static void send_all(rig *r, uint64_t tick)
     rig_send(r, 0, &(cw_frame){.id = 0x123, .dlc = 1, .data = {0x55}}, tick);
     rig_send(r, 1, &(cw_frame){.id = 0x124}, tick);
     if (r->nodes[0].protocol == CW_FD)
-        rig_send(r, 2, &(cw_frame){.id = 0x125, .flags = CW_FRAME_FD | CW_FRAME_BRS, .dlc = 9}, tick);
+        rig_send(r, 2, &(cw_frame){.id = 0x125, .flags = CW_FRAME_FD | CW_FRAME_BRS, .dlc = 9},
+                 tick);
 }
 
 /* Returns the receivers of events from a place on. */
