@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
  * test_hours.c - hours of bus time, for each feature that remembers moments. What was long ago
- * stays long ago: sanitizer builds find a moment that goes out of its range, and the same traffic has the
- * same outcome at any time.
+ * stays long ago: sanitizer builds find a moment that goes out of its range, and the same traffic
+ * has the same outcome at any time.
  *
  * Idle time is skipped at 500 kbit/s. Where a feature keeps the bus from that, bits last 0.1 s, so
  * that hours have few of them.
