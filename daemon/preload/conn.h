@@ -40,8 +40,8 @@ void conn_set_filters(int fd, const conn_wants *wants);
 int conn_send(int fd, const void *frame, size_t size, int flags);
 
 /* Waits until the bus has sent the frames of this connection, or dropped them, or for a time limit.
- * Messages of the port are lost meanwhile. Another thread that receives may read the answer; it then
- * counts *elsewhere up. NULL: there is none. */
+ * Messages of the port are lost meanwhile. Another thread that receives may read the answer. It
+ * then counts *elsewhere up; NULL: there is none. */
 void conn_flush(int fd, const unsigned *elsewhere);
 
 /* Returns true for an errno that says that the bus has gone. */

@@ -218,8 +218,8 @@ static bool begin_frame(cansock *s, int number)
     return direct;
 }
 
-/* Returns true while the socket is the connection that a frame has gone to. Where another thread
- * has found its end, the frame may have gone to what replaces it, and is lost in any case. */
+/* Returns true while the socket is the connection that a frame has gone to. When another thread has
+ * found its end, the frame may have gone to what replaces it, and is lost in any case. */
 static bool is_still_direct(const cansock *s, int number)
 {
     table_lock();

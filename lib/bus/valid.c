@@ -78,7 +78,8 @@ static bool protections_valid(const cw_bus_config *c)
 
 static bool sizes_valid(const cw_bus_config *c)
 {
-    return c->bit_ticks > 0 && c->node_count > 0 && c->node_count <= CW_NODES_MAX && c->inbox > 0;
+    const bool none = c->bit_ticks == 0 || c->node_count == 0 || c->inbox == 0;
+    return !none && c->node_count <= CW_NODES_MAX;
 }
 
 cw_bus_finding cw_bus_check(const cw_bus_config *c)

@@ -74,17 +74,19 @@ void fd_sends_rest(fd_script *t, unsigned from);
 #define FD_NEVER UINT32_MAX
 void fd_sends_late(fd_script *t, unsigned until, unsigned delay, unsigned disturbed);
 
-/* Returns the clocks from SOF to the begin of a wire bit; to the first sample point of the data
- * phase at or after a moment, CRC delimiter included. */
+/* Returns the clocks from SOF to the begin of a wire bit. */
 unsigned fd_begin_of(const fd_script *t, unsigned n);
+
+/* Returns those to the first sample point of the data phase at or after a moment, with that of the
+ * CRC delimiter. */
 unsigned fd_next_sample(const fd_script *t, unsigned moment);
 
 /* The frame is sent and acknowledged, with its own level delayed. In one clock, see above. */
 void fd_sends_delayed(fd_script *t, unsigned delay, unsigned disturbed);
 
-/* Begins such a transmission, of a frame with a recessive last bit of the CRC, three times. In one
- * clock the own level is another one: at the secondary sample point of bit n, which is an error, or
- * right before or after it. */
+/* Plays such a transmission, of a frame with a recessive last bit of the CRC, three times. In one
+ * clock the own level is another one. At the secondary sample point of bit n that is an error, right
+ * before or after it is none. */
 void fd_check_compared(fd_script *t, const cw_tdc *tdc, unsigned delay, unsigned n);
 
 /* An active flag begins, as a receiver. Or as a transmitter, up to the next SOF; or with the frame

@@ -85,10 +85,10 @@ static unsigned ack_slot(const timed *t)
 }
 
 /* M11: nobody but a listen-only controller has acknowledged. Its bit timing sees a recessive slot,
- * in which it drives nothing. So it follows an edge in the slot (T6), and samples behind what follows;
- * its last sample is recessive, and it follows an edge in the delimiter as well (T3). In both bits
- * the dominant level ends at the sample point that it would have without the edge: if it followed
- * one of them only, the delimiter would be dominant. */
+ * in which it drives nothing. So it follows an edge in the slot (T6), and samples a recessive level
+ * behind it. By that it follows an edge in the delimiter as well (T3). In both bits the dominant
+ * level ends at the sample point without the edge. If it followed one edge only, the delimiter
+ * would be dominant. */
 static void check_own_ack(const cw_bit_timing *timing, unsigned e)
 {
     timed t;

@@ -26,8 +26,8 @@ void timed_run_transmitter_at_res(void)
         }
 }
 
-/* An extended frame with a recessive RRS, which no controller sends: with three recessive bits of
- * the identifier before it FDF is the fifth, and a stuff bit is due. Its edge comes late, by more
+/* An extended frame with a recessive RRS, which no controller sends. Three bits of the identifier
+ * before it are recessive, so FDF is the fifth, and a stuff bit is due. Its edge comes late, by more
  * than SJW, and it is short: a receiver that resynchronises samples it, one that synchronised hard
  * would not. Res is recessive then: a protocol exception. */
 void timed_run_stuff_bit_after_fdf(void)
@@ -49,8 +49,8 @@ void timed_run_stuff_bit_after_fdf(void)
 
 /* ---- D13 ------------------------------------------------------------------------------------- */
 
-/* Returns the delays with which the last bit of the CRC is still seen at the sample point of the
- * CRC delimiter, and all others in time. */
+/* Returns a delay that is too long. Shorter ones, from a sample point on, show the last bit of the
+ * CRC at the sample point of the CRC delimiter. */
 static unsigned longest_delay(const fd_script *t)
 {
     const unsigned most = t->n.sample - 2;

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the library does not take is told at its place, by all that read a configuration.
+"""All that read a configuration tell at its place what the library does not take.
 
 cw_bus_check() is the one judge. "out of memory" is for the want of memory alone.
 """

@@ -191,8 +191,8 @@ class Wire:
             self.end_unused()
 
     def see_off(self) -> None:
-        """Takes nodes off the bus whose program has gone, and which have nothing to send. What
-        waits in bus-off is lost, but not what has come since the request to restart."""
+        """Takes nodes off the bus whose program has gone, and which have nothing to send. Frames
+        in bus-off are lost, but not those since the request to restart."""
         for number in [*self.leaving]:
             node = self.bus.nodes[number]
             if node.status.queue + node.status.inbox == 0 or node.room == _library.TAKES_NONE:
