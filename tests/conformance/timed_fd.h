@@ -85,8 +85,8 @@ unsigned fd_next_sample(const fd_script *t, unsigned moment);
 void fd_sends_delayed(fd_script *t, unsigned delay, unsigned disturbed);
 
 /* Plays such a transmission, of a frame with a recessive last bit of the CRC, three times. In one
- * clock the own level is another one. At the secondary sample point of bit n that is an error, right
- * before or after it is none. */
+ * clock the own level is another one. At the secondary sample point of bit n that is an error,
+ * right before or after it is none. */
 void fd_check_compared(fd_script *t, const cw_tdc *tdc, unsigned delay, unsigned n);
 
 /* An active flag begins, as a receiver. Or as a transmitter, up to the next SOF; or with the frame
