@@ -1340,7 +1340,7 @@ typedef struct cw_event {
 /* The limits of a configuration. */
 typedef enum cw_limit {
     CW_LIMIT_NONE = 0,   /* it is within all of them */
-    CW_LIMIT_BUS,        /* bit_ticks, node_count, inbox */
+    CW_LIMIT_BUS,        /* the ticks of a bit, the number of nodes, the inbox */
     CW_LIMIT_TIMING,     /* the segments, the quantum or the data phase of a node by themselves */
     CW_LIMIT_WAY,        /* a delay, a place, a stub or the ringing of a node: CW_DELAY_MAX */
     CW_LIMIT_LONG_BITS,  /* bits over 1.7 s have no clocks and no delays of nodes */
@@ -1504,7 +1504,7 @@ void cw_bus_set_events(cw_bus *bus, uint32_t kinds);
 
 /* Returns those nodes of an event that come after another event of the bus, by tick, then rule or
  * node, then kind. UINT64_MAX: the whole event. Frames that are handed in at a tick may be dropped
- * at it after events of a bit that ended then have been taken: these come behind. */
+ * at it, when events of a bit that ended then have been taken already. These drops come behind. */
 uint64_t cw_event_part_behind(const cw_event *e, const cw_event *other);
 
 /* Takes the oldest event. Returns false when there is none. Data of its frame beyond

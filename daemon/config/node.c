@@ -20,8 +20,8 @@
 #define USB_FRAMES 10u /* that the driver peak_usb has under way */
 #define QUEUE_DEFAULT 16u
 /* The default queue of a node with a port, but for usb, whose driver has one. Kernel ISO-TP writes
- * all 586 frames of 4095 bytes at once, J1939's transport protocol 255, and programs that do not
- * wait, such as scanners of CANopen, a frame for each node. */
+ * all 586 frames of 4095 bytes at once, J1939's transport protocol 255. Programs that do not wait,
+ * such as scanners of CANopen, write a frame for each node. */
 #define QUEUE_DEFAULT_PORT 1024u
 #define WARNING_LIMIT_DEFAULT 96u
 #define CLIENTS_DEFAULT 16u

@@ -179,8 +179,8 @@ void cfg_free_rules(cfg_rules *rules)
     free(owner);
 }
 
-/* Looks for a file at a path, with and without the end that a name may lack. Returns the path of one
- * that is there, or NULL. */
+/* Looks for a file at a path, with and without the end that a name may lack. Returns the path of a
+ * file that is there, or NULL. */
 static const char *find_with_end(schema *self, const char *before, const char *folder,
                                  const char *name)
 {

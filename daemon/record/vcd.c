@@ -611,8 +611,8 @@ static void write_inside(vcd *self, const cw_bit_view *bit)
     }
 }
 
-/* Writes levels at the start of a bit time. Samples change inside of it, but in bits that are common
- * to all nodes, which have no marks. */
+/* Writes levels at the start of a bit time. Samples change inside of it, but in bits that are
+ * common to all nodes, which have no marks. */
 static void write_levels_at_start(vcd *self, const cw_bit_view *bit)
 {
     const bool marked = self->inside && self->begun && bit->mark_count > 0;

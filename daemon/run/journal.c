@@ -62,7 +62,7 @@ struct journal {
     uint64_t lost_reported;
     unsigned gaps;
     char why[JOURNAL_WHY_MAX];
-    const char *deed; /* what somebody else has done to the file, or NULL */
+    const char *deed; /* of somebody else, to the file; NULL: none */
     char started[32];
 };
 

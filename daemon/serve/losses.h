@@ -50,9 +50,9 @@ void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX]);
 /* Returns the text behind the number of a loss, or of going bus-off or restarting. */
 const char *losses_text(loss_kind kind);
 
-/* Returns true when a line about losses of these kinds is due; called each second. Losses that go on
- * have a line after 1, 2, 4 and more seconds, at last one a minute, with all of that time. A kind
- * that was not in the lines of the last minute has one at once. */
+/* Returns true when a line about losses of these kinds is due; called each second. Losses that go
+ * on have a line after 1, 2, 4 and more seconds, at last one a minute, with all of that time. A
+ * kind that was not in the lines of the last minute has one at once. */
 bool losses_due(losses_node *node, uint64_t kinds);
 
 /* Logs a line for each node with losses, a bus-off or a restart since the last one, when it is due.

@@ -3,9 +3,9 @@
  * read.h - reads recordings of CAN traffic, entry by entry: candump, Vector ASC, pcapng.
  *
  * A file is never loaded as a whole; memory is bounded. Every entry is handed out, so that the
- * caller can report each: also those that cannot go onto a classical bus, and those that are not
- * whole. A file is no recording when it has an entry that is not whole, and no frame that is. The
- * same holds when its first TRACE_DAMAGED_MAX such entries come before any frame.
+ * caller can report each. Some cannot go onto a classical bus, others are not whole. A file is no
+ * recording when it has an entry that is not whole, and no frame that is. The same holds when its
+ * first TRACE_DAMAGED_MAX such entries come before any frame.
  */
 #ifndef CANWIRE_TRACE_READ_H
 #define CANWIRE_TRACE_READ_H

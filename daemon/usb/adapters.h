@@ -30,8 +30,8 @@ void adapters_tick(adapters *a);
 
 size_t adapters_count(const adapters *a);
 
-/* Prints "1 of 2 plugged in: can0 of ecu waits for its namespace, can0 plugged in", first those in
- * trouble, as far as there is room. */
+/* Prints "1 of 2 plugged in: can0 of ecu waits for its namespace, can0 plugged in". Those in
+ * trouble come first, as far as there is room. */
 void adapters_print(char *out, size_t size, const adapters *a);
 
 /* Returns true when each has its name, or could not have it. */

@@ -237,7 +237,7 @@ static unsigned room_for_disturbances(const cw_bus_config *c)
 }
 
 /* Returns the room for marks. A node begins and drives its bits, with a level of the controller, of
- * its line and of its wire; it samples them at one or two moments, and sees an edge before and one
+ * its line and of its wire. It samples them at one or two moments, and sees an edge before and one
  * after each sample point. A rule begins and ends to change a line, or all wires. */
 static unsigned mark_room(const cw_bus_config *c)
 {

@@ -32,7 +32,8 @@ static unsigned format_sent(const cw_bus *bus)
 
 /* Receivers cannot tell SRR and FDF from the bits of other frames at these places, before they have
  * seen more. Their traces have the names of the transmitter's bits. */
-__attribute__((noinline)) static cw_field name_as_sent(const cw_bus *bus, const cw_mac *m, const cw_place *place)
+__attribute__((noinline)) static cw_field name_as_sent(const cw_bus *bus, const cw_mac *m,
+                                                       const cw_place *place)
 {
     if (place->field == CW_FIELD_RTR && !place->extended)
         return format_sent(bus) & CW_BITS_EXTENDED ? CW_FIELD_SRR : CW_FIELD_RTR;

@@ -57,8 +57,8 @@ static inline void cw_watch_wire(cw_bus *bus, uint64_t bits)
 bool cw_is_data_phase(const cw_bus *bus);
 
 /* Returns the length of the bit that begins now and that all nodes have in common, if no fault
- * comes. 0: it is as long as a nominal one, since their bits do not end together. Nodes that are
- * away do not count. Some node must have a data rate. */
+ * comes. Returns 0 where their bits do not end together: the bit is as long as a nominal one. Nodes
+ * that are away do not count. Some node must have a data rate. */
 cw_span cw_timed_common_bit(const cw_bus *bus);
 
 /* Returns true when nodes go by their own clocks, because those may differ, or for a test. */

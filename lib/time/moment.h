@@ -14,8 +14,8 @@
 #define CW_SPAN_MAX INT64_MAX           /* a moment that never comes */
 #define CW_LONG_AGO (-(INT64_C(1) << 61)) /* one that is before all others */
 
-/* Moves the epoch of a moment forward. What came long ago stays long ago, and what never comes
- * stays so. */
+/* Moves the epoch of a moment forward. A moment of long ago stays long ago, and one that never
+ * comes stays so. */
 static inline void cw_moment_rebase(cw_span *moment, cw_span by)
 {
     if (*moment != CW_SPAN_MAX)

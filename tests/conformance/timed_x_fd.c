@@ -27,9 +27,9 @@ void timed_run_transmitter_at_res(void)
 }
 
 /* An extended frame with a recessive RRS, which no controller sends. Three bits of the identifier
- * before it are recessive, so FDF is the fifth, and a stuff bit is due. Its edge comes late, by more
- * than SJW, and it is short: a receiver that resynchronises samples it, one that synchronised hard
- * would not. Res is recessive then: a protocol exception. */
+ * before it are recessive, so FDF is the fifth, and a stuff bit is due. Its edge comes late, by
+ * more than SJW, and it is short: a receiver that resynchronises samples it, one that synchronised
+ * hard would not. Res is recessive then: a protocol exception. */
 void timed_run_stuff_bit_after_fdf(void)
 {
     static const char bits[] = "d" "rdrdrdrdrdr" "rr" "d" "drdrdrdrdrdrdd" "rrr" "r" "r";

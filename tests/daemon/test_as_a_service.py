@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What canwired does where its unit has set CANWIRE_SERVICE; tests/systemd has the unit itself."""
+"""canwired where its unit has set CANWIRE_SERVICE. The unit itself is in tests/systemd."""
 
 import contextlib
 import os

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What takes events away from a bus tells its state everywhere: to the service manager, in the
+"""LCM, recordings and the journal tell their state everywhere: to the service manager, in the
 status as text and JSON.
 
 CANWIRE and CANWIRED are the programs. A full disk is in tests/kernel/test_record.py.

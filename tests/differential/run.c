@@ -335,8 +335,8 @@ static void settle(pair *p)
     compare_events(p);
 }
 
-/* The fast bus stops at any tick. The reference goes there or, as a journal has it, to the end of
- * the bit at which the fast one has stopped: that is the same. */
+/* The fast bus stops at any tick. The reference goes there, or to the end of the bit at which the
+ * fast one has stopped, which a journal has. That is the same. */
 static void advance(pair *p, uint64_t tick)
 {
     advance_side(p, &p->fast, tick);

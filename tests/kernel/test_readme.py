@@ -17,8 +17,8 @@ DUMPED = r"^ *{} +123 +\[4\] +DE AD BE EF"
 
 @pytest.fixture(name="path", scope="module")
 def fixture_path():
-    """Installs canwire into /usr/local, of which only these tests see that. Returns a PATH, with the
-    Python packages as an activated environment has them."""
+    """Installs canwire into /usr/local, of which only these tests see that. Returns a PATH, with
+    the Python packages as an activated environment has them."""
     with tempfile.TemporaryDirectory(dir="/run") as name:
         folder = Path(name)
         folder.chmod(0o755)

@@ -42,7 +42,8 @@ RAW_HARDWARE, RX_HARDWARE = 1 << 6, 1 << 2
 if os.environ.get("CANWIRE_PLACE") == "host":
     # conftest.py leaves this one test alone
     def test_usb_in_the_guest():
-        files = [Path(__file__).with_name(f"test_{name}.py") for name in ("usb", "stacks", "readme")]
+        files = [Path(__file__).with_name(f"test_{name}.py")
+                 for name in ("usb", "stacks", "readme")]
         words = ["-t", "600", "--", sys.executable, "-m", "pytest", "-q", "-k", "usb", *files]
         subprocess.run([ROOT / "scripts/guest", *words], check=True,
                        env=dict(os.environ, CANWIRE_GUEST="qemu"))

@@ -732,7 +732,7 @@ static void bcm(int a, int b)
     (void)close(a);
 }
 
-/* What a program writes with CAN_ERR_FLAG goes to the other sockets of the interface. */
+/* Frames that a program writes with CAN_ERR_FLAG go to the other sockets of the interface. */
 static void error_frames(void)
 {
     const int a = bound(interface), b = bound(interface);

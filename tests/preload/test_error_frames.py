@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Error frames that a program writes reach the other programs of its node, as on a vcan.
 
-What a real vcan does with them is in `calls.expected`.
+The output of a real vcan is in `calls.expected`.
 """
 
 import json

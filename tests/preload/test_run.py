@@ -17,8 +17,9 @@ SOCKET = "import errno, os, socket\nS = socket.socket(29, 3, 1)\n"  # PF_CAN, SO
 
 
 def refused(folder, *words, status=1, **environment):
-    done = subprocess.run([CANWIRE, "run", "--wait", "0", *map(str, words)], cwd=folder, capture_output=True,
-                          text=True, check=False, env={**os.environ, **environment})
+    done = subprocess.run([CANWIRE, "run", "--wait", "0", *map(str, words)], cwd=folder,
+                          capture_output=True, text=True, check=False,
+                          env={**os.environ, **environment})
     assert done.returncode == status, (done.returncode, done.stdout, done.stderr)
     return done.stderr
 

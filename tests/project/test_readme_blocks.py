@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Blocks of README.md that need no CAN in the kernel, pasted by a user without rights, again and
-again: no line may need a moment that the reader does not wait. kernel/test_readme.py has all."""
+"""A user without rights pastes blocks of README.md that need no CAN in the kernel, again and again.
+No line may need a moment that the reader does not wait. kernel/test_readme.py has all blocks."""
 
 import os
 import subprocess

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""A machine is switched off while a bus runs, and boots again: namespaces, interfaces, bus and ECU
-are there in their order, at the first attempt, and what was recorded before is kept.
+"""A machine is switched off while a bus runs, and boots again. Namespaces, interfaces, bus and ECU
+are there in their order, at the first attempt. The recording of before is kept.
 
 The guest of boot.py boots twice with one disk.
 """

@@ -3,7 +3,7 @@
  * hanging_disk.c - to be preloaded. While a file $HANG exists, a call that opens or reads a file
  * waits if the path contains the text in $HANG. So a network file system behaves that does not
  * answer. A file $HANG.waits exists during the wait. Behind "second:" in $HANG, the first open, the
- * third and so on of such paths pass: a disk that answers the look at it, and then no more.
+ * third and so on of such paths pass. Such a disk answers the look at it, and then no more.
  */
 #define _GNU_SOURCE // RTLD_NEXT
 #include <dlfcn.h>

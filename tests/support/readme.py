@@ -75,8 +75,7 @@ def end(process):
 
 
 class Reader:
-    """A shell, in an empty folder, in which somebody pastes blocks. What is still running ends with
-    it."""
+    """A shell, in an empty folder, in which somebody pastes blocks. Its programs end with it."""
 
     def __init__(self, path=SYSTEM):
         assert str(PROGRAMS) not in path
@@ -133,7 +132,8 @@ class Reader:
     def wait(self, pattern, times=1):
         """Waits until that can be read on the screen, so many times."""
         try:
-            wait_until(lambda: len(re.findall(pattern, self.said(), re.MULTILINE)) >= times, pattern)
+            wait_until(lambda: len(re.findall(pattern, self.said(), re.MULTILINE)) >= times,
+                       pattern)
         except AssertionError as late:
             raise AssertionError(f"{late}: {self.said()}") from None
 

@@ -379,9 +379,9 @@ def test_the_buses_that_there_are_are_named(tmp_path):
             if name != "gone":
                 one.listen()
         for words in (["status", "engine"], ["restart", "engine", "a"], ["watch", "engine"]):
-            result = subprocess.run([CANWIRE, *words, *["--wait", "0"][:2 * (words[0] != "restart")]],
-                                    env=env, capture_output=True, text=True, timeout=TIMEOUT_S,
-                                    check=False)
+            at_once = [] if words[0] == "restart" else ["--wait", "0"]
+            result = subprocess.run([CANWIRE, *words, *at_once], env=env, capture_output=True,
+                                    text=True, timeout=TIMEOUT_S, check=False)
             assert (result.returncode, result.stderr) == (
                 1, f"canwire: bus engine: no such bus; those in {tmp_path}: body, powertrain\n")
 

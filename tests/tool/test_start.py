@@ -37,7 +37,7 @@ def fixture_begin(folder):
 
 
 def leave_sockets(folder):
-    """What a canwired leaves that is killed."""
+    """Leaves the sockets of a canwired that is killed."""
     killed = subprocess.Popen([CANWIRED, "-c", "new.yaml"], cwd=folder, stderr=subprocess.PIPE,
                               text=True)
     assert "2 nodes" in killed.stderr.readline()

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_hours.c - hours of bus time, for each feature that remembers moments. What was long ago
- * stays long ago: sanitizer builds find a moment that goes out of its range, and the same traffic
+ * test_hours.c - hours of bus time, for each feature that remembers moments. A moment of long
+ * ago stays long ago. Sanitizer builds find one that goes out of its range, and the same traffic
  * has the same outcome at any time.
  *
- * Idle time is skipped at 500 kbit/s. Where a feature keeps the bus from that, bits last 0.1 s, so
+ * Idle time is skipped at 500 kbit/s. If a feature keeps the bus from that, bits last 0.1 s, so
  * that hours have few of them.
  */
 #include "rig.h"

@@ -907,8 +907,8 @@ static const replay_case replays[] = {
      0,
      "a 001 [0]\n(1.0) a 002#\n(1.1) a 003#1\n a 004#\n(1.1) a 005#00",
      "0 002#\n8000000 005#00\n8000080 002#\n16000080 005#00\nnote: left out: 1 damaged entry of "
-     "14 bytes (line 3: '003#1': data bytes have two hexadecimal digits), 2 frames without a time (the "
-     "first at line 1); 1 frame whose line has no end and may be cut (line 5)\n"},
+     "14 bytes (line 3: '003#1': data bytes have two hexadecimal digits), 2 frames without a time "
+     "(the first at line 1); 1 frame whose line has no end and may be cut (line 5)\n"},
     {{.count = 1, .fast = true}, 0, "  a 001 [0]\n  a 002 [0]\n", "0 001#\n0 002#\n"},
 };
 

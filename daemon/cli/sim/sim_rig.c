@@ -173,9 +173,9 @@ static kept *open_gap(rig_bus *b, size_t place)
     return &b->list[place];
 }
 
-/* Finds the place of an event, as the bus does it: a gateway may have handed in a frame behind the
- * bit that ended at its tick. Divides an event of several nodes when it comes in between. A journal
- * repeats the order in which the running rig has told its events. */
+/* Finds the place of an event, as the bus does it. A gateway may have handed in a frame behind the
+ * bit that ended at its tick. An event of several nodes is divided when one comes in between. A
+ * journal repeats the order in which the running rig has told its events. */
 static size_t find_place(rig_bus *b, const cw_event *added)
 {
     size_t place = b->end;
