@@ -4,7 +4,8 @@
  *
  *   quantum_time.c  bit times of the bus, and what comes between them
  *   quantum.c       all that nodes do, in the order of time
- *   quantum_sync.c  counts and reports synchronisations and margins, marks moments for traces
+ *   quantum_sync.c  counts and reports synchronisations and margins
+ *   quantum_marks.c marks moments and levels for traces
  *   quantum_look.c  the levels and edges that they see; quantum_grid.c: off the grid and back
  *   quantum_rate.c  the two rates of FD frames
  *   quantum_wires.c wires that rules cut and join

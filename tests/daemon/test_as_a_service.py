@@ -31,7 +31,7 @@ def ended(folder, text, instance, **more):
         done = subprocess.run([CANWIRED, "-c", "bus.yaml"], cwd=folder, capture_output=True,
                               text=True, timeout=TIMEOUT_S, check=False, env=environment(
                                   instance, NOTIFY_SOCKET=str(folder / "notify"), **more))
-        told = notify.recv(4096).decode()
+        told = notify.recv(4096).decode()  # whole: a datagram
     (folder / "notify").unlink()
     return done, told
 

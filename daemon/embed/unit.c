@@ -1,0 +1,19 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * unit.c - a bus in a program is no service of systemd, whatever its environment says.
+ */
+#include "base/unit.h"
+
+#include <stddef.h>
+
+const char *unit_instance(void)
+{
+    return NULL;
+}
+
+const char *unit_hint(const char *path, int number)
+{
+    (void)path;
+    (void)number;
+    return "";
+}
