@@ -229,16 +229,16 @@ def test_all_tests_are_counted_and_no_lane_writes_into_another(all_tests):
         make='case "$*" in *" world") echo "4 passed, 0 failed"; touch over ;; esac',
         guest='until [ -e over ]; do echo guest; sleep 0.01; done; echo guest').end()
     stages = [line[5:] for line in lines if line.startswith("==== ")]
-    assert stages[-5:] == ["real vcan", "Debian package", "soak, a short one (ASan, UBSan)",
-                           "real systemd", "unit and conformance tests (clang)"]
+    assert stages[-6:] == ["real vcan", "Debian package", "soak, a short one (ASan, UBSan)",
+                           "real systemd", "a reboot", "unit and conformance tests (clang)"]
     first, last = lines.index("guest"), lines.index("==== Debian package") - 1
     assert lines[first - 1] == "==== real vcan" and lines[last].startswith("2 passed, 1 skipped")
     assert set(lines[first:last]) == {"guest"}
     table = lines[-len(stages) - 2:-2]
     assert sorted(line.partition(" processors  ")[2] for line in table) == sorted(stages)
     assert lines[-2].endswith(" s  in all")
-    # units with three compilers; Python twice on the host, three times in the guest; worlds
-    assert (status, lines[-1]) == (0, f"{3 * 3 + 5 * 2 + 4} passed, 0 failed")
+    # units with three compilers; Python twice on the host, four times in the guest; worlds
+    assert (status, lines[-1]) == (0, f"{3 * 3 + 6 * 2 + 4} passed, 0 failed")
 
 
 @pytest.mark.parametrize("programs, stage", [
@@ -256,9 +256,9 @@ def test_a_stage_that_fails_fails_all_tests(all_tests, programs, stage):
 
 
 def test_a_lane_that_dies_fails_all_tests(all_tests):
-    """With its five stages."""
+    """With its six stages."""
     status, lines = all_tests(guest="kill -KILL $PPID").end()
-    assert status == 1 and lines[-1].endswith(" passed, 5 failed")
+    assert status == 1 and lines[-1].endswith(" passed, 6 failed")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
