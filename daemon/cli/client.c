@@ -117,7 +117,7 @@ static bool find_socket(struct sockaddr_un *address, const char *bus)
 
 bool client_has_socket(const char *bus)
 {
-    struct sockaddr_un address;
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
     return find_socket(&address, bus) && is_socket(address.sun_path);
 }
 
@@ -242,8 +242,6 @@ static const char *read_line(client *c)
     return length > 0 ? c->line : NULL;
 }
 
-static void clean(json_t *value);
-
 /* Makes a text plain. Returns it when that changes it, else NULL; to be freed. */
 static char *cleaned(const char *text)
 {
@@ -256,22 +254,22 @@ static char *cleaned(const char *text)
     return NULL;
 }
 
-static void clean_members(json_t *object)
+/* Makes keys plain, and adds the members to those that are to be cleaned. */
+static void clean_members(json_t *object, json_t *rest)
 {
     void *next;
     const char *key;
     json_t *value;
     json_object_foreach_safe(object, next, key, value) {
         char *plain = cleaned(key);
-        clean(value);
+        (void)json_array_append(rest, value);
         if (plain && json_object_set(object, plain, value) == 0)
             (void)json_object_del(object, key);
         free(plain);
     }
 }
 
-/* Makes all texts of a value plain: in JSON a control character may be written as \u001b. */
-static void clean(json_t *value)
+static void clean_one(json_t *value, json_t *rest)
 {
     if (json_is_string(value)) {
         char *plain = cleaned(json_string_value(value));
@@ -279,10 +277,20 @@ static void clean(json_t *value)
             (void)json_string_set(value, plain);
         free(plain);
     }
-    for (size_t i = 0; i < json_array_size(value); i++)
-        clean(json_array_get(value, i));
+    if (json_is_array(value))
+        (void)json_array_extend(rest, value);
     if (json_is_object(value))
-        clean_members(value);
+        clean_members(value, rest);
+}
+
+/* Makes all texts of a value plain: in JSON a control character may be written as \u001b. */
+static void clean(json_t *value)
+{
+    json_t *rest = json_array();
+    (void)json_array_append(rest, value);
+    for (size_t i = 0; i < json_array_size(rest); i++)
+        clean_one(json_array_get(rest, i), rest);
+    json_decref(rest);
 }
 
 json_t *client_parse(const char *line, json_error_t *error)

@@ -34,11 +34,15 @@ static void run_due_nodes(cw_bus *bus)
 }
 
 /* Rules may trigger each other, but each one acts only once at a tick by that, so the loop ends.
- * Nothing of this tick is pending then. A frame step goes on when nothing but frames come in. */
+ * Nothing of this tick is pending then. A frame step goes on when nothing but frames come in. A node
+ * that has been due may take frames again, after a restart for example: rules with traffic look once
+ * more. */
 static void run_due(cw_bus *bus)
 {
+    bool nodes;
     cw_count_clean_bits(bus);
     do {
+        nodes = bus->node_due <= cw_now(bus);
         bus->work += bus->rules.awake_count;
         if (bus->pending || bus->rules.next_due <= cw_now(bus) || bus->node_due <= cw_now(bus))
             cw_wake_controllers(bus);
@@ -46,7 +50,8 @@ static void run_due(cw_bus *bus)
         run_due_nodes(bus);
         if (bus->pending)
             report_pending(bus);
-    } while (bus->pending || bus->rules.next_due <= cw_now(bus));
+    } while (bus->pending || bus->rules.next_due <= cw_now(bus) ||
+             (nodes && bus->rules.awake_count));
 }
 
 static void run_all_due(cw_bus *bus)
@@ -116,7 +121,7 @@ static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
  * changes nothing. So a journal, which has the ends of bits, repeats a run. */
 static void assert_reached(const cw_bus *bus, uint64_t tick)
 {
-    assert(!cw_next_bit_fits(bus, tick) && cw_next_bit_end(bus) > cw_now(bus));
+    assert(!cw_next_bit_fits(bus, tick) && cw_next_bit_end(bus) != cw_now(bus));
     assert(cw_first_due(bus) > cw_now(bus) && !bus->pending);
 }
 

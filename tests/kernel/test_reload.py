@@ -506,7 +506,7 @@ def test_a_missing_interface_refuses_the_whole_reload(vcan, rig, candump):
     text = bus(ENGINE.replace(" }", ", queue: 3 }"), DASH, GEARBOX)
     r.write(text)
     error = r.shell.run("reload", "reload", status=1)
-    assert "node dash: port vcan2: " in error and "ip link add" in error
+    assert "node dash: port vcan2: " in error and "canwire vcan up" in error
     r.hang_up()
     wait_until(lambda: UNCHANGED in r.log(), "the refusal")
     assert f"{r.daemon.config}:5:25: node dash: port vcan2: " in r.log()

@@ -24,6 +24,7 @@
 #include <unistd.h>
 
 #define PATH_BYTES 300
+#define SERVICE_FOLDER "/var/lib/canwire/"
 #define FILES_MAX 400
 #define FILE_BYTES_MAX 65536u
 #define HOST_BYTES 1000
@@ -112,6 +113,14 @@ static void copy_folders(void)
 
 /* ---- One file -------------------------------------------------------------------------------- */
 
+/* Recordings of the service go into the folder of the copy: the machine need not have that one. */
+static void leave_out_folder(char *text)
+{
+    const size_t length = strlen(SERVICE_FOLDER);
+    for (char *found; (found = strstr(text, SERVICE_FOLDER));)
+        memmove(found, found + length, strlen(found + length) + 1);
+}
+
 static char *read_text(size_t *size, const char *path)
 {
     char *text = calloc(1, FILE_BYTES_MAX + 1);
@@ -120,6 +129,8 @@ static char *read_text(size_t *size, const char *path)
         fail("cannot read", path);
     *size = fread(text, 1, FILE_BYTES_MAX, in);
     (void)fclose(in);
+    leave_out_folder(text);
+    *size = strlen(text); /* none has a zero byte */
     return text;
 }
 

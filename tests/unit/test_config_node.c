@@ -40,7 +40,7 @@ static void ports_are_read(void **state)
     assert_false(config->nodes[7].clients.beacon);
     assert_int_equal(config->pacing, CFG_PACING_SPIN);
     for (unsigned i = 0; i < 5; i++) { /* the first is an interface, the others are sockets */
-        assert_int_equal(config->nodes[i].queue, i == 0 ? 1024 : 16);
+        assert_int_equal(config->nodes[i].queue, 1024);
         assert_int_equal(config->nodes[i].when_full,
                          i == 0 ? CFG_WHEN_FULL_DROP : CFG_WHEN_FULL_WAIT);
     }
