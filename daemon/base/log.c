@@ -276,9 +276,12 @@ void log_warnings(const char *lines)
 
 void log_as_is(const char *lines)
 {
+    char first[LOG_LAST_BYTES];
+    (void)snprintf(first, sizeof first, "%.*s", (int)strcspn(lines, "\n"), lines);
+    plain_make(first, '?');
     report_lines(lines, log_error);
     if (*lines)
-        keep_error(lines, strcspn(lines, "\n"));
+        keep_error(first, strlen(first));
 }
 
 void log_last_error(char out[LOG_LAST_BYTES])

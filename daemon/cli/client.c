@@ -134,7 +134,9 @@ static void complain_of_absence(const client *c, const char *unit)
                                      names[i]);
         free(names[i]);
     }
-    if (count > 0)
+    if (strchr(c->bus, '.') && !is_path(c->bus))
+        complain(c, "no such bus or socket: a bus has a name, or the path of its socket");
+    else if (count > 0)
         complain(c, "no such bus; those in %s: %s%s", buses_folder(), text,
                  used < sizeof text ? "" : ELLIPSIS);
     else

@@ -209,6 +209,16 @@ static bool sends_frames(const cfg *config, size_t i)
     return any;
 }
 
+/* A frame that nobody acknowledges is repeated, and later ones wait behind it. */
+static bool sends_fd(const cfg_node *node)
+{
+    bool any = false;
+    for (size_t t = 0; t < node->traffic_count; t++)
+        any = any || (node->traffic[t].kind == CFG_TRAFFIC_SEND &&
+                      (node->traffic[t].frame.flags & CW_FRAME_FD));
+    return any;
+}
+
 /* Rules may change the modes of nodes. */
 static bool modes_change(const cfg *config)
 {
@@ -223,8 +233,10 @@ bool doubts_no_acknowledgement(const cfg *config, size_t i)
     const unsigned alone = CW_MODE_PRESUME_ACK | CW_MODE_LOOPBACK | CW_MODE_LISTEN_ONLY;
     if ((config->nodes[i].modes & alone) || !sends_frames(config, i) || modes_change(config))
         return false;
+    const bool fd = sends_fd(&config->nodes[i]);
     for (size_t k = 0; k < config->node_count; k++)
-        if (k != i && (!(config->nodes[k].modes & CW_MODE_LISTEN_ONLY) || config->nodes[k].port))
+        if (k != i && (!fd || cfg_knows_fd(config, &config->nodes[k])) &&
+            (!(config->nodes[k].modes & CW_MODE_LISTEN_ONLY) || config->nodes[k].port))
             return false;
     return true;
 }

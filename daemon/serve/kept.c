@@ -28,7 +28,7 @@ struct kept {
     const char *name; /* of the file */
     char *next;       /* becomes it */
     char *bad;        /* a damaged one is moved here */
-    const char *bus;
+    char *bus;
     json_t *entries;  /* that are kept: objects with text, name, rules, cleared */
     json_t *passing;  /* names of the others */
     json_t *lost;     /* names, or NULL */
@@ -297,6 +297,7 @@ static void free_kept(kept *k)
     free(k->path);
     free(k->next);
     free(k->bad);
+    free(k->bus);
     free(k);
 }
 
@@ -327,15 +328,16 @@ kept *kept_open(const char *control, const char *bus)
         return NULL;
     }
     *k = (kept){.folder = FOLDER_NONE,
-                .bus = bus,
+                .bus = strdup(bus), /* a reload frees the one of the configuration */
                 .entries = json_array(),
                 .passing = json_array()};
-    const int error = open_folder(k, control);
+    const int error = k->bus ? open_folder(k, control) : ENOMEM;
     if (error == 0) {
         read_file(k);
         return k;
     }
-    log_error("rules %s: %s", k->path ? k->path : control, strerror(error));
+    log_warning("rules %s: %s: injected rules are not remembered", k->path ? k->path : control,
+                strerror(error));
     free_kept(k);
     return NULL;
 }

@@ -80,17 +80,23 @@ static const char *waiting_remedy(const cfg_node *node)
     return possible && node->when_full == CFG_WHEN_FULL_DROP ? ", or waits (when-full: wait)" : "";
 }
 
-/* Prints remedies for a full queue, since more room is not the only one. */
+/* Prints remedies for a full queue, since more room is not the only one. A node with traffic of its
+ * own has no program. */
 static void print_queue_remedy(char out[REMEDY_BYTES], const cfg_node *node,
                                const cw_frame *overflowed)
 {
     char frame[FRAME_TEXT_MAX];
     text_print_frame(frame, overflowed);
     frame[strcspn(frame, "#")] = '\0';
-    (void)snprintf(out, REMEDY_BYTES,
-                   " (the last one %.8s): give it more room than queue: %u, or its "
-                   "program writes in smaller bursts (ISO-TP: STmin or a block size)%s",
-                   frame, node->queue, waiting_remedy(node));
+    if (node->traffic_count > 0)
+        (void)snprintf(out, REMEDY_BYTES,
+                       " (the last one %.8s): queue: more than %u, offsets or less traffic", frame,
+                       node->queue);
+    else
+        (void)snprintf(out, REMEDY_BYTES,
+                       " (the last one %.8s): give it more room than queue: %u, or its "
+                       "program writes in smaller bursts (ISO-TP: STmin or a block size)%s",
+                       frame, node->queue, waiting_remedy(node));
 }
 
 /* Prints what would prevent such losses; "" when it is not known. */

@@ -218,6 +218,7 @@ static bool note_injected(request *r, const char *name, const cfg_rules *rules, 
                         json_object_get(r->reply, "rules"), keep))
         return true;
     const char *why = strerror(errno);
+    (void)json_object_del(r->reply, "rules");
     for (size_t i = 0; i < rules->count; i++) {
         unsigned index;
         if (live_find(r->world->config, &index, rules->rules[i].name))

@@ -238,8 +238,8 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
         s->statistics.repeat = seconds(s->config->lcm.period, s->config->rate);
         ev_timer_again(s->host->loop, &s->statistics);
     }
-    if (s->kept) /* not here, inside the engine's turn */
-        ev_timer_start(s->host->loop, &s->again);
+    if (s->kept) /* not here, inside the engine's turn, but before any request */
+        ev_feed_event(s->host->loop, &s->again, EV_TIMER);
     if (!is_reloading(s->host))
         notify_ready(s->host->notifier);
 }
@@ -388,8 +388,8 @@ service *service_new(host *h, live *config)
     return s;
 }
 
-/* Remembers injected rules beside the control socket, if that has a path. */
-static bool start_kept(service *s, int inherited)
+/* Remembers injected rules beside the control socket, if that has a path. A bus runs without, too. */
+static void start_kept(service *s, int inherited)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     socklen_t size = sizeof address - 1;
@@ -397,12 +397,12 @@ static bool start_kept(service *s, int inherited)
     if (!path && getsockname(inherited, (struct sockaddr *)&address, &size) == 0)
         path = address.sun_path;
     if (!path || !*path)
-        return true;
+        return;
     s->kept = kept_open(path, s->config->bus_name);
     control_keep(s->control, s->kept);
     ev_timer_init(&s->again, on_again, 0.0, 0.0);
+    ev_set_priority(&s->again, EV_MAXPRI);
     s->again.data = s;
-    return s->kept;
 }
 
 /* Starts the control socket at the configured path, or at the socket of the service manager. */
@@ -415,7 +415,8 @@ static bool start_control(service *s, int inherited)
         return false;
     control_on_reload(s->control, on_reload_request, s);
     control_show_more(s->control, put_more, s);
-    return start_kept(s, inherited);
+    start_kept(s, inherited);
+    return true;
 }
 
 /* Tells when another unit runs a bus of this name, which LCM and logs then mix up. */

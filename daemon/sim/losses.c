@@ -111,7 +111,8 @@ static const char *help_with(const cfg_node *node, unsigned why)
         [CW_DROP_SLOT_MISSED] = "a wider window takes them",
     };
     const bool restarts = why == CW_DROP_BUS_OFF && node->restart_ms > 0;
-    return help[why] && !restarts ? help[why] : "";
+    const bool by_window = why == CW_DROP_ONE_SHOT && !(node->modes & CW_MODE_ONE_SHOT);
+    return help[why] && !restarts && !by_window ? help[why] : "";
 }
 
 static void tell_dropped(const teller *t)

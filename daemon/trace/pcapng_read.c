@@ -328,14 +328,15 @@ static uint32_t whole_packet(const pcap_state *s, const unsigned char *b, size_t
     return there == length || may_be_packet(s, b + length, there - length) ? length : 0;
 }
 
-/* Takes bytes up to those that may be a whole entry, or all. Only the buffer is searched for its
- * end, so that a longer one is passed over. */
-static trace_result search(trace_input *in, const pcap_state *s)
+/* Takes bytes up to those that may be a whole entry, or all, but not behind a limit. Only the buffer
+ * is searched for its end, so that a longer one is passed over. */
+static trace_result search(trace_input *in, const pcap_state *s, uint64_t limit)
 {
     for (;;) {
         const unsigned char *b;
         const size_t there = trace_peek(in, &b, TRACE_BUFFER);
-        const size_t end = there == TRACE_BUFFER ? there / 2 : there;
+        const size_t most = there == TRACE_BUFFER ? there / 2 : there;
+        const size_t end = limit - in->offset < most ? (size_t)(limit - in->offset) : most;
         size_t i = 0;
         if (in->failed)
             return TRACE_BAD;
@@ -344,7 +345,7 @@ static trace_result search(trace_input *in, const pcap_state *s)
             i++;
         if (trace_skip(in, i) != TRACE_RECORD)
             return TRACE_BAD;
-        if (i < end || there == 0)
+        if (i < end || there == 0 || in->offset == limit)
             return TRACE_RECORD;
     }
 }
@@ -366,7 +367,8 @@ static bool lacks_bytes(trace_input *in, const pcap_state *s)
     const size_t there = trace_peek(in, &b, PCAP_PACKET_HEAD + CAN_HEAD);
     if (may_follow(s, b, there))
         return false;
-    if (trace_seek(in, in->entry + BLOCK_HEAD) != TRACE_RECORD || search(in, s) != TRACE_RECORD)
+    if (trace_seek(in, in->entry + BLOCK_HEAD) != TRACE_RECORD ||
+        search(in, s, end) != TRACE_RECORD)
         return true;
     const bool lacks = in->offset < end;
     return trace_seek(in, end) != TRACE_RECORD || lacks;
@@ -386,7 +388,8 @@ trace_result pcapng_recover(trace_input *in, const pcap_state *s)
     const size_t there = trace_peek(in, &b, TRACE_BUFFER);
     const uint32_t length = s->classic ? whole_packet(s, b, there) : whole_block(s, b, there);
     const uint64_t end = in->entry + length;
-    if (in->failed || trace_skip(in, there > 0) != TRACE_RECORD || search(in, s) != TRACE_RECORD)
+    if (in->failed || trace_skip(in, there > 0) != TRACE_RECORD ||
+        search(in, s, UINT64_MAX) != TRACE_RECORD)
         return TRACE_BAD;
     return length > 0 && in->offset > end ? trace_seek(in, end) : TRACE_RECORD;
 }

@@ -120,6 +120,17 @@ def test_kept_rules_are_there_again(bus):
     assert bus.present() == set()
 
 
+def test_rules_are_kept_after_reloads(bus):
+    """Each reload frees the configuration, and so the name of the bus."""
+    for name in "abc":
+        bus.canwire("reload", "./day.sock")
+        bus.inject(name, "--keep")
+        assert json.loads(bus.rules.read_text())["bus"] == "day"
+    bus.crash()
+    assert bus.present() == {"a", "b", "c"} and not bus.bad.exists()
+    assert not any(entry["refused"] for entry in bus.status()["kept_rules"])
+
+
 def test_kept_rules_that_the_configuration_refuses_wait_for_another_one(bus):
     rule = '{name: a, do: {noise: 1e-9, at: [dash]}}'
     bus.canwire("inject", "--keep", "./day.sock", rule)

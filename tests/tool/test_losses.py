@@ -10,7 +10,7 @@ import re
 
 import pytest
 
-from simtool import canwire, sim
+from simtool import ROOT, canwire, sim
 
 CROWD = "".join(f"      - {{ send: {0x101 + i:03X}#00, every: 100ms, count: 10 }}\n"
                 for i in range(17))
@@ -102,6 +102,21 @@ def test_a_node_alone_is_told(write):
         "not sent: a: 1 frame: no other node acknowledges\n"
     listener = write(alone.replace("] } ]", "] }, { name: b, listen-only: on } ]"))
     assert len(warnings(listener)) == 1
+
+
+@pytest.mark.parametrize("kind, count", [("classical", 1), ("fd-tolerant", 1), ("fd", 0)])
+def test_no_other_node_knows_fd(write, kind, count):
+    assert len(warnings(write(f"""
+bus: {{ bitrate: 500000, dbitrate: 2000000 }}
+nodes:
+  - {{ name: a, traffic: [ {{ send: 100##100 }} ] }}
+  - {{ name: b, kind: {kind} }}
+"""))) == count
+
+
+def test_a_window_that_sends_once_has_no_key_against_it():
+    done = sim(ROOT / "config/time-triggered/matrix.yaml", "--until", "100ms")
+    assert re.search(r"^dropped: front: \d+ frames, one-shot \(302, …\)$", done.stderr, re.MULTILINE)
     for more in ("] }, { name: b } ]", "] }, { name: b, listen-only: on, port: vcan0 } ]",
                  "], presume-ack: on } ]"):
         assert warnings(write(alone.replace("] } ]", more))) == []
