@@ -6,6 +6,7 @@
 
 #include "base/log.h"
 #include "base/spool.h"
+#include "base/unit.h"
 #include "engine/share.h"
 #include "port/open.h"
 #include "run/bus_make.h"
@@ -208,7 +209,8 @@ static bool check_records(const cfg *config, FILE *errors)
         if (error == 0 || spool_may_wait(error))
             continue;
         print_place(errors, config, what->place);
-        fprintf(errors, "record %s: %s\n", what->file, spool_explain(error));
+        fprintf(errors, "record %s: %s%s\n", what->file, spool_explain(error),
+                unit_hint(what->file, error));
         good = false;
     }
     return good;

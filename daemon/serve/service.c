@@ -388,7 +388,8 @@ service *service_new(host *h, live *config)
     return s;
 }
 
-/* Remembers injected rules beside the control socket, if that has a path. A bus runs without, too. */
+/* Remembers injected rules beside the control socket, if that has a path. A bus runs without,
+ * too. */
 static void start_kept(service *s, int inherited)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};

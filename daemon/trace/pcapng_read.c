@@ -328,8 +328,8 @@ static uint32_t whole_packet(const pcap_state *s, const unsigned char *b, size_t
     return there == length || may_be_packet(s, b + length, there - length) ? length : 0;
 }
 
-/* Takes bytes up to those that may be a whole entry, or all, but not behind a limit. Only the buffer
- * is searched for its end, so that a longer one is passed over. */
+/* Takes bytes up to those that may be a whole entry, or all, but not behind a limit. Only the
+ * buffer is searched for its end, so that a longer one is passed over. */
 static trace_result search(trace_input *in, const pcap_state *s, uint64_t limit)
 {
     for (;;) {

@@ -34,9 +34,9 @@ static void run_due_nodes(cw_bus *bus)
 }
 
 /* Rules may trigger each other, but each one acts only once at a tick by that, so the loop ends.
- * Nothing of this tick is pending then. A frame step goes on when nothing but frames come in. A node
- * that has been due may take frames again, after a restart for example: rules with traffic look once
- * more. */
+ * Nothing of this tick is pending then. A frame step goes on when nothing but frames come in. A
+ * node that has been due may take frames again, after a restart for example. So rules with traffic
+ * look once more. */
 static void run_due(cw_bus *bus)
 {
     bool nodes;

@@ -4,6 +4,7 @@
 import grp
 import os
 import pwd
+import socket
 from pathlib import Path
 
 import pytest
@@ -17,15 +18,17 @@ NOT_OURS = ["/run/systemd", "/run/log", "/run/lock", "/var/lib/dpkg", "/var/lib/
 
 
 def run_at_a_node(*program):
-    """Runs a program with the library of the package; it needs no bus to begin."""
+    """Runs a program with the library of the package; a listener is enough to begin."""
     config, port = Path("/run/run.yaml"), Path("/run/run.sock")
     config.write_text('bus: { bitrate: 500000 }\nnodes: [ { name: x, port: "unix:run.sock" } ]\n')
-    port.touch()
-    try:
-        return run("canwire", "run", "--bus", config, "--as", "x", *program).split()
-    finally:
-        config.unlink()
-        port.unlink()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+        listener.bind(str(port))
+        listener.listen()
+        try:
+            return run("canwire", "run", "--bus", config, "--as", "x", *program).split()
+        finally:
+            config.unlink()
+            port.unlink()
 
 
 def find_package(name):
