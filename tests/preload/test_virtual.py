@@ -5,6 +5,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -376,9 +377,11 @@ def test_virtual_needs_virtual_time(bus, tmp_path):
     b = bus()
     (tmp_path / "real.yaml").write_text("bus: { name: r, bitrate: 500000 }\nnodes:\n"
                                         "  - { name: engine, port: 'unix:r.sock' }\n")
-    (tmp_path / "r.sock").touch()
-    done = canwire("run", "--virtual", "--bus", "real.yaml", "--as", "engine", "--", "true",
-                   status=1, cwd=tmp_path)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+        listener.bind(str(tmp_path / "r.sock"))
+        listener.listen()
+        done = canwire("run", "--virtual", "--bus", "real.yaml", "--as", "engine", "--", "true",
+                       status=1, cwd=tmp_path)
     assert done.stderr == ("canwire run: --virtual: bus real.yaml has real time: it needs "
                            "'pacing: virtual'\n")
     done = canwire("run", "--bus", "./slow.sock", "--as", "engine", "--", "true", cwd=b.folder)

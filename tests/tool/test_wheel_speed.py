@@ -160,6 +160,7 @@ def test_the_report_is_as_it_is_shown(make, tmp_path):
         assert abs(float(share) - float(wanted)) < 2, name
     shown = WORST.findall(PAGE)
     assert len(shown) == 3
-    for (name, rows, _, share), (wanted, every, _, about) in zip(WORST.findall(report), shown):
-        assert (name, 22 * int(rows)) == (wanted, int(every))
-        assert abs(float(share) - float(about)) < 2, name
+    pairs = {name: (int(rows), float(share)) for name, rows, _, share in WORST.findall(report)}
+    for name, every, _, about in shown:  # those with nearly the same shares may change places
+        assert 22 * pairs[name][0] == int(every)
+        assert abs(pairs[name][1] - float(about)) < 2, name
