@@ -11,6 +11,7 @@
 #include "cli/cli.h"
 
 #include <errno.h>
+#include <poll.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,8 +22,9 @@
 #include <time.h>
 #include <unistd.h>
 
-#define PATIENCE_S 30 /* for a reply, without another one */
+#define PATIENCE_S 30 /* by default for a reply: a reload may take 10 s */
 
+#define NS_PER_S 1000000000
 #define PAUSE_NS 10000000L /* between two looks for a bus that is just starting */
 
 #define NAMES_BYTES 1024 /* of buses in a message */
@@ -154,15 +156,16 @@ static void complain_unreachable(const client *c, const char *path, int error)
         complain(c, "nobody listens at %s (is %s running?)", path, unit);
     else if (error == EACCES)
         complain(c, "%s: %s (are you in the group canwire?)", path, strerror(error));
+    else if (error == EAGAIN)
+        complain(c, "%s: it does not answer", path);
     else
         complain(c, "%s: %s", path, strerror(error));
 }
 
-/* Limits the wait for a canwired that is stopped or hangs. */
-static void set_patience(int fd, int seconds)
+/* Limits the wait of connect() for a canwired that is stopped or hangs, with many clients. */
+static void set_patience(int fd)
 {
-    const struct timeval patience = {.tv_sec = seconds};
-    (void)setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    const struct timeval patience = {.tv_sec = reply_patience_s};
     (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
 }
 
@@ -184,7 +187,7 @@ bool client_open(client *c, const char *bus)
     }
     c->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
     if (c->fd >= 0)
-        set_patience(c->fd, reply_patience_s);
+        set_patience(c->fd);
     const int error = c->fd < 0 ? errno : connect_to(c, &address);
     passed_over = pass_over && error == EPROTOTYPE;
     if (error != 0) {
@@ -193,21 +196,14 @@ bool client_open(client *c, const char *bus)
         client_close(c);
         return false;
     }
-    c->in = fdopen(c->fd, "r");
-    if (c->in)
-        return true;
-    complain(c, "%s", strerror(errno));
-    client_close(c);
-    return false;
+    return true;
 }
 
 void client_close(client *c)
 {
-    if (c->in)
-        (void)fclose(c->in);
-    else if (c->fd >= 0)
+    if (c->fd >= 0)
         (void)close(c->fd);
-    free(c->line);
+    lines_free(&c->in);
     *c = (client){.bus = c->bus, .fd = -1};
 }
 
@@ -215,14 +211,19 @@ void client_close(client *c)
 
 /* Sends a text. A connection that the bus has closed is no error here, since its reply has the
  * reason. */
-static bool send_all(const client *c, const char *text, size_t length)
+static bool send_all(const client *c, const char *text, size_t length, int64_t until)
 {
     for (size_t sent = 0; sent < length;) {
-        ssize_t count = send(c->fd, text + sent, length - sent, MSG_NOSIGNAL);
+        ssize_t count = -1;
+        if (lines_wait(c->fd, POLLOUT, until))
+            count = send(c->fd, text + sent, length - sent, MSG_NOSIGNAL | MSG_DONTWAIT);
+        else if (errno == EAGAIN)
+            errno = ETIMEDOUT;
         if (count < 0 && errno == EPIPE)
             return true;
-        if (count < 0 && errno != EINTR) {
-            complain(c, "%s", errno == EAGAIN ? "it does not take requests" : strerror(errno));
+        if (count < 0 && errno != EINTR && errno != EAGAIN) {
+            complain(c, "%s", errno == ETIMEDOUT ? "it does not take requests"
+                                               : strerror(errno));
             return false;
         }
         sent += count > 0 ? (size_t)count : 0;
@@ -230,18 +231,13 @@ static bool send_all(const client *c, const char *text, size_t length)
     return true;
 }
 
-static bool send_request(const client *c, const json_t *request)
+static bool send_request(const client *c, const json_t *request, int64_t until)
 {
     char *text = json_dumps(request, JSON_COMPACT);
-    bool good = text && send_all(c, text, strlen(text)) && send_all(c, "\n", 1);
+    bool good = text && send_all(c, text, strlen(text), until) &&
+                send_all(c, "\n", 1, until);
     free(text);
     return good;
-}
-
-static const char *read_line(client *c)
-{
-    ssize_t length = getline(&c->line, &c->line_size, c->in);
-    return length > 0 ? c->line : NULL;
 }
 
 /* Makes a text plain. Returns it when that changes it, else NULL; to be freed. */
@@ -304,12 +300,10 @@ json_t *client_parse(const char *line, json_error_t *error)
 
 const char *client_next(client *c)
 {
-    set_patience(c->fd, 0);
-    errno = 0;
-    const char *line = read_line(c);
-    c->error = line || feof(c->in) ? 0 : errno;
+    char *line = lines_next(&c->in, c->fd, LINES_NO_END);
+    c->error = line ? 0 : errno;
     if (line)
-        plain_make_lines(c->line, '?');
+        plain_make_lines(line, '?');
     return line;
 }
 
@@ -339,13 +333,14 @@ static const char *why_no_reply(int number)
 {
     if (number == EAGAIN)
         return "it does not answer";
+    if (number == EMSGSIZE)
+        return "what it answers is too long";
     return number == ENOMEM ? "out of memory" : "it ended the connection";
 }
 
-static json_t *read_reply(client *c)
+static json_t *read_reply(client *c, int64_t until)
 {
-    errno = 0;
-    const char *line = read_line(c);
+    const char *line = lines_next(&c->in, c->fd, until);
     int number = errno;
     json_error_t error = {.text = ""};
     json_t *reply = line ? json_loads(line, 0, &error) : NULL;
@@ -365,9 +360,10 @@ static json_t *read_reply(client *c)
 
 json_t *client_ask(client *c, json_t *request)
 {
-    bool sent = send_request(c, request);
+    const int64_t until = wall_ns() + (int64_t)reply_patience_s * NS_PER_S;
+    bool sent = send_request(c, request, until);
     json_decref(request);
-    return sent ? read_reply(c) : NULL;
+    return sent ? read_reply(c, until) : NULL;
 }
 
 static json_t *ask_once(const char *bus, json_t *request, bool exact)

@@ -5,18 +5,16 @@
 #ifndef CANWIRE_CLI_CLIENT_H
 #define CANWIRE_CLI_CLIENT_H
 
+#include "cli/lines.h"
+
 #include <jansson.h>
 #include <stdbool.h>
-#include <stddef.h>
 #include <stdint.h>
-#include <stdio.h>
 
 typedef struct client {
     const char *bus; /* as given by the user */
     int fd;
-    FILE *in;
-    char *line; /* the last line that was read */
-    size_t line_size;
+    lines_reader in;
     bool exact; /* texts of replies stay as they are */
     int error; /* the errno that ended client_next(), 0: the bus has ended */
 } client;
@@ -28,7 +26,7 @@ void client_set_teller(void (*tell)(const char *text));
  * something else, such as a node's port; this is no error, and there is no message. */
 json_t *client_ask_found(const char *path, json_t *request, bool *other);
 
-/* Lets clients that are opened from now on wait that long for replies. */
+/* Lets clients wait that long for a connection, and for a request and all of its reply. */
 void client_set_patience(int seconds);
 
 /* Lets the program wait that long, in all its calls together, for buses that are just starting. By
@@ -50,7 +48,7 @@ bool client_open(client *c, const char *bus);
  * after a message when it is refused or does not come. */
 json_t *client_ask(client *c, json_t *request);
 
-/* Returns the next line of the bus, however long that takes. Returns NULL at the end, of the bus or
+/* Returns the next line of the bus, without its end, however long that takes. Returns NULL at the end, of the bus or
  * of the connection. Like all lines and replies it can be shown as it is: the client makes what
  * comes from a socket plain (base/plain.h). */
 const char *client_next(client *c);

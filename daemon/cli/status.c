@@ -28,7 +28,9 @@ static const char help[] = "Shows per node what `ip -details -statistics link sh
                            "      --check       one line for monitoring, with the exit status of "
                            "Nagios: 0 OK,\n"
                            "                    1 WARNING, 2 CRITICAL (also a bus that does not "
-                           "run), 3 UNKNOWN\n"
+                           "run or not\n"
+                           "                    answer within 10 s), 3 UNKNOWN (an answer that is "
+                           "no status)\n"
                            "      --load W,C    limits of the load in percent; default none\n"
                            "      --state W,C   limits of the state of nodes; default "
                            "error-passive,bus-off\n"
@@ -38,19 +40,35 @@ static const char help[] = "Shows per node what `ip -details -statistics link sh
                            "      --links LEVEL  of a node whose link is down or missing, in the "
                            "same way\n";
 
-static json_t *ask(const char *bus)
+/* Takes a reply over. Returns its status, null when it has none, and NULL without a reply. */
+static json_t *take_status(json_t *reply)
 {
-    json_t *reply = client_ask_once(bus, client_request("status"));
-    json_t *status = json_incref(json_object_get(reply, "status"));
+    json_t *status = json_object_get(reply, "status");
+    status = reply && !status ? json_null() : json_incref(status);
     json_decref(reply);
     return status;
+}
+
+static json_t *ask(const char *bus)
+{
+    return take_status(client_ask_once(bus, client_request("status")));
+}
+
+/* Returns true for the status of a bus. Another one gets a message. */
+static bool is_status(const json_t *status, const char *bus)
+{
+    if (status && !json_is_object(status))
+        plain_print(stderr, "canwire: bus %s: what it answers has no status\n", bus);
+    return json_is_object(status);
 }
 
 static int show_one(const char *bus, bool json)
 {
     json_t *status = ask(bus);
-    if (!status)
+    if (!is_status(status, bus)) {
+        json_decref(status);
         return CLI_BAD_INPUT;
+    }
     if (json)
         put_out(stdout, status);
     else
@@ -72,10 +90,7 @@ static void find_sockets(glob_t *found)
 /* Asks such a socket. */
 static json_t *ask_found(const char *path, bool *other)
 {
-    json_t *reply = client_ask_found(path, client_request("status"), other);
-    json_t *status = json_incref(json_object_get(reply, "status"));
-    json_decref(reply);
-    return status;
+    return take_status(client_ask_found(path, client_request("status"), other));
 }
 
 /* Asks all existing sockets; returns false when one did not answer. */
@@ -84,9 +99,12 @@ static bool ask_all(json_t *list, const glob_t *found)
     bool good = true, other = false;
     for (size_t i = 0; i < found->gl_pathc; i++) {
         json_t *status = ask_found(found->gl_pathv[i], &other);
-        good = good && (status || other);
-        if (status)
+        const bool usable = is_status(status, found->gl_pathv[i]);
+        good = good && (usable || other);
+        if (usable)
             put_last(list, status);
+        else
+            json_decref(status);
     }
     return good;
 }
@@ -139,7 +157,7 @@ static void check_all(check *c)
         bool other;
         json_t *status = ask_found(found.gl_pathv[i], &other);
         if (!other)
-            check_bus(c, status, last_message);
+            check_bus(c, found.gl_pathv[i], status, last_message);
         count += !other;
         json_decref(status);
     }
@@ -147,7 +165,7 @@ static void check_all(check *c)
     if (count > 0)
         return;
     (void)snprintf(last_message, sizeof last_message, "no bus runs in %s", buses_folder());
-    check_bus(c, NULL, last_message);
+    check_bus(c, "", NULL, last_message);
 }
 
 static int show_check(const check_limits *limits, const char *bus)
@@ -160,7 +178,7 @@ static int show_check(const check_limits *limits, const char *bus)
         return check_end(&c);
     }
     json_t *status = ask(bus);
-    check_bus(&c, status, last_message);
+    check_bus(&c, bus, status, last_message);
     json_decref(status);
     return check_end(&c);
 }

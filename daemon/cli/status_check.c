@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define SLEEPING "sleeping"
 #define COUNT_OF(array) (sizeof(array) / sizeof((array)[0]))
 
 static const char *const levels[] = {"ok", "warning", "critical"};
@@ -116,9 +117,12 @@ static void __attribute__((format(printf, 2, 3))) add(char **text, const char *f
     free(more);
 }
 
+/* A bus that is critical matters more than one of which nothing is known. */
 static void raise_to(check *c, check_level level)
 {
-    if (level > c->level)
+    static const unsigned weight[] = {
+        [CHECK_OK] = 0, [CHECK_WARNING] = 1, [CHECK_UNKNOWN] = 2, [CHECK_CRITICAL] = 3};
+    if (weight[level] > weight[c->level])
         c->level = level;
 }
 
@@ -149,9 +153,10 @@ static void check_node(check *c, const json_t *node)
     const check_level level =
         find(&place, states, COUNT_OF(states), state)
             ? reached(place, c->limits.state[CHECK_WARNING], c->limits.state[CHECK_CRITICAL])
-            : CHECK_OK; /* sleeping */
+        : strcmp(state, SLEEPING) == 0 ? CHECK_OK
+                                       : CHECK_UNKNOWN;
     if (level > CHECK_OK)
-        add(&c->text, ", %s %s", text_of(node, "name"), state);
+        add(&c->text, ", %s %s", text_of(node, "name"), *state ? state : "without a state");
     raise_to(c, level);
     if (c->limits.links == CHECK_OK || *link == '\0' || strcmp(link, "up") == 0 ||
         json_object_get(node, "guest"))
@@ -199,7 +204,22 @@ static void add_figure(check *c, const char *bus, uint64_t permille)
     add(&c->figures, "0;100");
 }
 
-void check_bus(check *c, const json_t *status, const char *why)
+/* Returns what a status lacks, or NULL when it is one. */
+static const char *lack_of(const json_t *status)
+{
+    const json_t *now = json_object_get(status, "bus");
+    if (!json_is_object(status))
+        return "a status";
+    if (*text_of(now, "name") == '\0')
+        return "the name of a bus";
+    if (!json_is_integer(json_object_get(now, "load_second_permille")))
+        return "a load";
+    if (!json_is_array(json_object_get(status, "nodes")))
+        return "nodes";
+    return json_is_array(json_object_get(status, "sinks")) ? NULL : "sinks";
+}
+
+void check_bus(check *c, const char *bus, const json_t *status, const char *why)
 {
     const json_t *now = json_object_get(status, "bus");
     const json_t *nodes = json_object_get(status, "nodes");
@@ -208,6 +228,12 @@ void check_bus(check *c, const json_t *status, const char *why)
     if (!status) {
         add(&c->text, "%s%s", c->text ? "; " : "", why);
         raise_to(c, CHECK_CRITICAL);
+        return;
+    }
+    if (lack_of(status)) {
+        add(&c->text, "%sbus %s: what it answers has not got %s", c->text ? "; " : "", bus,
+            lack_of(status));
+        raise_to(c, CHECK_UNKNOWN);
         return;
     }
     add(&c->text, "%s%s: load %" PRIu64 ".%" PRIu64 " %%, %zu nodes, %zu sinks",

@@ -34,8 +34,8 @@ bool check_take_state(void *user, const char *text);
 bool check_take_sinks(void *user, const char *text);
 bool check_take_links(void *user, const char *text);
 
-/* Judges a bus, whose status is NULL when it is not there; why says why. Prints its part of the
- * line and, for check_end(), of the figures. */
+/* Judges a bus, whose status is NULL when it is not there; why says why. A status that is none is
+ * unknown. Prints its part of the line and, for check_end(), of the figures. */
 typedef struct check {
     check_limits limits;
     check_level level;
@@ -43,7 +43,7 @@ typedef struct check {
     char *figures;
 } check;
 
-void check_bus(check *c, const json_t *status, const char *why);
+void check_bus(check *c, const char *bus, const json_t *status, const char *why);
 
 /* Prints the line and returns the exit status. */
 int check_end(check *c);

@@ -85,7 +85,7 @@ static int show_events(client *c, bool json)
     setvbuf(stdout, NULL, _IOLBF, 0);
     while (!ferror(stdout) && (line = client_next(c))) {
         if (json)
-            fputs(line, stdout);
+            puts(line);
         else
             print_line(line);
     }

@@ -32,6 +32,26 @@ static int explain(pid_t child)
     return WIFEXITED(status) && WEXITSTATUS(status) != 0 ? WEXITSTATUS(status) : FAILED;
 }
 
+static int fail(const char *what)
+{
+    log_error("--background: %s", what);
+    return FAILED;
+}
+
+/* Prints the number of the bus. Without it nobody could end the bus, so then it ends here. */
+static int tell_number(pid_t child)
+{
+    errno = 0;
+    if (printf("%jd\n", (intmax_t)child) > 0 && fflush(stdout) == 0)
+        return 0;
+    const char *why = strerror(errno);
+    (void)kill(child, SIGTERM);
+    while (waitpid(child, NULL, 0) < 0 && errno == EINTR)
+        ;
+    log_error("--background: the number of the process cannot be written: %s", why);
+    return FAILED;
+}
+
 static int await(pid_t child, int fd)
 {
     char byte;
@@ -42,8 +62,7 @@ static int await(pid_t child, int fd)
     (void)close(fd);
     if (count != 1)
         return explain(child);
-    printf("%jd\n", (intmax_t)child);
-    return 0;
+    return tell_number(child);
 }
 
 /* The child ends with its parent as long as that waits for it. */
@@ -52,12 +71,6 @@ static void follow(pid_t parent)
     (void)prctl(PR_SET_PDEATHSIG, SIGTERM);
     if (getppid() != parent)
         _exit(FAILED);
-}
-
-static int fail(const char *what)
-{
-    log_error("--background: %s", what);
-    return FAILED;
 }
 
 int background_start(int *ready)

@@ -248,7 +248,10 @@ static bool run_inject(request *r)
         (void)refuse_lines(r, errors ? errors : "");
     if (rules && *rules->warnings)
         put(r->reply, "warnings", lines_of(rules->warnings));
-    const bool good = rules && note_injected(r, name, rules, keep);
+    const bool none = rules && keep && rules->count == 0;
+    if (none)
+        (void)refuse(r, "keep: the text has no rules");
+    const bool good = rules && !none && note_injected(r, name, rules, keep);
     cfg_free_rules(rules);
     free(errors);
     return good;

@@ -73,6 +73,17 @@ def test_a_child_that_is_killed_is_told(folder, tmp_path_factory):
     assert out == "" and "Killed (signal 9) before the bus was ready" in said
 
 
+def test_a_number_that_cannot_be_written_is_told_and_ends_the_bus(folder):
+    with (folder / "log").open("w") as log, open("/dev/full", "w", encoding="ascii") as full:
+        done = subprocess.run([CANWIRED, "-c", "back.yaml", "--background"], cwd=folder,
+                              stdin=subprocess.DEVNULL, stdout=full, stderr=log,
+                              timeout=TIMEOUT_S, check=False)
+    said = (folder / "log").read_text()
+    assert done.returncode == 1 and "stopped: " in said
+    assert "number of the process cannot be written: No space left on device" in said
+    assert not (folder / "back.sock").exists()
+
+
 PASS_ON = """
 import os, sys
 os.environ.update(LISTEN_PID=str(os.getpid()), LISTEN_FDS="1")

@@ -7,6 +7,7 @@ CANWIRE and CANWIRED are the programs.
 import json
 import os
 import re
+import signal
 import socket
 import subprocess
 import threading
@@ -110,12 +111,35 @@ def test_states_sinks_and_rules(bus):
     assert ", 1 injected rule was lost with the crash at " in line and ": end |" in line
 
 
-def answer_once(listener, nodes):
-    """Answers a request for the status as a bus with such nodes does."""
+def test_a_bus_that_is_stopped_is_critical(bus):
+    """The check ends by itself: it waits ten seconds."""
+    bus.start()
+    bus.process.send_signal(signal.SIGSTOP)
+    assert bus.check("day") == (CRITICAL, "CANWIRE CRITICAL - bus day: it does not answer")
+    bus.process.send_signal(signal.SIGCONT)
+
+
+def status_of(nodes, **more):
+    return {"bus": {"name": "day", "load_second_permille": 5}, "nodes": nodes, "sinks": [], **more}
+
+
+def answer_once(listener, reply):
+    """Answers a request for the status."""
     with listener.accept()[0] as client:
         client.makefile().readline()
-        status = {"bus": {"name": "day", "load_second_permille": 5}, "nodes": nodes, "sinks": []}
-        client.sendall(json.dumps({"ok": True, "status": status}).encode() + b"\n")
+        client.sendall(json.dumps(reply).encode() + b"\n")
+
+
+def check_answer(bus, reply, *words):
+    """Checks a bus that gives this reply."""
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(bus.folder / "day.sock"))
+        listener.listen()
+        server = threading.Thread(target=answer_once, args=(listener, reply))
+        server.start()
+        found = bus.check(*words)
+        server.join()
+    return found
 
 
 @pytest.mark.parametrize("words, expected", [
@@ -126,15 +150,33 @@ def test_links(bus, words, expected):
              {"name": "b", "state": "error-active", "link": "missing"},
              {"name": "g", "state": "error-active", "link": "down", "guest": 1},
              {"name": "s", "state": "sleeping", "link": None}]
-    with socket.socket(socket.AF_UNIX) as listener:
-        listener.bind(str(bus.folder / "day.sock"))
-        listener.listen()
-        server = threading.Thread(target=answer_once, args=(listener, nodes))
-        server.start()
-        status, line = bus.check(*words)
-        server.join()
+    status, line = check_answer(bus, {"ok": True, "status": status_of(nodes)}, *words)
     assert status == expected
     assert (", b link missing |" in line) == (expected != OK) and "g link" not in line
+
+
+JUNK = "what it answers has not got"
+
+
+@pytest.mark.parametrize("status, expected, message", [
+    (None, UNKNOWN, f"{JUNK} a status"), ([], UNKNOWN, f"{JUNK} a status"),
+    ({}, UNKNOWN, f"{JUNK} the name of a bus"),
+    (status_of([], bus={"name": "day"}), UNKNOWN, f"{JUNK} a load"),
+    (status_of(None), UNKNOWN, f"{JUNK} nodes"), (status_of([], sinks=1), UNKNOWN, f"{JUNK} sinks"),
+    (status_of([5]), UNKNOWN, ",  without a state"),
+    (status_of([{"name": "a", "state": "\x1b"}]), UNKNOWN, ", a ?"),
+    (status_of([{"name": "a", "state": "?"}, {"name": "b", "state": "bus-off"}]), CRITICAL,
+     ", b bus-off")])
+def test_what_is_no_status_is_unknown(bus, status, expected, message):
+    for words in ((), ("day",)):
+        found, line = check_answer(bus, {"ok": True, "status": status}, *words)
+        assert found == expected and message in line, line
+        (bus.folder / "day.sock").unlink()
+
+
+def test_an_answer_without_the_status_is_unknown(bus):
+    assert check_answer(bus, {"ok": True}, "day") == (
+        UNKNOWN, f"CANWIRE UNKNOWN - bus day: {JUNK} a status")
 
 
 @pytest.mark.parametrize("words", [

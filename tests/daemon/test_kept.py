@@ -120,6 +120,12 @@ def test_kept_rules_are_there_again(bus):
     assert bus.present() == set()
 
 
+def test_a_text_without_rules_is_not_kept(bus):
+    bus.canwire("inject", "--keep", "./day.sock", "{faults: []}", status=1)
+    assert not bus.rules.exists() and bus.status()["kept_rules"] == []
+    bus.canwire("inject", "./day.sock", "{faults: []}")
+
+
 def test_rules_are_kept_after_reloads(bus):
     """Each reload frees the configuration, and so the name of the bus."""
     for name in "abc":

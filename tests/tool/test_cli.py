@@ -316,7 +316,9 @@ def fixture_odd_bus(tmp_path):
             client, _ = listener.accept()
             with client:
                 client.makefile("rb").readline()
-                client.sendall(answer)
+                with contextlib.suppress(ConnectionError):  # it has heard enough
+                    for part in [answer] if isinstance(answer, bytes) else answer:
+                        client.sendall(part)
 
         threads.append(threading.Thread(target=serve))
         threads[-1].start()
@@ -325,6 +327,36 @@ def fixture_odd_bus(tmp_path):
     for thread in threads:
         thread.join(TIMEOUT_S)
     listener.close()
+
+
+MUCH = b"a" * (17 << 20)
+
+
+def now_and_then():
+    """Yields a byte again and again, until nobody reads it, and no end of a line."""
+    while True:
+        yield b"a"
+        threading.Event().wait(0.05)
+
+
+@pytest.mark.parametrize("words, message", [
+    (["top", "--once"], "it does not answer"), (["status"], "what it answers is too long")])
+def test_an_answer_has_limits_of_time_and_of_size(odd_bus, tmp_path, words, message):
+    odd_bus(now_and_then() if "--once" in words else MUCH)
+    assert message in canwire(*words, "./odd.sock", status=1, cwd=tmp_path).stderr
+
+
+def test_an_event_has_a_limit_of_size(odd_bus, tmp_path):
+    odd_bus([b'{"ok":true}\n', MUCH])
+    told = canwire("watch", "./odd.sock", status=1, cwd=tmp_path).stderr
+    assert "it cannot be read any more: Message too long" in told
+
+
+@pytest.mark.parametrize("status", ["null", "[]", "7"])
+def test_an_answer_without_a_status_is_told(odd_bus, tmp_path, status):
+    odd_bus(f'{{"ok":true,"status":{status}}}\n'.encode())
+    told = canwire("status", "./odd.sock", status=1, cwd=tmp_path)
+    assert "what it answers has no status" in told.stderr and told.stdout == ""
 
 
 @pytest.mark.parametrize("answer, message", [
