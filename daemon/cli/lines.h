@@ -21,7 +21,7 @@ typedef struct lines_reader {
 } lines_reader;
 
 /* Waits for events of poll() until a moment of wall_ns(). Returns false with errno, which is EAGAIN
- * when that has passed. What is there is found also after that moment. */
+ * when that has passed. It finds what is already there also after that moment. */
 bool lines_wait(int fd, short events, int64_t until);
 
 /* Returns the next line, without its end; it lives until the next call. All of it must come until
