@@ -35,6 +35,7 @@ typedef struct timed_node {
     bool driven;        /* the level that it puts onto its wire */
     bool ahead;         /* its next bit begins at next_begin with nothing to do, so that the agenda
                            has the sample point of that bit */
+    bool deaf;          /* no edge moves it before its next sample, whatever came since (D12) */
     bool retimed;       /* it has another bit timing from the next bit on: next_timings */
     uint8_t sync_count;
     cw_sync syncs[CW_SYNCS_OF_BIT]; /* to be committed at the end of the bit */

@@ -309,8 +309,7 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
     if (bus->timed.counts)
         cw_sync_count_sample(bus, i, level, moment);
     cw_pcs_sampled(&n->pcs, level);
-    if (!cw_mac_synchronises(m))
-        n->pcs.synchronised = true; /* so that no edge counts before the next sample (D12) */
+    cw_timed_follow_ears(n, m);
     if (cw_mac_get_phase(m) != phase)
         end_steadiness(bus);
     n->looked = moment;
@@ -499,9 +498,30 @@ static void drive_again(cw_bus *bus, cw_span moment)
     bus->timed.touched = 0;
 }
 
+/* Lets nodes synchronise again that have been taken out of the data phase as transmitters. Edges of
+ * before count no more. */
+static void open_ears(cw_bus *bus)
+{
+    uint64_t opened = 0;
+    for (uint64_t rest = bus->timed.touched; rest; rest &= rest - 1) {
+        const unsigned i = cw_lowest_node(rest);
+        if (node_at(bus, i)->deaf && cw_mac_synchronises(&bus->nodes[i].mac))
+            opened |= cw_node_bit(i);
+    }
+    if (!opened)
+        return;
+    cw_timed_catch_up(bus);
+    for (uint64_t rest = opened; rest; rest &= rest - 1) {
+        const unsigned i = cw_lowest_node(rest);
+        cw_timed_follow_ears(node_at(bus, i), &bus->nodes[i].mac);
+    }
+    cw_timed_alert(bus);
+}
+
 uint64_t cw_timed_begin_bits(cw_bus *bus, cw_span begin)
 {
     cw_timed *t = &bus->timed;
+    open_ears(bus);
     const bool begins = cw_agenda_first(&t->agenda)->moment == begin;
     const uint64_t nodes = begins ? begin_bits(bus, begin) : 0;
     if (t->touched)

@@ -36,6 +36,14 @@ static inline uint64_t cw_tick_of(const cw_bus *bus, cw_span moment)
     return bus->timed.epoch + (uint64_t)(moment + CW_TICK - 1) / CW_TICK;
 }
 
+/* Makes a node that has not synchronised since its last sample deaf to edges, if its controller is
+ * (D12). */
+static inline void cw_timed_follow_ears(timed_node *n, const cw_mac *mac)
+{
+    n->deaf = !cw_mac_synchronises(mac);
+    n->pcs.synchronised = n->deaf;
+}
+
 /* Takes the new bit timing of a node between two of its bits, if it has been given one. */
 static inline void cw_timed_retime(cw_bus *bus, unsigned node)
 {

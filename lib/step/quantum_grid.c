@@ -44,7 +44,7 @@ static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
     n->report.what = 0;
     n->sync_count = 0;
     n->pcs.sampled = true;
-    n->pcs.synchronised = false;
+    cw_timed_follow_ears(n, &bus->nodes[i].mac);
     n->pcs.last_sample = last_level(bus);
     forget_arrivals(&bus->timed.cable, n);
     if (n->driven == CW_DOMINANT)

@@ -306,6 +306,39 @@ static void a_node_comes_onto_the_bus_in_the_data_phase(void **state)
     }
 }
 
+/* Returns the tick at which the next frame of a sender is over that is taken out of its frame at a
+ * tick. It is to send the frame at the bits that it found by the error flag of the other node. */
+static uint64_t next_sent(uint64_t tick, bool stepping)
+{
+    rig *r = rig_of(2, &fast);
+    const cw_frame f = frame_of(64);
+    cw_settings s = {.which = CW_SET_MODES, .modes_mask = CW_MODE_LISTEN_ONLY,
+                     .modes = CW_MODE_LISTEN_ONLY};
+    rig_start(r);
+    cw_bus_set_stepping(r->bus, stepping);
+    rig_send(r, 0, &f, 20 * 160);
+    rig_run(r, tick);
+    assert_int_equal(cw_node_set(r->bus, 0, &s), CW_OK);
+    rig_run(r, 230 * 160);
+    assert_int_equal(rig_count(r, CW_EVENT_ERROR, 1), 1);
+    s.modes = 0;
+    assert_int_equal(cw_node_set(r->bus, 0, &s), CW_OK);
+    rig_send(r, 0, &f, 260 * 160);
+    rig_run(r, 500 * 160);
+    assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
+    const uint64_t sent = rig_nth(r, CW_EVENT_TX, 0)->tick;
+    rig_free(r);
+    return sent;
+}
+
+/* From then on edges move it (D12): it is no transmitter any more. */
+static void a_sender_that_leaves_the_data_phase_synchronises(void **state)
+{
+    (void)state;
+    for (uint64_t tick = 55 * 160; tick < 110 * 160; tick += 56)
+        assert_int_equal(next_sent(tick, false), next_sent(tick, true));
+}
+
 static void a_faster_clock_is_faster_at_both_rates(void **state)
 {
     (void)state;
@@ -477,6 +510,7 @@ int main(void)
         cmocka_unit_test(a_node_at_another_data_rate_destroys_what_it_reads),
         cmocka_unit_test(the_data_phase_changes_while_the_bus_runs),
         cmocka_unit_test(a_node_comes_onto_the_bus_in_the_data_phase),
+        cmocka_unit_test(a_sender_that_leaves_the_data_phase_synchronises),
         cmocka_unit_test(a_faster_clock_is_faster_at_both_rates),
         cmocka_unit_test(buses_without_a_data_rate_have_no_data_statistics),
         cmocka_unit_test(wrong_values_are_refused),
