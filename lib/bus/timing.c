@@ -253,12 +253,14 @@ void cw_find_longest(cw_bus *bus)
 
 /* ---- Changes --------------------------------------------------------------------------------- */
 
-/* The room for events is enough for so many bits of a node in one of the bus. */
+/* The limits are those of check_bits() and check_ways(). The room for events is enough for so many
+ * bits of a node in one of the bus. */
 static bool change_fits(const cw_bit_timing *timing, cw_span bit_time, unsigned bits,
                         cw_span longest)
 {
     return cw_bit_timing_valid(timing) &&
            has_at_most(bit_length(timing), CW_BIT_RATIO_MAX, bit_time) &&
+           bit_length(timing) >= bit_time / CW_BIT_RATIO_MAX &&
            has_at_most(bit_time, bits, bit_length(timing)) &&
            has_at_most(longest, CW_DELAY_BITS_MAX, bit_length(timing));
 }
