@@ -135,8 +135,8 @@ static uint32_t lower_limits(meeting *m, uint32_t from)
     return earlier;
 }
 
-/* Finds the limits: a frame may go from bus to bus. */
-static void find_limits(meeting *m)
+/* A frame may go from bus to bus. */
+void meeting_find_limits(meeting *m)
 {
     for (size_t i = 0; i < m->bus_count; i++)
         m->limit[i] = CW_NEVER;
@@ -161,7 +161,7 @@ static void pass_on(meeting *m)
 {
     uint64_t given[RIG_BUSES_MAX];
     uint64_t before;
-    while (find_limits(m), before = known(m), gateways_wait(m->gateways, before)) {
+    while (meeting_find_limits(m), before = known(m), gateways_wait(m->gateways, before)) {
         gateways_meet(m->gateways, before, given);
         for (size_t i = 0; i < m->bus_count; i++)
             if (given[i] != CW_NEVER)

@@ -49,6 +49,9 @@ meeting_outlook meeting_find(const gateways_bus *place, const cw_bus *bus, relea
 /* Looks at a bus again, after a change by others. */
 void meeting_look(meeting *m, size_t bus);
 
+/* Finds, with these looks, the ticks before which gateways give the buses no further frame. */
+void meeting_find_limits(meeting *m);
+
 /* Advances to a tick: a set of buses, and others as far as gateways get frames of them. Returns
  * false when one of them does not get there. */
 bool meeting_run(meeting *m, uint64_t end, uint32_t buses);

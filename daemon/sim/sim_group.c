@@ -228,10 +228,22 @@ static uint64_t next_meeting(const sim_group *g)
     return least(next == CW_NEVER && until_of(g) == CW_NEVER ? bits : next, until_of(g));
 }
 
+/* Frames of gateways come before the traffic of the tick, and both before what the bus does at it.
+ * So a bus goes beyond its traffic when gateways give it nothing at the tick, and waits right before
+ * it when they receive nothing then, as in strides. */
 static void meet(sim_group *g, uint64_t tick)
 {
+    meeting *m = &g->meeting;
     for (size_t i = 0; i < g->count; i++)
-        sim_release_before(g->runs[i], tick);
+        meeting_look(m, i);
+    meeting_find_limits(m);
+    for (size_t i = 0; i < g->count; i++)
+        if (m->limit[i] > tick)
+            sim_release_to(g->runs[i], tick);
+        else if (m->outlook[i].next > tick)
+            sim_release_to(g->runs[i], tick - 1);
+        else
+            sim_release_before(g->runs[i], tick);
     gateways_meet(g->meeting.gateways, CW_NEVER, NULL);
     release_to(g, tick, all_buses(g));
     tell_reached(g);

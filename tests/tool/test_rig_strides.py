@@ -163,6 +163,23 @@ def test_an_answer_comes_back_in_time(tmp_path):
     assert fast[1]["gateways"][0]["backward"]["rules"][0]["forwarded"] > 10
 
 
+def test_frames_of_the_tick_of_a_restart_are_dropped_before_it(tmp_path):
+    """R12: the second one comes at the very tick. The third one waits."""
+    (tmp_path / "a.yaml").write_text(
+        "bus: { name: a, bitrate: 500000 }\nnodes:\n  - { name: n0, restart-ms: 1, traffic: [ "
+        "{ send: '64A#', every: 1ms, count: 3 } ] }\n  - { name: n1 }\n"
+        "faults: [ { name: off, do: { bus-off: n0 } } ]\n")
+    (tmp_path / "b.yaml").write_text("bus: { name: b, bitrate: 500000 }\nnodes: [ { name: n0 } ]\n")
+    file = tmp_path / "rig.yaml"
+    file.write_text("buses: [ a.yaml, b.yaml ]\ngateways:\n  - { name: g, between: "
+                    "[ 'a:n0', 'b:n0' ], rules: [ { filter: '000:400' } ] }\n")
+    fast, slow = (outcome(file, "--until", "5ms", *step) for step in ([], ["--step"]))
+    assert fast == slow
+    events = [json.loads(line) for line in slow[0]]
+    assert [e["event"] for e in events if e["t"] == 0.001] == ["drop", "restart"]
+    assert [e["event"] for e in events].count("tx") == 1
+
+
 @pytest.mark.parametrize("delay", ["8us", "1003us"])
 def test_clocks_of_their_own_change_nothing_behind_a_delay_of_a_bit(tmp_path, delay):
     """Frames are received before the bit ends in which their bus tells so."""
