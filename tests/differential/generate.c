@@ -86,6 +86,8 @@ static const style styles[DIFF_STYLES] = {
      RATES},
     {"bits at data rates", 8, 4000, 40000, 12, POSITIONS | ACTION(NOISE) | ACTION(COUNTERS), 3,
      700, 50, 2, 40, false, false, false, false, RATES},
+    {"clean at data rates", 12, 4000, 40000, 0, 0, 1, 700, 0, 100, 10, false, false, false, false,
+     RATES},
 };
 
 const char *diff_style_name(unsigned number)
@@ -111,6 +113,7 @@ typedef struct generator {
     diff_maker maker;
     diff_scenario *scenario;
     const style *style;
+    bool pure;        /* all nodes know FD frames, so that most of these are clean */
     bool old;         /* some nodes are of CAN 2.0A or 2.0B passive */
     bool hosts;       /* some nodes have filters, or slow hosts */
     bool variants;    /* some nodes are not as RULES.md says */
@@ -293,7 +296,7 @@ static cw_node_config random_node(generator *g)
     if (g->times && diff_chance(r, 600))
         random_time(g, &node);
     if (m->fd)
-        node.protocol = random_protocol(r);
+        node.protocol = g->pure ? CW_FD : random_protocol(r);
     if (g->old && (node.protocol & CW_PROTOCOL_MASK) == CW_CLASSICAL && diff_chance(r, 300))
         node.protocol |= diff_chance(r, 500) ? CW_PROTOCOL_2_0A : CW_PROTOCOL_2_0B_PASSIVE;
     if (g->variants && diff_chance(r, 300))
@@ -792,6 +795,26 @@ static void ambush(generator *g, uint64_t tick)
     diff_add_op(g->scenario, &op);
 }
 
+/* Takes a node out of its frame, mostly in the data phase, and lets it join again later. */
+static void leave_data_phase(generator *g, uint64_t tick)
+{
+    diff_maker *m = &g->maker;
+    diff_random *r = &m->random;
+    diff_op op = {.kind = DIFF_SET, .target = random_node_number(g)};
+    op.settings.which = CW_SET_MODES;
+    op.settings.modes_mask = CW_MODE_LISTEN_ONLY;
+    op.settings.modes = CW_MODE_LISTEN_ONLY;
+    cw_frame frame = diff_random_frame(m);
+    frame.flags = (uint8_t)((frame.flags & CW_FRAME_EXTENDED) | CW_FRAME_FD | CW_FRAME_BRS);
+    frame.dlc = (uint8_t)diff_between(r, 8, 15);
+    send(g, op.target, &frame, tick);
+    op.tick = tick + diff_below(r, diff_magnitude(r, 30, 300) * m->bit);
+    diff_add_op(g->scenario, &op);
+    op.settings.modes = 0;
+    op.tick += diff_below(r, 500 * m->bit);
+    diff_add_op(g->scenario, &op);
+}
+
 static void add_operation(generator *g, uint64_t tick, unsigned node)
 {
     diff_random *r = &g->maker.random;
@@ -831,7 +854,9 @@ static void random_operations(generator *g)
     find_moments(g);
     for (uint64_t i = 0; i < count; i++) {
         uint64_t tick = pick_moment(g, &node, i * step, step);
-        if (diff_chance(&g->maker.random, 300))
+        if (g->maker.rates && diff_chance(&g->maker.random, 500))
+            leave_data_phase(g, tick);
+        else if (diff_chance(&g->maker.random, 300))
             ambush(g, tick);
         else
             add_operation(g, tick, node);
@@ -894,6 +919,7 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     m->clocks = g.style->clocks;
     m->fd = g.style->fd != 0;
     g.hosts = diff_chance(&m->random, 150);
+    g.pure = diff_chance(&g.maker.random, 500);
     g.old = diff_chance(&m->random, 100);
     g.variants = diff_chance(&m->random, 100);
     m->sleeps = diff_chance(&m->random, 200);
