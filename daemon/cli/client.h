@@ -49,8 +49,8 @@ bool client_open(client *c, const char *bus);
 json_t *client_ask(client *c, json_t *request);
 
 /* Returns the next line of the bus, without its end, however long that takes. Returns NULL at the
- * end, of the bus or of the connection. Like all lines and replies it can be shown as it is: the client makes what
- * comes from a socket plain (base/plain.h). */
+ * end, of the bus or of the connection. Like all lines and replies it can be shown as it is: the
+ * client makes what comes from a socket plain (base/plain.h). */
 const char *client_next(client *c);
 
 /* Parses a line of the bus; its texts are plain. Returns NULL for a line that is no JSON. */

@@ -229,8 +229,8 @@ static uint64_t next_meeting(const sim_group *g)
 }
 
 /* Frames of gateways come before the traffic of the tick, and both before what the bus does at it.
- * So a bus goes beyond its traffic when gateways give it nothing at the tick, and waits right before
- * it when they receive nothing then, as in strides. */
+ * So a bus goes beyond its traffic when gateways give it nothing at the tick. When they receive
+ * nothing then, it waits right before the tick, as in strides. */
 static void meet(sim_group *g, uint64_t tick)
 {
     meeting *m = &g->meeting;
