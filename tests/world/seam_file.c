@@ -61,8 +61,8 @@ bool seam_refuses(unsigned permille, int number, const char *call)
     return true;
 }
 
-/* The rules beside the control socket are in its folder, which is one in memory, as
- * config/control.md says: canwired writes them in the thread of the bus. */
+/* Rules are beside the control socket, in a folder in memory (config/control.md). canwired writes
+ * them in the thread of the bus. */
 static bool is_in_memory(const char *path)
 {
     return strstr(path, ".sock.rules") != NULL;
