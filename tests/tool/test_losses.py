@@ -18,15 +18,6 @@ FULL = "bus: { bitrate: 500000 }\nnodes:\n  - name: a\n    QUEUE\n    traffic:\n
     "  - { name: b }\n"
 
 
-@pytest.fixture(name="write")
-def fixture_write(tmp_path):
-    def write(text, name="bus.yaml"):
-        path = tmp_path / name
-        path.write_text(text)
-        return path
-    return write
-
-
 def warnings(path):
     """Returns the warnings of `canwire check`, which does not fail for them."""
     return [line.split(": warning: ")[1] for line in canwire("check", path).stderr.splitlines()]

@@ -13,22 +13,11 @@ import subprocess
 
 import pytest
 
-from simtool import CANWIRE, ROOT, kill_all
-from test_record import PATIENCE_S, Bus, lines, tshark, wait_until
+from simtool import CANWIRE, ROOT
+from test_record import (  # pylint: disable=unused-import
+    PATIENCE_S, fixture_bus, lines, tshark, wait_until)
 
 RECORD = ROOT / "config/record.md"
-
-
-@pytest.fixture(name="bus")
-def fixture_bus(tmp_path):
-    started = []
-
-    def start(*records, **more):
-        started.append(Bus(tmp_path, records, **more))
-        return started[-1]
-
-    yield start
-    kill_all(each.process for each in started)
 
 
 def entries(running, name):
