@@ -16,6 +16,7 @@ import struct
 import subprocess
 import termios
 import threading
+import time
 
 import pytest
 
@@ -336,7 +337,7 @@ def now_and_then():
     """Yields a byte again and again, until nobody reads it, and no end of a line."""
     while True:
         yield b"a"
-        threading.Event().wait(0.05)
+        time.sleep(0.05)
 
 
 @pytest.mark.parametrize("words, message", [
