@@ -231,9 +231,9 @@ int64_t vtime_on(clockid_t clock, int64_t bus_ns)
 
 /* ---- Waiting --------------------------------------------------------------------------------- */
 
-/* Waits for the turn, and for what else the caller waits for. Returns 0 or EINTR; the turn may not
- * have begun. */
-static int await_any(const vtime_wait *wait, bool *begun)
+/* Waits for the turn, and for what else the caller waits for, with a mask of signals. Returns 0 or
+ * EINTR; the turn may not have begun. */
+static int await_any(const vtime_wait *wait, const sigset_t *mask, bool *begun)
 {
     struct pollfd few[16];
     struct pollfd *all = few;
@@ -245,7 +245,7 @@ static int await_any(const vtime_wait *wait, bool *begun)
     all[0] = (struct pollfd){.fd = fd, .events = POLLIN};
     if (count > 0)
         memcpy(all + 1, wait->fds, count * sizeof *all);
-    const int found = real()->ppoll(all, count + 1, NULL, wait->mask);
+    const int found = real()->ppoll(all, count + 1, NULL, mask);
     const int error = found < 0 ? errno : 0;
     if (found > 0 && all[0].revents)
         *begun = take(&m, real()->recv(fd, &m, sizeof m, 0));
@@ -279,6 +279,25 @@ static int wait_really(const vtime_wait *wait, bool has_ports)
     return found < 0 ? errno : 0;
 }
 
+/* Ends the turn and waits for the next one or for a signal. A signal that comes after the turn has
+ * ended and before the wait has begun ends the wait, as it does in a call of the kernel: it stays
+ * pending until then. Returns 0 or EINTR; the turn may not have begun. */
+static int end_turn(const vtime_wait *wait, const vtime_wait *own, bool *begun)
+{
+    sigset_t all, before;
+    int error = 0;
+    (void)sigfillset(&all);
+    (void)pthread_sigmask(SIG_SETMASK, &all, &before);
+    say(TIMING_WAIT, wait->wants | own->wants,
+        wait->until_ns < own->until_ns ? wait->until_ns : own->until_ns);
+    if (state == VTIME_ON && !wait->restarts)
+        error = await_any(wait, wait->mask ? wait->mask : &before, begun);
+    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+    if (state == VTIME_ON && wait->restarts)
+        error = await_restarting(begun);
+    return error;
+}
+
 int vtime_turn(const vtime_wait *wait, const vtime_wait *own, bool *turned)
 {
     bool begun = false;
@@ -288,11 +307,7 @@ int vtime_turn(const vtime_wait *wait, const vtime_wait *own, bool *turned)
     if (state == VTIME_LOST)
         return wait_really(wait, (wait->wants | own->wants) != 0);
     waits = true;
-    say(TIMING_WAIT, wait->wants | own->wants,
-        wait->until_ns < own->until_ns ? wait->until_ns : own->until_ns);
-    const int error = state != VTIME_ON ? 0
-                      : wait->restarts  ? await_restarting(&begun)
-                                        : await_any(wait, &begun);
+    const int error = end_turn(wait, own, &begun);
     if (!begun && state == VTIME_ON) {
         say(TIMING_CANCEL, 0, 0);
         await_turn();

@@ -251,9 +251,20 @@ def test_signals_reach_a_program_that_waits(bus):
     sleeper = b.begin("engine", "sh", "-c", "sleep 5; cansend engine 01A#; sleep 2")
     b.end(sleeper)
     assert dump.stdout.readline().split() == ["dash", "01A", "[0]"]
+    wait_until(lambda: b.status()["virtual"]["rests"], "the wait")  # a handler alone ends nothing
     dump.send_signal(signal.SIGTERM)
     assert dump.wait(TIMEOUT_S) == 0  # it has a handler
     wait_until(lambda: b.status()["virtual"]["joined"] == 0, "its end")
+
+
+def test_a_signal_between_turn_and_wait_ends_the_wait(bus, monkeypatch):
+    """With a call of the kernel there is nothing between them."""
+    monkeypatch.setenv("LD_PRELOAD", str(compiled("signal_at_wait.so")))
+    code = """import signal
+signal.signal(signal.SIGUSR1, lambda number, frame: None)
+signal.pause()"""
+    b = bus()
+    b.run("engine", sys.executable, "-c", code)
 
 
 def test_a_program_that_is_killed_holds_nobody(bus, waits):

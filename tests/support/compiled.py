@@ -9,10 +9,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 LIBRARY = ("-shared", "-fPIC")
+HEADERS = (f"-I{ROOT}/daemon", f"-I{ROOT}/lib")
 SOURCES = {  # and its options
     "frozen_clock.so": ("tests/kernel/frozen_clock.c", *LIBRARY),
     "suspended_clock.so": ("tests/kernel/suspended_clock.c", *LIBRARY),
     "late_end.so": ("tests/preload/late_end.c", *LIBRARY),
+    "signal_at_wait.so": ("tests/preload/signal_at_wait.c", *LIBRARY, *HEADERS),
     "small-ecu": ("tests/tool/small_ecu.c",),
     "socketcan-calls": ("tests/preload/calls.c", "-pthread"),
 }
