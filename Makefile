@@ -67,6 +67,7 @@ DAEMON_SOURCES := daemon/main.c \
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
 FUZZ_TARGETS := $(patsubst tests/fuzz/%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
+CORPORA = $(FUZZ_TARGETS:fuzz_%=$(BUILD)/corpus/%)
 UNIT_TESTS := $(patsubst tests/unit/%.c,%,$(wildcard tests/unit/test_*.c))
 
 objects = $(patsubst %.c,$(BUILD)/%.o,$(1))
@@ -235,7 +236,7 @@ MUTANTS_EVERY_debug := 28
 MUTANTS_EVERY := $(or $(MUTANTS_EVERY_$(VARIANT)),14)
 
 test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL) \
-  $(DIFFERENTIAL) $(MUTANTS) $(BUILD)/bench $(BUILD)/bench_realtime
+  $(CORPORA) $(DIFFERENTIAL) $(MUTANTS) $(BUILD)/bench $(BUILD)/bench_realtime
 	@status=0; run() { \
 	    name="$$1 ($(VARIANT), $(CC))"; shift; echo "== $$name"; \
 	    "$$@" || { echo "FAILED $$name: exit status $$?"; status=1; }; \
@@ -267,7 +268,10 @@ $(BUILD)/%.passed: $(BUILD)/% $(TOOL)
 FUZZ_SEEDS_fuzz_config := tests/config tests/scenarios config
 FUZZ_SEEDS_fuzz_trace := tests/traces
 FUZZ_SEEDS_fuzz_rules := config/profiles tests/config
-fuzz_seeds = tests/fuzz/corpus/$(1:fuzz_%=%) $(FUZZ_SEEDS_$(1))
+fuzz_seeds = $(BUILD)/corpus/$(1:fuzz_%=%) $(FUZZ_SEEDS_$(1))
+
+$(BUILD)/corpus/%: tests/fuzz/corpus/%.tar.gz
+	@rm -rf $@ && mkdir -p $@ && tar -xf $< -C $@ && touch $@
 
 # Limits of an input in bytes; without one the longest initial input decides. The initial inputs of
 # fuzz_config include other files, whose length would make it slow.
@@ -287,7 +291,7 @@ fuzz_bytes = $(if $(FUZZ_BYTES_$(1)),-max_len=$(FUZZ_BYTES_$(1)))
 
 # Runs each target; findings, inputs that break something, go to build/fuzz/found/NAME.
 FUZZ_EACH = $(shell expr $(FUZZ) / $(words $(FUZZ_TARGETS)) + 1)
-fuzz-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
+fuzz-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS)) $(CORPORA)
 	@$(foreach target,$(FUZZ_TARGETS),echo "== $(target)" && mkdir -p $(BUILD)/found/$(target) && \
 	  $(BUILD)/$(target) -max_total_time=$(FUZZ_EACH) -timeout=30 -rss_limit_mb=4096 \
 	  -verbosity=0 -print_final_stats=1 -print_funcs=0 -close_fd_mask=1 -use_value_profile=1 \
@@ -297,7 +301,7 @@ fuzz-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
 
 fuzz-merge-run: $(addprefix $(BUILD)/,$(FUZZ_TARGETS))
 	@$(foreach target,$(FUZZ_TARGETS),scripts/fuzz-merge $(BUILD)/$(target) \
-	  tests/fuzz/corpus/$(target:fuzz_%=%) $(BUILD)/found/$(target) \
+	  tests/fuzz/corpus/$(target:fuzz_%=%).tar.gz $(BUILD)/found/$(target) \
 	  $(FUZZ_SEEDS_$(target)) &&) true
 
 # The tests that scripts/mutate builds and runs for each changed controller.
@@ -310,9 +314,9 @@ mutant-run:
 # ... and for changed rows of campaigns (scripts/mutate --campaign).
 MUTANT_CAMPAIGN := $(addprefix $(BUILD)/,test_number_text test_pairwise test_pool test_rule_slot \
   test_sample test_splice test_valuepath test_variant replay_fuzz_campaign)
-mutant-campaign: $(MUTANT_CAMPAIGN)
+mutant-campaign: $(MUTANT_CAMPAIGN) $(BUILD)/corpus/campaign
 mutant-campaign-run:
-	@for test in $(MUTANT_CAMPAIGN); do $$test tests/fuzz/corpus/campaign || exit 1; done
+	@for test in $(MUTANT_CAMPAIGN); do $$test $(BUILD)/corpus/campaign || exit 1; done
 
 # In the same way for changed fast paths (scripts/mutate --short-cuts).
 mutant-short-cuts: $(DIFFERENTIAL) $(BUILD)/test_clocks $(BUILD)/test_timed_frames
