@@ -21,13 +21,12 @@ from typing import NamedTuple
 
 import lcm
 
+import demo_logs
 import demo_usb
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / "config/demo.yaml"
 FD_CONFIG = ROOT / "config/demo-fd.yaml"
-CAR_LOG = ROOT / "config/demo/car.log"
-CONTENTION_LOG = ROOT / "config/demo/contention.log"
 CANWIRE = ROOT / "build/release/canwire"
 CANWIRED = ROOT / "build/release/canwired"
 BITRATE = 500000
@@ -210,7 +209,7 @@ class Demo:
         self.folder = folder
         self.statistics = Subscriber(message_types(folder), "demo")
         self.dumps = {ecu: Candump(programs, port) for ecu, port in PORTS.items()}
-        self.sender = {f.partition("#")[0]: e for e, f in map(log_frame, read_log(CAR_LOG))}
+        self.sender = {f.partition("#")[0]: e for e, f in map(log_frame, demo_logs.car())}
         self.sender[FLOOD_ID] = "dash"
         self.daemon = programs.start(CANWIRED, "-c", CONFIG, stderr=(folder / "stderr").open("w"))
         wait_until(lambda: self.statistics.bus, "the first statistics from LCM")
@@ -257,11 +256,12 @@ class Demo:
 
     def contend(self):
         """Shows written frames and the frames on the bus."""
-        play(self.programs, CONTENTION_LOG, "engine", "brakes", "dash").wait()
+        ecus = "engine", "brakes", "dash"
+        play(self.programs, "contention", demo_logs.contention(), ecus, "-t").wait()
         self.settle()
         dumps = {ecu: dump.take() for ecu, dump in self.dumps.items()}
         writes = []
-        for ecu, text in map(log_frame, read_log(CONTENTION_LOG)):
+        for ecu, text in map(log_frame, demo_logs.contention()):
             at = next(f.time for f in dumps[ecu] if f.text == text)  # vcan's own echo
             writes.append(Write(at, text, ecu))
         return writes, dumps["tap"]
@@ -273,7 +273,7 @@ class Demo:
         before = {ecu: self.dropped(ecu) for ecu in PORTS}
         if flood:
             generator = self.programs.start(*FLOOD)
-        players = [play(self.programs, CAR_LOG, ecu) for ecu in ("engine", "brakes")]
+        players = [play(self.programs, ecu, demo_logs.car(), [ecu]) for ecu in ("engine", "brakes")]
         for player in players:
             self.checks.check(player.wait() == 0, f"canplayer ends well ({name})")
         self.phases.append((name, begin, time.time()))
@@ -448,20 +448,17 @@ class FdBus:
         self.check(not self.dump.take(), f"{FD_SHORT} does not arrive while dash is there")
 
 
-def read_log(path):
-    return [line for line in path.read_text().splitlines() if line.startswith("(")]
-
-
 def log_frame(line):
     """Returns ECU and frame of a line of a log."""
     _, ecu, frame = line.split()
     return ecu, frame
 
 
-def play(programs, log, *ecus):
+def play(programs, name, lines, ecus, *options):
+    log = programs.folder / f"{name}.log"
+    log.write_text("".join(f"{line}\n" for line in lines))
     assignments = [f"{PORTS[ecu]}={ecu}" for ecu in ecus]
-    at_once = ["-t"] if log == CONTENTION_LOG else []
-    return programs.start("canplayer", *at_once, "-I", log, *assignments)
+    return programs.start("canplayer", *options, "-I", log, *assignments)
 
 
 def arbitration_key(frame):

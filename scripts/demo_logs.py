@@ -1,9 +1,8 @@
-#!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Writes config/demo/car.log: three seconds of the periodic traffic of a small car.
+"""The logs that the demo plays, in candump's format.
 
 The interface column names the ECU. So canplayer can play each ECU's part on a port of its own:
-canplayer -I car.log vcan0=engine usage: scripts/car-log > config/demo/car.log
+canplayer -I car.log vcan0=engine
 """
 
 LENGTH_MS = 3000
@@ -49,15 +48,21 @@ def pressure(t):
     return max(0, t - 2500) * 4
 
 
-def main():
+def car():
+    """Returns the lines of three seconds of the periodic traffic of a small car."""
     lines = []
     for ecu, identifier, period, offset, payload in MESSAGES:
         for t in range(offset, LENGTH_MS, period):
             data = payload(t).hex().upper()
             lines.append((t, identifier, f"({t / 1000:.6f}) {ecu} {identifier}#{data}"))
-    for _, _, line in sorted(lines):
-        print(line)
+    return [line for _, _, line in sorted(lines)]
 
 
-if __name__ == "__main__":
-    main()
+def contention():
+    """Returns the lines of frames that are written at once. A hundred urgent ones of dash keep the
+    bus busy for 25 ms; meanwhile all three ECUs write, the least urgent first."""
+    urgent = [("dash", f"001#{n:02X}00000000000000") for n in range(100)]
+    late = [("engine", "18FEEE00#E3"), ("dash", "500#D2"), ("brakes", "310#B3"),
+            ("dash", "300#D1"), ("engine", "1A0#E2"), ("brakes", "153#B2"), ("engine", "0C0#E1"),
+            ("brakes", "0A8#B1")]
+    return [f"(0.000000) {ecu} {frame}" for ecu, frame in urgent + late]
