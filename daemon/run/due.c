@@ -6,7 +6,8 @@
 
 #include "base/least.h"
 
-#define FRAME_BITS_MIN 44u /* SOF to EOF, of an empty frame without stuff bits */
+#define FRAME_BITS_MIN 43u /* to EOF, of an empty frame without stuff bits; another node may have sent
+                              its SOF (M6) */
 
 /* Returns the tick of a reception (M7): receivers have a frame at the end of its last bit but one.
  * Its bits begin with the first whole bit. */
@@ -31,10 +32,11 @@ uint64_t due_tick(const cw_bus *bus, const release_plan *plan, const cfg *config
     const cw_frame *frame = release_first(plan, &node);
     if (!frame || config->dbitrate_bps > 0 || !will_queue(bus, node, frame))
         return release; /* with a data rate not all bits have one length */
-    /* it is the next frame on the bus if no other one is under way or comes with it; a counter
-     * changes its stuff bits */
-    bool first = next == CW_NEVER && cw_bus_pending(bus) == 0 && release_is_as_written(plan) &&
-                 release_is_alone(plan, release + cw_rate_ticks(config->rate, 2));
-    unsigned bits = first ? cw_frame_wire_bits(frame) : FRAME_BITS_MIN;
-    return least(next, reception(config, release, bits));
+    /* With nothing before it, the frame is received when it ends. A counter changes its stuff bits.
+     * One that is released later may overtake it, or be sent beside one in loopback (M15). */
+    const bool first =
+        next == CW_NEVER && cw_bus_pending(bus) == 0 && release_is_as_written(plan);
+    const uint64_t later = reception(config, release_second_tick(plan), FRAME_BITS_MIN);
+    const unsigned bits = first ? cw_frame_wire_bits(frame) : FRAME_BITS_MIN;
+    return least(least(next, later), reception(config, release, bits));
 }

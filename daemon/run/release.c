@@ -527,14 +527,15 @@ const cw_frame *release_first(const release_plan *plan, unsigned *node)
     return s->has_frame ? &s->frame : NULL;
 }
 
-/* Checks two entries: one of them is the second of the heap. */
-bool release_is_alone(const release_plan *plan, uint64_t before)
+/* One of two entries is the second of the heap. */
+uint64_t release_second_tick(const release_plan *plan)
 {
+    uint64_t tick = CW_NEVER;
     assert(plan->count > 0);
     for (size_t i = 1; i < 3 && i < plan->count; i++)
-        if (plan->heap[i]->tick < before)
-            return false;
-    return plan->heap[0]->traffic->kind == CFG_TRAFFIC_SEND;
+        if (plan->heap[i]->tick < tick)
+            tick = plan->heap[i]->tick;
+    return tick;
 }
 
 bool release_is_as_written(const release_plan *plan)

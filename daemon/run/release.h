@@ -61,9 +61,9 @@ cfg_place release_place(const release_plan *plan);
 /* Leaves the next release out. A release must exist. */
 void release_pass(release_plan *plan);
 
-/* Returns true when no other release comes before a tick, other than those of the same `send`. A
- * release must exist. */
-bool release_is_alone(const release_plan *plan, uint64_t before);
+/* Returns the tick of the next release of another entry than the first one's; CW_NEVER: none is
+ * known. A release must exist. */
+uint64_t release_second_tick(const release_plan *plan);
 
 /* Returns true when the next release hands in its frame without a new counter or checksum. A
  * release must exist. */

@@ -15,10 +15,15 @@ static uint64_t until_of(const sim_group *g)
     return g->count > 0 ? g->runs[0]->until : 0;
 }
 
+/* Frames of gateways come before the traffic of their tick, and both before what the bus does at
+ * it. So traffic of the tick waits when gateways may give the bus a frame then. */
 static bool go(void *user, size_t bus, uint64_t tick)
 {
     sim_group *g = user;
-    sim_release_before(g->runs[bus], tick);
+    if (g->meeting.limit[bus] > tick)
+        sim_release_to(g->runs[bus], tick);
+    else
+        sim_release_before(g->runs[bus], tick);
     return true;
 }
 
@@ -204,7 +209,30 @@ static uint64_t sure_tick(const sim_group *g)
 
 /* ---- Small steps ----------------------------------------------------------------------------- */
 
-/* With `step`, and behind the last release, the buses meet at each reception. */
+/* Returns the end of the next bit of a bus, or of the last one of a rest, in which nobody can receive
+ * a frame. */
+static uint64_t next_step(const sim_group *g, size_t bus, uint64_t tick)
+{
+    const sim_run *run = g->runs[bus];
+    const uint64_t bit = cw_bus_tick_after(run->bus, 1);
+    const uint64_t busy = least(tick, release_next_tick(run->plan));
+    const bool fast = release_is_fast(run->plan);
+    return fast ? bit : most(bit, cw_bus_rests_until(run->bus, busy));
+}
+
+/* With `step` the buses meet at each bit, up to a tick. So only what comes within a bit depends on
+ * what the buses expect. */
+static uint64_t step_of(const sim_group *g, uint64_t tick)
+{
+    const uint32_t feeds = gateways_feeds(g->meeting.gateways);
+    uint64_t next = tick;
+    for (size_t i = 0; i < g->count; i++)
+        if (feeds >> i & 1u)
+            next = least(next, next_step(g, i, tick));
+    return next;
+}
+
+/* Behind the last release the buses meet at each reception. */
 static uint64_t next_for_gateways(const sim_group *g)
 {
     uint64_t next = CW_NEVER;
@@ -218,35 +246,11 @@ static uint64_t next_for_gateways(const sim_group *g)
 static uint64_t next_meeting(const sim_group *g)
 {
     uint64_t next = next_for_gateways(g);
-    const uint64_t sure = sure_tick(g);
     const uint64_t bits = longest_bit(g);
     if (next < until_of(g))
         return next;
-    if (sure > bits)
-        return sure;
     next = least(next, sim_group_next(g));
     return least(next == CW_NEVER && until_of(g) == CW_NEVER ? bits : next, until_of(g));
-}
-
-/* Frames of gateways come before the traffic of the tick, and both before what the bus does at it.
- * So a bus goes beyond its traffic when gateways give it nothing at the tick. When they receive
- * nothing then, it waits right before the tick, as in strides. */
-static void meet(sim_group *g, uint64_t tick)
-{
-    meeting *m = &g->meeting;
-    for (size_t i = 0; i < g->count; i++)
-        meeting_look(m, i);
-    meeting_find_limits(m);
-    for (size_t i = 0; i < g->count; i++)
-        if (m->limit[i] > tick)
-            sim_release_to(g->runs[i], tick);
-        else if (m->outlook[i].next > tick)
-            sim_release_to(g->runs[i], tick - 1);
-        else
-            sim_release_before(g->runs[i], tick);
-    gateways_meet(g->meeting.gateways, CW_NEVER, NULL);
-    release_to(g, tick, all_buses(g));
-    tell_reached(g);
 }
 
 /* ---- Rest ------------------------------------------------------------------------------------ */
@@ -363,14 +367,11 @@ static void tell_quiet(const sim_group *g)
 static uint64_t go_on(sim_group *g)
 {
     const uint64_t sure = sure_tick(g);
-    const bool strides = !g->step && sure > longest_bit(g);
-    const uint64_t tick = strides ? sure : next_meeting(g);
+    const uint64_t far = g->step ? step_of(g, sure) : sure;
+    const uint64_t tick = sure > longest_bit(g) ? far : next_meeting(g);
     if (until_of(g) == CW_NEVER && tick > quiet_end(g))
         return CW_NEVER;
-    if (strides)
-        stride(g, tick, all_buses(g));
-    else
-        meet(g, tick);
+    stride(g, tick, all_buses(g));
     return tick;
 }
 

@@ -130,6 +130,54 @@ static void no_frame_is_seen_late(void **state)
     end(&s);
 }
 
+/* M15: a frame in loopback leaves the bus to others, and theirs may be shorter. */
+static void a_frame_beside_one_in_loopback_is_not_seen_late(void **state)
+{
+    (void)state;
+    sleeper s = begin("bus: { bitrate: 500000 }\n"
+                      "nodes:\n"
+                      "  - name: a\n"
+                      "    loopback: on\n"
+                      "    traffic: [ { send: 123#A5A5A5A5A5A5A5A5, every: 3ms } ]\n"
+                      "  - name: b\n"
+                      "    traffic: [ { send: 101#R, every: 3001us, offset: 50us, count: 100 } ]\n"
+                      "  - { name: c }\n");
+    run(&s, CW_CLOCK_HZ);
+    assert_int_equal(s.frames, 334 + 100);
+    end(&s);
+}
+
+/* M6: b is in time for the end of the intermission, in which a frame waits. The shorter one wins. */
+static void a_frame_that_overtakes_in_an_intermission_is_not_seen_late(void **state)
+{
+    (void)state;
+    sleeper s = begin("bus: { bitrate: 500000 }\n"
+                      "nodes:\n"
+                      "  - name: a\n"
+                      "    traffic: [ { send: 555#55, count: 1 },\n"
+                      "               { send: 701#A5A5A5A5A5A5A5A5, offset: 131us, count: 1 } ]\n"
+                      "  - name: b\n"
+                      "    traffic: [ { send: 101#R, offset: 135500ns, count: 1 } ]\n");
+    run(&s, CW_CLOCK_HZ);
+    assert_int_equal(s.frames, 3);
+    end(&s);
+}
+
+/* M6: b comes in the SOF of a, wins, and is received one bit earlier than if it had sent its own. */
+static void a_frame_that_joins_a_start_is_not_seen_late(void **state)
+{
+    (void)state;
+    sleeper s = begin("bus: { bitrate: 500000 }\n"
+                      "nodes:\n"
+                      "  - name: a\n"
+                      "    traffic: [ { send: 701#A5A5A5A5A5A5A5A5, offset: 1ms, count: 1 } ]\n"
+                      "  - name: b\n"
+                      "    traffic: [ { send: 555#R2, offset: 1001us, count: 1 } ]\n");
+    run(&s, CW_CLOCK_HZ);
+    assert_int_equal(s.frames, 2);
+    end(&s);
+}
+
 /* A drop is reported at once. */
 static void a_release_that_is_dropped_is_due_at_its_tick(void **state)
 {
@@ -167,6 +215,9 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_frame_on_an_idle_bus_costs_no_wake_up_before_its_end),
         cmocka_unit_test(no_frame_is_seen_late),
+        cmocka_unit_test(a_frame_beside_one_in_loopback_is_not_seen_late),
+        cmocka_unit_test(a_frame_that_overtakes_in_an_intermission_is_not_seen_late),
+        cmocka_unit_test(a_frame_that_joins_a_start_is_not_seen_late),
         cmocka_unit_test(a_release_that_is_dropped_is_due_at_its_tick),
         cmocka_unit_test(where_rules_are_a_release_is_due_at_its_tick),
     };
