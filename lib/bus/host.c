@@ -194,9 +194,12 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
 static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)
 {
     bus_node *n = &bus->nodes[i];
+    const unsigned before = cw_modes_of(bus, i);
+    const unsigned mask = s->modes_mask, modes = (before & ~mask) | (s->modes & mask);
+    if (modes != before)
+        cw_commit_early(bus, i);
     (void)cw_own_mac(bus, i);
-    cw_set_modes_of(bus, i, (cw_modes_of(bus, i) & ~(unsigned)s->modes_mask) |
-                                (s->modes & (unsigned)s->modes_mask));
+    cw_set_modes_of(bus, i, modes);
     if (cw_modes_of(bus, i) & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED)) {
         n->mac.offered = false;
         cw_flush_queue(bus, i, CW_DROP_LISTEN_ONLY);

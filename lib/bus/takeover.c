@@ -14,6 +14,14 @@ static bool has_begun(const cw_mac *m)
     return m->offered && m->role == CW_ROLE_TRANSMITTER;
 }
 
+/* Does the same, also when the end of the frame has been sampled and is still to be reported. */
+static bool is_under_way(const cw_bus *bus, unsigned i)
+{
+    const timed_node *t = &bus->timed.nodes[i];
+    const unsigned ends = CW_REPORT_TX | CW_REPORT_DROPPED;
+    return has_begun(&bus->nodes[i].mac) || (bus->timed.active && (t->report.what & ends));
+}
+
 /* The new bus may have no room for FD frames. */
 static void drop(cw_bus *bus, unsigned i, const cw_frame *frame, cw_drop why)
 {
@@ -51,11 +59,13 @@ static bool can_send(const cw_bus *bus, unsigned i, const cw_frame *frame, bool 
 }
 
 /* reply: the frame is a reply of a mailbox. */
-static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_t from, bool reply)
+static void take_over_slot(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsigned old_node,
+                           uint16_t from, bool reply)
 {
     bus_node *n = &bus->nodes[i];
+    const bus_node *old = &old_bus->nodes[old_node];
     const cw_queue_slot *slot = cw_queue_at(&old->queue, from);
-    const bool begun = has_begun(&old->mac) && old->offered_slot == from;
+    const bool begun = is_under_way(old_bus, old_node) && old->offered_slot == from;
     const bool full = n->queue.count - cw_mailbox_replies(bus, i) >= n->queue_limit;
     cw_drop why = can_send(bus, i, slot->frame, begun || reply) ? CW_DROP_QUEUE_FULL
                                                                 : CW_DROP_BAD_FRAME;
@@ -77,31 +87,37 @@ static void take_over_slot(cw_bus *bus, unsigned i, const bus_node *old, uint16_
 static void take_over_queue(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsigned old_node)
 {
     const bus_node *old = &old_bus->nodes[old_node];
-    const bool begun = has_begun(&old->mac);
+    const bool begun = is_under_way(old_bus, old_node);
     for (unsigned k = 0; begun && k < old->queue.count; k++)
         if (cw_queue_nth(&old->queue, k) == old->offered_slot)
-            take_over_slot(bus, i, old, old->offered_slot,
+            take_over_slot(bus, i, old_bus, old_node, old->offered_slot,
                            cw_mailboxes_is_reply(old_bus, old_node, k));
     for (unsigned k = 0; k < old->queue.count; k++)
         if (!begun || cw_queue_nth(&old->queue, k) != old->offered_slot)
-            take_over_slot(bus, i, old, cw_queue_nth(&old->queue, k),
+            take_over_slot(bus, i, old_bus, old_node, cw_queue_nth(&old->queue, k),
                            cw_mailboxes_is_reply(old_bus, old_node, k));
-}
-
-/* Applies settings as cw_node_set() would. */
-static void apply_settings(cw_bus *bus, unsigned i, uint64_t restart_before)
-{
-    static const cw_settings no_change = {.which = CW_SET_MODES};
-    bus_node *n = &bus->nodes[i];
-    if (n->mac.phase == CW_MAC_BUS_OFF && bus->restarts[i].ticks != restart_before)
-        bus->restarts[i].at = cw_automatic_restart(bus, i);
-    if (cw_modes_of(bus, i) & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED))
-        (void)cw_node_set(bus, i, &no_change);
 }
 
 static bool are_alike(const cw_mac *a, const cw_mac *b)
 {
     return a->protocol == b->protocol && cw_mac_same_variant(a, b);
+}
+
+/* Applies settings as cw_node_set() would, when the bits of the node are those of the old bus. A
+ * controller with another protocol has left its bit. */
+static void apply_settings(cw_bus *bus, unsigned i, unsigned modes, const cw_bus *old,
+                           unsigned from)
+{
+    const uint64_t restart_before = old->restarts[from].ticks;
+    const cw_settings settings = {.which = CW_SET_MODES, .modes_mask = UINT8_MAX,
+                                  .modes = (uint8_t)modes};
+    const unsigned silent = CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED;
+    if (!are_alike(&bus->nodes[i].mac, &old->nodes[from].mac))
+        (void)cw_own_mac(bus, i);
+    if (modes != cw_modes_of(bus, i) || (modes & silent))
+        (void)cw_node_set(bus, i, &settings);
+    if (bus->nodes[i].mac.phase == CW_MAC_BUS_OFF && bus->restarts[i].ticks != restart_before)
+        bus->restarts[i].at = cw_automatic_restart(bus, i);
 }
 
 /* Takes the state of a controller. With another protocol it leaves the bus and integrates, as after
@@ -154,13 +170,11 @@ static void note_stopped(cw_bus *bus, unsigned i, const bus_node *old)
 static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsigned from)
 {
     const bus_node *old = &old_bus->nodes[from];
-    const restart_times *old_restart = &old_bus->restarts[from];
     bus_node *n = &bus->nodes[i];
-    unsigned modes = n->mac.modes;
     unsigned warning_limit = n->mac.confinement.warning_limit;
     n->stats = old->stats;
-    bus->restarts[i].at = old_restart->at;
-    bus->restarts[i].off_at = old_restart->off_at;
+    bus->restarts[i].at = old_bus->restarts[from].at;
+    bus->restarts[i].off_at = old_bus->restarts[from].off_at;
     take_over_sleep(bus, i, old_bus, from);
     take_over_queue(bus, i, old_bus, from);
     if (!are_alike(&n->mac, &old->mac) && old->mac.role == CW_ROLE_TRANSMITTER)
@@ -171,10 +185,8 @@ static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsig
     n->deviates = old->deviates;
     n->reported_state = old->reported_state;
     cw_mac_reconnect(&n->mac);
-    cw_set_modes_of(bus, i, modes);
     cw_sleep_wait(bus, i);
     cw_confinement_set_warning_limit(&n->mac.confinement, warning_limit);
-    apply_settings(bus, i, old_restart->ticks);
 }
 
 /* Statistics go on where both buses have records. */
@@ -313,7 +325,7 @@ static void find_new_numbers(uint8_t to[CW_NODES_MAX], const cw_bus *bus, const 
 
 cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
 {
-    uint8_t to[CW_NODES_MAX];
+    uint8_t to[CW_NODES_MAX], modes[CW_NODES_MAX];
     if (!fits(bus, old, from))
         return CW_INVALID;
     cw_wake_controllers(old);
@@ -336,6 +348,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     bus->overload_flag = old->overload_flag;
     take_over_starts(bus, old, from, to);
     for (unsigned i = 0; i < bus->node_count; i++) {
+        modes[i] = (uint8_t)bus->nodes[i].mac.modes;
         if (from[i] == CW_NO_NODE) {
             bus->sleeps[i].since = cw_now(bus);
             continue;
@@ -349,6 +362,9 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     }
     cw_timed_catch_up(old);
     cw_timed_take_over(bus, old, from);
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (from[i] != CW_NO_NODE)
+            apply_settings(bus, i, modes[i], old, from[i]);
     take_over_sync_stats(bus, old, from);
     cw_apply_topology(bus);
     take_over_buffers(bus, old, from, to);

@@ -133,6 +133,9 @@ void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
         if (from[i] != CW_NO_NODE)
             to[from[i]] = (uint8_t)i;
     clear(&bus->timed, old->timed.epoch);
+    for (unsigned i = 0; i < bus->node_count; i++) /* in the middle of their bits */
+        if (from[i] != CW_NO_NODE && (old->timed.touched >> from[i] & 1u))
+            bus->timed.touched |= cw_node_bit(i);
     bus->timed.moment = old->timed.moment;
     take_over_wires(bus, &old->timed, from);
     take_over_edges(&bus->timed.cable, &old->timed.cable, to);

@@ -22,12 +22,13 @@ typedef struct outcome {
     unsigned sent, dropped, received;
 } outcome;
 
-static cw_bus *make_bus(unsigned slower)
+static cw_bus *make_bus_with(unsigned slower, uint16_t queue, unsigned first)
 {
     cw_node_config nodes[NODES];
     for (unsigned i = 0; i < NODES; i++)
         nodes[i] = (cw_node_config){
-            .queue = 4, .warning_limit = 96,
+            .queue = queue, .warning_limit = 96,
+            .protocol = (uint8_t)(i == 0 ? first : CW_CLASSICAL),
             .timing.bit = {.quantum = QUANTUM + QUANTUM / 2000 * (cw_span)(slower * (i + 1)),
                            .prop_seg = 6, .phase_seg1 = 5, .phase_seg2 = 4, .sjw = 4}};
     const cw_bus_config config = {.bit_ticks = BIT_TICKS, .node_count = NODES, .inbox = 64,
@@ -35,6 +36,11 @@ static cw_bus *make_bus(unsigned slower)
     cw_bus *bus = cw_bus_init(malloc(cw_bus_size(&config)), &config);
     assert_non_null(bus);
     return bus;
+}
+
+static cw_bus *make_bus(unsigned slower)
+{
+    return make_bus_with(slower, 4, CW_CLASSICAL);
 }
 
 static void take_events(cw_bus *bus, outcome *o)
@@ -105,29 +111,144 @@ static void a_receiver_that_leaves_has_the_frame_or_nothing(void **unused)
 }
 
 /* Another bus goes on with a frame whose end has been sampled and not yet been reported. A frame
- * that goes before it in the queue has come meanwhile. */
+ * that goes before it in the queue has come meanwhile, for which there may be no room any more. */
+static void end_in_another_bus(unsigned slower, unsigned bits, uint16_t queue)
+{
+    static const uint8_t from[NODES] = {0, 1, 2};
+    unsigned sent = 0, urgent = 0, heard = 0, dropped = 0;
+    outcome o = {0};
+    cw_bus *old = begin(slower, bits), *bus = make_bus_with(slower, queue, CW_CLASSICAL);
+    take_events(old, &o);
+    assert_int_equal(cw_node_send(old, 0, &(cw_frame){.id = 1}, 0), CW_OK);
+    assert_int_equal(cw_bus_take_over(bus, old, from), CW_OK);
+    assert_int_equal(cw_bus_advance(bus, cw_bus_now(bus) + 200 * BIT_TICKS), CW_OK);
+    cw_event e;
+    while (cw_bus_poll(bus, &e)) {
+        sent += e.kind == CW_EVENT_TX && e.frame.id == FRAME_ID;
+        urgent += e.kind == CW_EVENT_TX && e.frame.id == 1;
+        heard += e.kind == CW_EVENT_RX && e.frame.id == 1;
+        dropped += e.kind == CW_EVENT_DROP && e.frame.id == 1;
+    }
+    assert_true(o.sent + sent == 1 && urgent + dropped == 1 && (heard > 0) == (urgent > 0));
+    assert_true(urgent == 1 || queue == 1);
+    free(old);
+    free(bus);
+}
+
 static void a_frame_that_ends_in_another_bus_is_the_right_one(void **unused)
+{
+    (void)unused;
+    for (unsigned slower = 0; slower < 20; slower++)
+        for (unsigned bits = 50; bits < 65; bits++) {
+            end_in_another_bus(slower, bits, 4);
+            end_in_another_bus(slower, bits, 1);
+        }
+}
+
+#define EVENTS_MOST 64u
+
+typedef struct history {
+    cw_event events[EVENTS_MOST];
+    unsigned count;
+} history;
+
+static void note_events(cw_bus *bus, history *h)
+{
+    while (h->count < EVENTS_MOST && cw_bus_poll(bus, &h->events[h->count]))
+        h->count++;
+}
+
+typedef enum course { STAYS, TAKEN_OVER, RELOADED, COURSES } course;
+
+/* Changes the modes of a node; 0: takes it off the bus. */
+static void act(cw_bus *bus, unsigned node, unsigned modes)
+{
+    const cw_settings settings = {.which = CW_SET_MODES, .modes_mask = UINT8_MAX,
+                                  .modes = (uint8_t)modes};
+    if (modes)
+        assert_int_equal(cw_node_set(bus, node, &settings), CW_OK);
+    else
+        assert_int_equal(cw_node_attach(bus, node, false), CW_OK);
+}
+
+/* Lets a host act on a node, and goes on in the bus, or in another one like it. When that reloads
+ * settings, it brings the modes. */
+static void note_course(history *h, course way, unsigned slower, unsigned bits, unsigned node,
+                        unsigned modes)
+{
+    static const uint8_t from[NODES] = {0, 1, 2};
+    cw_bus *bus = begin(slower, bits);
+    h->count = 0;
+    note_events(bus, h);
+    if (way != RELOADED || modes == 0)
+        act(bus, node, modes);
+    note_events(bus, h);
+    if (way != STAYS) {
+        cw_bus *next = make_bus(slower);
+        if (modes)
+            act(next, node, modes);
+        assert_int_equal(cw_bus_take_over(next, bus, from), CW_OK);
+        free(bus);
+        bus = next;
+    }
+    assert_int_equal(cw_bus_advance(bus, (bits + 200) * BIT_TICKS), CW_OK);
+    note_events(bus, h);
+    free(bus);
+}
+
+static void assert_same_history(const history *a, const history *b)
+{
+    assert_int_equal(a->count, b->count);
+    for (unsigned n = 0; n < a->count; n++) {
+        assert_int_equal(a->events[n].kind, b->events[n].kind);
+        assert_int_equal(a->events[n].tick, b->events[n].tick);
+        assert_int_equal(a->events[n].nodes, b->events[n].nodes);
+    }
+}
+
+/* A node that is made to leave its bit leaves it at that tick, also when another bus takes over. A
+ * frame whose end it has sampled has been sent. */
+static void what_a_host_does_right_before_another_bus_counts(void **unused)
+{
+    static const unsigned modes[] = {0, CW_MODE_LISTEN_ONLY, CW_MODE_LOOPBACK, CW_MODE_RESTRICTED};
+    (void)unused;
+    for (unsigned slower = 0; slower < 20; slower++)
+        for (unsigned bits = 13; bits < 65; bits++)
+            for (unsigned what = 0; what < 8; what++) {
+                history h[COURSES];
+                for (course way = STAYS; way < COURSES; way++)
+                    note_course(&h[way], way, slower, bits, what % 2, modes[what / 2]);
+                assert_same_history(&h[STAYS], &h[TAKEN_OVER]);
+                assert_same_history(&h[STAYS], &h[RELOADED]);
+            }
+}
+
+/* Returns the tick of the first error at a receiver. */
+static uint64_t first_error(cw_bus *bus)
+{
+    cw_event e;
+    uint64_t tick = CW_NEVER;
+    assert_int_equal(cw_bus_advance(bus, cw_bus_now(bus) + 50 * BIT_TICKS), CW_OK);
+    while (cw_bus_poll(bus, &e))
+        if (e.kind == CW_EVENT_ERROR && e.nodes > 1 && e.tick < tick)
+            tick = e.tick;
+    free(bus);
+    return tick;
+}
+
+/* For others that is as if it had been taken off the bus. */
+static void a_controller_with_another_protocol_leaves_its_bit(void **unused)
 {
     static const uint8_t from[NODES] = {0, 1, 2};
     (void)unused;
     for (unsigned slower = 0; slower < 20; slower++)
-        for (unsigned bits = 50; bits < 65; bits++) {
-            unsigned sent = 0, urgent = 0, heard = 0;
-            outcome o = {0};
-            cw_bus *old = begin(slower, bits), *bus = make_bus(slower);
-            take_events(old, &o);
-            assert_int_equal(cw_node_send(old, 0, &(cw_frame){.id = 1}, 0), CW_OK);
-            assert_int_equal(cw_bus_take_over(bus, old, from), CW_OK);
-            assert_int_equal(cw_bus_advance(bus, cw_bus_now(bus) + 200 * BIT_TICKS), CW_OK);
-            cw_event e;
-            while (cw_bus_poll(bus, &e)) {
-                sent += e.kind == CW_EVENT_TX && e.frame.id == FRAME_ID;
-                urgent += e.kind == CW_EVENT_TX && e.frame.id == 1;
-                heard += e.kind == CW_EVENT_RX && e.frame.id == 1;
-            }
-            assert_true(o.sent + sent == 1 && urgent == 1 && heard > 0);
+        for (unsigned bits = 13; bits < 50; bits++) {
+            cw_bus *bus = begin(slower, bits), *old = begin(slower, bits);
+            cw_bus *next = make_bus_with(slower, 4, CW_FD_TOLERANT);
+            act(bus, 0, 0);
+            assert_int_equal(cw_bus_take_over(next, old, from), CW_OK);
             free(old);
-            free(bus);
+            assert_int_equal(first_error(next), first_error(bus));
         }
 }
 
@@ -258,6 +379,8 @@ int main(void)
         cmocka_unit_test(a_sender_that_leaves_has_sent_its_frame_or_not),
         cmocka_unit_test(a_receiver_that_leaves_has_the_frame_or_nothing),
         cmocka_unit_test(a_frame_that_ends_in_another_bus_is_the_right_one),
+        cmocka_unit_test(what_a_host_does_right_before_another_bus_counts),
+        cmocka_unit_test(a_controller_with_another_protocol_leaves_its_bit),
         cmocka_unit_test(drops_come_in_the_order_of_time),
         cmocka_unit_test(a_bus_on_another_line_goes_on),
     };
