@@ -1714,7 +1714,8 @@ typedef struct cw_bus_stats {
     uint64_t bits;         /* bit times since tick 0 */
     uint64_t busy_bits;    /* of these, SOF to third intermission bit, error and overload frames */
     uint64_t busy_ticks;   /* the time that these last */
-    uint64_t data_bits;    /* of all bits, those that begin at the data rate (D10) */
+    uint64_t data_bits;    /* of all bits, those that begin at the data rate (D10); as long as
+                              nominal ones where bits are not common to all nodes */
     uint64_t data_ticks;   /* the time that these last */
     uint64_t frames;       /* successful frames */
     uint64_t fd_frames;    /* of these, FD frames */

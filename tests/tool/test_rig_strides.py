@@ -94,7 +94,7 @@ def outcome(file, *options):
     return lines, json.loads(stats.read_text())
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", [*range(40), 1125, 1171])
 def test_strides_show_what_small_steps_show(tmp_path, seed):
     r = random.Random(seed)
     file = random_rig_without_loop(r, tmp_path)
@@ -163,20 +163,43 @@ def test_an_answer_comes_back_in_time(tmp_path):
     assert fast[1]["gateways"][0]["backward"]["rules"][0]["forwarded"] > 10
 
 
-def test_frames_of_the_tick_of_a_restart_are_dropped_before_it(tmp_path):
+@pytest.mark.parametrize("step", [[], ["--step"]])
+def test_a_frame_beside_one_in_loopback_goes_on_at_once(tmp_path, step):
+    """M15: a frame of 43 bits up to its reception ends amid one that its bus does not see."""
+    (tmp_path / "a.yaml").write_text(
+        "bus: { name: a, bitrate: 500000 }\nnodes:\n  - { name: n0 }\n  - { name: n1, loopback: on,"
+        " traffic: [ { send: '123#A5A5A5A5A5A5A5A5', every: 3ms, count: 9 } ] }\n  - { name: n2, "
+        "traffic: [ { send: '555#R2', every: 3ms, offset: 50us, count: 9 } ] }\n")
+    (tmp_path / "b.yaml").write_text(
+        "bus: { name: b, bitrate: 1000000 }\nnodes: [ { name: n0 }, { name: n1 } ]\n")
+    file = tmp_path / "rig.yaml"
+    file.write_text("buses: [ a.yaml, b.yaml ]\ngateways:\n  - { name: g, between: "
+                    "[ 'a:n0', 'b:n0' ], rules: [ { filter: '555' } ] }\n")
+    events = [json.loads(line) for line in outcome(file, "--until", "40ms", *step)[0]]
+    comes, goes = ([round(1e9 * e["t"]) for e in events if e["event"] == "rx" and
+                    e["node"] == node and e["bus"] == bus and e["frame"] == "555#R2"]
+                   for bus, node in (("a", "n0"), ("b", "n1")))
+    assert len(comes) == 9
+    assert goes == [tick + 43 * 1000 for tick in comes]
+
+
+@pytest.mark.parametrize("restart_ms", [1, 10]) # strides to the end of a run may end at each 10 ms
+def test_frames_of_the_tick_of_a_restart_are_dropped_before_it(tmp_path, restart_ms):
     """R12: the second one comes at the very tick. The third one waits."""
     (tmp_path / "a.yaml").write_text(
-        "bus: { name: a, bitrate: 500000 }\nnodes:\n  - { name: n0, restart-ms: 1, traffic: [ "
-        "{ send: '64A#', every: 1ms, count: 3 } ] }\n  - { name: n1 }\n"
+        "bus: { name: a, bitrate: 500000 }\nnodes:\n"
+        f"  - {{ name: n0, restart-ms: {restart_ms}, traffic: [ "
+        f"{{ send: '64A#', every: {restart_ms}ms, count: 3 }} ] }}\n  - {{ name: n1 }}\n"
         "faults: [ { name: off, do: { bus-off: n0 } } ]\n")
     (tmp_path / "b.yaml").write_text("bus: { name: b, bitrate: 500000 }\nnodes: [ { name: n0 } ]\n")
     file = tmp_path / "rig.yaml"
     file.write_text("buses: [ a.yaml, b.yaml ]\ngateways:\n  - { name: g, between: "
                     "[ 'a:n0', 'b:n0' ], rules: [ { filter: '000:400' } ] }\n")
-    fast, slow = (outcome(file, "--until", "5ms", *step) for step in ([], ["--step"]))
+    until = f"{5 * restart_ms}ms"
+    fast, slow = (outcome(file, "--until", until, *step) for step in ([], ["--step"]))
     assert fast == slow
     events = [json.loads(line) for line in slow[0]]
-    assert [e["event"] for e in events if e["t"] == 0.001] == ["drop", "restart"]
+    assert [e["event"] for e in events if e["t"] == restart_ms / 1000] == ["drop", "restart"]
     assert [e["event"] for e in events].count("tx") == 1
 
 
