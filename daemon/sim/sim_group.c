@@ -209,8 +209,7 @@ static uint64_t sure_tick(const sim_group *g)
 
 /* ---- Small steps ----------------------------------------------------------------------------- */
 
-/* Returns the end of the next bit of a bus, or of the last one of a rest, in which nobody can receive
- * a frame. */
+/* Returns the end of the next bit of a bus, or of a rest, in which nobody receives a frame. */
 static uint64_t next_step(const sim_group *g, size_t bus, uint64_t tick)
 {
     const sim_run *run = g->runs[bus];

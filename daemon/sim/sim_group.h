@@ -16,7 +16,7 @@ typedef struct sim_group {
     meeting meeting;              /* without gateways for one bus */
     uint64_t rest_from;  /* a meeting since which all buses rest; CW_NEVER: there is none */
     uint64_t rest_until; /* ... and how far they surely do */
-    bool step;      /* the buses of a rig meet at each reception; this is the reference */
+    bool step;      /* the buses of a rig meet at each bit; this is the reference */
     bool no_memory; /* a gateway has lost a frame */
     FILE *messages; /* or NULL */
     void *user;

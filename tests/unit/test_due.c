@@ -147,7 +147,7 @@ static void a_frame_beside_one_in_loopback_is_not_seen_late(void **state)
     end(&s);
 }
 
-/* M6: b is in time for the end of the intermission, in which a frame waits. The shorter one wins. */
+/* M6: b is in time for the end of the intermission, in which a frame waits, and wins. */
 static void a_frame_that_overtakes_in_an_intermission_is_not_seen_late(void **state)
 {
     (void)state;
@@ -163,7 +163,7 @@ static void a_frame_that_overtakes_in_an_intermission_is_not_seen_late(void **st
     end(&s);
 }
 
-/* M6: b comes in the SOF of a, wins, and is received one bit earlier than if it had sent its own. */
+/* M6: b comes in the SOF of a, wins, and is received a bit earlier than with a SOF of its own. */
 static void a_frame_that_joins_a_start_is_not_seen_late(void **state)
 {
     (void)state;
