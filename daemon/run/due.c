@@ -6,8 +6,8 @@
 
 #include "base/least.h"
 
-#define FRAME_BITS_MIN 43u /* to EOF, of an empty frame without stuff bits and, since another node may
-                              have sent it (M6), without SOF */
+#define FRAME_BITS_MIN 43u /* to EOF, of an empty frame without stuff bits, whose SOF another node
+                              may have sent (M6) */
 
 /* Returns the tick of a reception (M7): receivers have a frame at the end of its last bit but one.
  * Its bits begin with the first whole bit. */
