@@ -211,7 +211,8 @@ static uint64_t next_of_any(const cw_bus *bus)
 
 uint64_t cw_bus_next_rx(const cw_bus *bus, cw_frame_test *test, const void *user)
 {
-    if (bus->pending || may_surprise(bus))
+    const bool orphaned = !bus->frame_step.active && is_orphaned(bus); /* no queue has its frame */
+    if (bus->pending || orphaned || may_surprise(bus))
         return next_of_any(bus);
     return cw_least(next_of_queues(bus, test, user), next_of_inbox(bus, test, user));
 }

@@ -336,6 +336,25 @@ static void receptions_of_some_frames_are_foretold(void **state)
     rig_free(r);
 }
 
+/* Receivers have a frame, though its sender has left it in EOF, with its queue. */
+static void a_reception_is_foretold_without_its_sender(void **state)
+{
+    (void)state;
+    rig *r = rig_new(3);
+    rig_start(r);
+    const cw_frame wanted = rig_frame(0x255, 0, 0);
+    const uint64_t bits = cw_frame_wire_bits(&wanted);
+    rig_send(r, 0, &wanted, 1000 * BIT);
+    rig_run_bits(r, 1000 + bits - 4);
+    assert_int_equal(cw_node_attach(r->bus, 0, false), CW_OK);
+    rig_run_bits(r, 1000 + bits - 3);
+    const uint64_t next = cw_bus_next_rx(r->bus, is_wanted, NULL);
+    assert_in_range(next, (1000 + bits - 3) * BIT, (1000 + bits - 1) * BIT);
+    rig_run_bits(r, 1000 + bits);
+    assert_true(rig_count(r, CW_EVENT_RX, -1) > 0);
+    rig_free(r);
+}
+
 static void a_bus_at_rest_expects_nothing(void **state)
 {
     (void)state;
@@ -797,6 +816,7 @@ int main(void)
         cmocka_unit_test(events_come_in_the_documented_order),
         cmocka_unit_test(the_same_run_gives_the_same_events),
         cmocka_unit_test(next_is_never_too_late),
+        cmocka_unit_test(a_reception_is_foretold_without_its_sender),
         cmocka_unit_test(a_bus_at_rest_expects_nothing),
         cmocka_unit_test(skipping_idle_bits_changes_nothing),
         cmocka_unit_test(an_idle_bus_goes_to_the_end_of_time),
