@@ -38,7 +38,7 @@ static const char help[] =
     "         peer a pair of vxcan with the other end in the network namespace of the peer;\n"
     "         with \"vxcan: yes\" in FILE a pair for each, the ECU's end called as its node\n"
     "  down   removes what `up` has made for FILE, which need not be there any more, but for\n"
-    "         interfaces that a running bus of another FILE uses\n"
+    "         interfaces that a running bus uses: then it fails\n"
     "\n"
     "  -h, --help   this text\n"
     "\n"
@@ -347,35 +347,23 @@ static bool bring_up(plan *plans, size_t count)
 
 typedef struct name_list {
     const char *owner;
-    const rig *several; /* the buses of FILE, as far as it is there */
-    const cfg *one;
     size_t count;
     char (*names)[IF_NAMESIZE];
+    bool used; /* a running bus has one */
     bool no_memory;
 } name_list;
 
-static bool is_bus(const cfg *bus, const claim_owner *owner)
-{
-    return strncmp(bus->bus_name, owner->name, CLAIM_OWNER_BYTES - 1) == 0;
-}
-
-static bool is_bus_of(const name_list *list, const claim_owner *owner)
-{
-    bool found = list->one && is_bus(list->one, owner);
-    for (size_t i = 0; list->several && i < list->several->bus_count; i++)
-        found = found || is_bus(list->several->buses[i], owner);
-    return found;
-}
-
-/* Tells of an interface that a running bus of another file uses. */
-static bool is_claimed(const name_list *list, const link_info *info)
+/* Tells of an interface that a running bus uses. */
+static bool is_claimed(const link_info *info)
 {
     char key[CLAIM_KEY_BYTES];
     claim_owner owner;
     claim_print_port(key, info->index);
-    if (!claim_find(&owner, key) || is_bus_of(list, &owner))
+    if (!claim_find(&owner, key))
         return false;
-    plain_print(stderr, "canwire vcan: %s stays: it is in use by bus %s of canwired, pid %ld\n",
+    plain_print(stderr,
+                "canwire vcan: %s stays: it is in use by bus %s of canwired, pid %ld: stop it "
+                "first\n",
                 info->name, owner.name, owner.pid);
     return true;
 }
@@ -384,8 +372,12 @@ static bool collect(void *user, const link_info *info)
 {
     name_list *list = user;
 
-    if (!is_ours(list->owner, info) || is_claimed(list, info))
+    if (!is_ours(list->owner, info))
         return true;
+    if (is_claimed(info)) {
+        list->used = true;
+        return true;
+    }
     void *longer = realloc(list->names, (list->count + 1) * sizeof list->names[0]);
     list->no_memory = !longer;
     if (!longer)
@@ -395,10 +387,10 @@ static bool collect(void *user, const link_info *info)
     return true;
 }
 
-/* Removes all interfaces that it can. */
-static bool bring_down(const plan *p, const rig *several, const cfg *one)
+/* Removes all interfaces that it can. FILE may be bad, or gone. */
+static bool bring_down(const plan *p)
 {
-    name_list list = {.owner = p->owner, .several = several, .one = one};
+    name_list list = {.owner = p->owner};
     int number = links_each(p->links, collect, &list);
     bool good = number == 0 && !list.no_memory;
 
@@ -412,7 +404,7 @@ static bool bring_down(const plan *p, const rig *several, const cfg *one)
             good = complain_link(p, "remove", list.names[i], number);
     }
     free(list.names);
-    return good;
+    return good && !list.used;
 }
 
 /* Makes the interfaces of a configuration, or of the buses of a rig. */
@@ -444,25 +436,6 @@ static bool up_file(links *l, const char *owner, const char *file)
     return good;
 }
 
-/* FILE may be bad, or gone. Then each running bus keeps its interfaces. */
-static bool down_file(links *l, const char *owner, const char *file)
-{
-    rig *several = NULL;
-    cfg *one = NULL;
-    char *text = NULL;
-    size_t size;
-    FILE *ignored = open_memstream(&text, &size);
-    if (ignored)
-        (void)rig_load_either(&several, &one, &(cfg_file){.name = file}, ignored);
-    bool good = bring_down(&(plan){.links = l, .owner = owner}, several, one);
-    rig_free(several);
-    cfg_free(one);
-    if (ignored)
-        (void)fclose(ignored);
-    free(text);
-    return good;
-}
-
 static int run(const char *verb, const char *file)
 {
     char owner[PATH_MAX];
@@ -472,7 +445,8 @@ static int run(const char *verb, const char *file)
     links *l = links_open();
     bool good = l || complain("netlink", strerror(errno));
     if (good)
-        good = strcmp(verb, "up") == 0 ? up_file(l, owner, file) : down_file(l, owner, file);
+        good = strcmp(verb, "up") == 0 ? up_file(l, owner, file)
+                                       : bring_down(&(plan){.links = l, .owner = owner});
     links_close(l);
     return good ? CLI_OK : CLI_BAD_INPUT;
 }

@@ -246,14 +246,19 @@ def test_down_leaves_what_another_file_made(rig, tmp_path):
     rig("down", name=other)
 
 
-def test_down_leaves_what_a_bus_of_another_file_uses(rig, canwired):
-    rig("up", PAIR)
-    other = canwired(PAIR.replace("name: ", "name: other-", 1))
-    told = subprocess.run([CANWIRE, "vcan", "down", rig.file], capture_output=True, text=True,
-                          check=True)
-    assert (told.stdout, told.stderr.count(" stays: it is in use by bus other-")) == ("", 2)
+@pytest.mark.parametrize("name", ["rig", "other"])
+def test_down_leaves_what_a_running_bus_uses(rig, canwired, name):
+    """Also one of FILE itself. What no bus uses goes."""
+    rig("up", PAIR + "  - { name: c, port: v2 }\n")
+    bus = canwired(PAIR.replace("name: rig", f"name: {name}"))
+    done = subprocess.run([CANWIRE, "vcan", "down", rig.file], capture_output=True, text=True,
+                          check=False)
+    assert (done.returncode, done.stdout) == (1, "removed v2\n")
+    assert done.stderr == "".join(
+        f"canwire vcan: {port} stays: it is in use by bus {name} of canwired, pid {bus.process.pid}: "
+        "stop it first\n" for port in ("v0", "v1"))
     assert {"v0", "v1"} <= set(links())
-    other.stop()
+    bus.stop()
     assert rig("down") == "removed v0\nremoved v1\n"
 
 

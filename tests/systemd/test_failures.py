@@ -181,10 +181,27 @@ def test_interfaces_of_a_running_bus_stay(new):
     assert {"made0", "made1"} <= links() and maker.carries()
     run("journalctl", "--sync")
     journal = run("journalctl", "-u", maker.vcan_unit, "-o", "cat")
-    assert f"made0 stays: it is in use by bus using of canwired, pid {user.pid()}\n" in journal
+    assert (f"made0 stays: it is in use by bus using of canwired, pid {user.pid()}: "
+            "stop it first\n") in journal
+    assert maker.vcan_unit in failed_units()
     systemctl("stop", user.unit)
+    systemctl("reset-failed", maker.vcan_unit)
     run("canwire", "vcan", "down", maker.config)
     assert not {"made0", "made1"} & links()
+
+
+def test_who_stops_the_interfaces_stops_the_bus_first(new):
+    bus = new("under")
+    bus.start()
+    pid = bus.pid()
+    systemctl("restart", bus.vcan_unit)
+    wait_until(lambda: bus.pid() not in (0, pid) and bus.show("ActiveState") == "active",
+               "the restart")
+    assert bus.carries()
+    systemctl("stop", bus.vcan_unit)
+    assert bus.show("ActiveState") == "inactive" and not {"under0", "under1"} & links()
+    assert told(bus, "stopped: ") and not told(bus, "gone") and not told(bus, "missing")
+    assert not {bus.unit, bus.vcan_unit} & failed_units()
 
 
 # ---- Examples ------------------------------------------------------------------------------------
