@@ -5,6 +5,7 @@
 #include "base/log.h"
 #include "base/plain.h"
 #include "base/standardfds.h"
+#include "base/unit.h"
 #include "config/config.h"
 #include "config/rig.h"
 #include "usb/adapters.h"
@@ -23,6 +24,8 @@
 #define EXIT_USAGE 2
 #define NS_PER_MS 1000000L
 #define STATUS_BYTES 900
+#define LOOK_MS 20   /* between two looks for a module that is not there yet */
+#define LOOKS 75     /* of the service, which is started again after them */
 
 static const char usage[] = "usage: canwire-usb [--user USER] FILE\n";
 
@@ -44,7 +47,8 @@ static const char help[] =
     "Without such a node there is nothing to do, and it ends with status 0. It ends with status 1\n"
     "when vhci-hcd is removed, since only root can begin anew.\n"
     "\n"
-    "Exit status: 0, 1 bad configuration or no vhci-hcd, 2 wrong usage.\n";
+    "Exit status: 0, 1 bad configuration or no vhci-hcd, 2 wrong usage; in the service 75 for what\n"
+    "another start may mend, such as vhci-hcd.\n";
 
 typedef struct settings {
     const char *user;
@@ -190,21 +194,43 @@ static void complain_vhci(int number)
     log_error("the virtual USB host controller: %s%s", strerror(number), remedy);
 }
 
-/* Runs the adapters of a file. Returns the exit status. missing: the errno of vhci_open(), or 0. */
+/* Opens the files of the controller. The service waits a while for them: it is started again each
+ * time that the module is not there. Returns 0 or an errno. */
+static int open_vhci(vhci *files)
+{
+    const struct timespec pause = {.tv_nsec = LOOK_MS * NS_PER_MS};
+    for (unsigned look = unit_instance() ? LOOKS : 0; !vhci_open(files); look--) {
+        if (errno != ENOENT || look == 0 || stopping)
+            return errno;
+        (void)nanosleep(&pause, NULL);
+    }
+    return 0;
+}
+
+/* Runs the adapters of a file that is loaded. Returns the exit status. missing: the errno of
+ * open_vhci(), or 0. */
+static int run_file(adapters *a, const vhci *files, int missing, const char *file)
+{
+    bool good = true;
+    if (adapters_count(a) == 0) {
+        explain_nothing(file);
+    } else if (missing != 0) {
+        complain_vhci(missing);
+        good = false;
+    } else {
+        good = run(a, files, file);
+    }
+    return good ? EXIT_SUCCESS : unit_failure();
+}
+
 static int serve_file(const vhci *files, int missing, const char *file)
 {
     adapters *a = adapters_new(files);
-    bool good = a && read_file(a, file);
-    if (good && adapters_count(a) == 0) {
-        explain_nothing(file);
-    } else if (good && missing != 0) {
-        complain_vhci(missing);
-        good = false;
-    } else if (good) {
-        good = run(a, files, file);
-    }
+    int status = a ? EXIT_FAILURE : unit_failure();
+    if (a && read_file(a, file))
+        status = run_file(a, files, missing, file);
     adapters_free(a);
-    return good ? EXIT_SUCCESS : EXIT_FAILURE;
+    return status;
 }
 
 int main(int argc, char **argv)
@@ -216,11 +242,11 @@ int main(int argc, char **argv)
     const int status = read_options(&s, argc, argv);
     if (status >= 0)
         return status;
-    const int missing = vhci_open(&files) ? 0 : errno;
+    catch_signals();
+    const int missing = open_vhci(&files);
     if (!privileges_become(s.user)) {
         log_error("user %s: %s", s.user, errno == ENOENT ? "no such user" : strerror(errno));
         return EXIT_FAILURE;
     }
-    catch_signals();
     return serve_file(&files, missing, s.file);
 }

@@ -32,7 +32,13 @@ bool vhci_open(vhci *v)
 {
     v->attach = open(FOLDER "attach", O_WRONLY | O_NOFOLLOW | O_CLOEXEC);
     v->detach = open(FOLDER "detach", O_WRONLY | O_NOFOLLOW | O_CLOEXEC);
-    return v->attach >= 0 && v->detach >= 0;
+    const int number = errno;
+    if (v->attach >= 0 && v->detach >= 0)
+        return true;
+    if (v->attach >= 0)
+        (void)close(v->attach);
+    errno = number;
+    return false;
 }
 
 bool vhci_is_there(const vhci *v)

@@ -496,6 +496,26 @@ def test_usb_interfaces_come_back_with_the_module(usb_config):  # pylint: disabl
     assert "can0" in links() and "can0" in run("ip", "netns", "exec", "ecu", "ip", "-o", "link")
 
 
+def test_usb_interfaces_come_with_a_module_that_is_late(usb_config):
+    """As long as it is missing, the unit is tried again and has not failed."""
+    modprobe = "modprobe@vhci_hcd.service"
+    run("modprobe", "-r", "vhci_hcd")
+    systemctl("mask", "--runtime", modprobe)
+    try:
+        systemctl("start", "--no-block", USB_UNIT)
+        wait_until(lambda: show_usb("ExecMainStatus") == "75", "the end of a try")
+        assert show_usb("ActiveState") == "activating"
+        run("modprobe", "vhci_hcd")
+        wait_until(lambda: show_usb("ActiveState") == "active", "the adapters")
+        assert "can0" in links()
+    finally:
+        systemctl("unmask", "--runtime", modprobe)
+    usb_config.write_text(USB_BUS.replace("can0", "x/y"))
+    assert "failed" in systemctl("restart", USB_UNIT, status=1)
+    assert (show_usb("ActiveState"), show_usb("ExecMainStatus")) == ("failed", "1")
+    systemctl("reset-failed", USB_UNIT, "canwired@usb.service")
+
+
 def test_usb_on_a_bus_without_such_ports_says_so_and_ends(bus):
     one = bus("plain")
     unit = f"canwire-usb@{one.name}.service"
