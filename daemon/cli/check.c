@@ -8,6 +8,7 @@
 #include "cli/check_doubts.h"
 #include "config/files.h"
 #include "config/portname.h"
+#include "config/profilefile.h"
 #include "config/rig.h"
 #include "run/journal_check.h"
 #include "run/replay.h"
@@ -15,13 +16,15 @@
 #include <getopt.h>
 #include <inttypes.h>
 #include <stdio.h>
+#include <string.h>
 
 static const char usage[] =
     "usage: canwire check [--ports] FILE | --journal FILE\n"
     "\n"
     "Validates a configuration, a rig or a fault profile, and reads the recordings that it\n"
     "replays to their end. Errors go to stderr, one a line, as FILE:LINE:COLUMN: message, and\n"
-    "so do warnings: what is valid and still will not do what it says.\n"
+    "so do warnings: what is valid and still will not do what it says. An installed profile, or\n"
+    "one in `profiles`, may be named.\n"
     "Exit status: 0 good, 1 bad, 2 wrong usage.\n"
     "\n"
     "  --ports     only print the interfaces that the nodes use, one a line\n"
@@ -34,6 +37,7 @@ static const struct option options[] = {
     {NULL, 0, NULL, 0},
 };
 
+static int check_named(const char *file, bool ports);
 static int check_file(const char *file, bool ports);
 static int check_rig(const char *file, bool ports);
 
@@ -62,8 +66,21 @@ int cli_check(int argc, char **argv)
     }
     if (journal)
         return journal_check(argv[optind], stdout, stderr) ? CLI_OK : CLI_BAD_INPUT;
-    return rig_is_rig(argv[optind]) ? check_rig(argv[optind], ports)
-                                    : check_file(argv[optind], ports);
+    return check_named(argv[optind], ports);
+}
+
+/* A profile may be named. Other files are there, or their readers say that they are not. */
+static int check_named(const char *file, bool ports)
+{
+    char path[PATH_MAX], folders[PROFILEFILE_LIST_BYTES];
+    const profilefile wanted = {.name = file, .beside = {""}};
+    if (profilefile_find(path, &wanted))
+        return rig_is_rig(path) ? check_rig(path, ports) : check_file(path, ports);
+    if (!profilefile_is_name(file) || strchr(file, '.'))
+        return check_file(file, ports);
+    profilefile_list(folders, &wanted);
+    plain_print(stderr, "canwire check: there is no %s in %s\n", file, folders);
+    return CLI_BAD_INPUT;
 }
 
 static void print_ports(const cfg *config)

@@ -7,8 +7,10 @@
 #include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
+#include "config/profilefile.h"
 
 #include <errno.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
@@ -18,7 +20,9 @@
 static const char help[] =
     "Puts fault rules onto a running bus and prints their names. All of them are taken or none.\n"
     "\n"
-    "  FILE   with rules or a profile; - is standard input\n"
+    "  FILE   with rules or a profile; - is standard input. A profile may be named: it is looked\n"
+    "         for here and beside the configuration of BUS, in `profiles` there and among the\n"
+    "         installed ones\n"
     "  YAML   instead: a rule, '{name: x, when: {frame: \"123\"}, do: {flip: \"crc[3]\"}}', a list "
     "of\n"
     "         rules or {faults: [...]}\n"
@@ -33,6 +37,7 @@ static const char help[] =
 /* The text that is sent. */
 typedef struct injection {
     const char *name; /* of the text, for messages */
+    char file[PATH_MAX]; /* of a profile that was found by its name */
     buffer text;
     buffer with; /* lines to append to the text */
     bool keep;
@@ -104,9 +109,44 @@ static bool looks_like_file(const char *word)
     return strpbrk(word, ":{[\n") == NULL;
 }
 
-static bool read_text(injection *in, const char *word)
+/* Returns the path of the configuration of a bus. NULL: it has none, or has not answered, which has
+ * been told. To be freed. */
+static char *file_of_bus(const char *bus)
 {
-    bool is_file = file_exists(word) || looks_like_file(word);
+    json_t *reply = client_ask_once(bus, client_request("status"));
+    const json_t *status = json_object_get(reply, "status");
+    const char *file = json_string_value(json_object_get(status, "file"));
+    const char *folder = json_string_value(json_object_get(status, "directory"));
+    char *path = NULL;
+    if (file && (*file == '/' || folder) &&
+        asprintf(&path, "%s%s%s", *file == '/' ? "" : folder, *file == '/' ? "" : "/", file) < 0)
+        path = NULL;
+    json_decref(reply);
+    return path;
+}
+
+/* Finds a profile by its name. Returns false after a message. */
+static bool find_profile(injection *in, const char *bus, const char *name)
+{
+    char folders[PROFILEFILE_LIST_BYTES];
+    char *file = file_of_bus(bus);
+    const profilefile wanted = {.name = name, .beside = {"", file}};
+    const bool found = file && profilefile_find(in->file, &wanted);
+    profilefile_list(folders, &wanted);
+    if (file && !found)
+        plain_print(stderr, "canwire inject: there is no %s in %s\n", name, folders);
+    free(file);
+    return found;
+}
+
+static bool read_text(injection *in, const char *bus, const char *word)
+{
+    const bool is_file = file_exists(word) || looks_like_file(word);
+    if (is_file && !file_exists(word) && profilefile_is_name(word)) {
+        if (!find_profile(in, bus, word))
+            return false;
+        word = in->file;
+    }
     in->name = !is_file ? "inject" : strcmp(word, "-") == 0 ? "stdin" : word;
     if (is_file ? !read_file(in, word) : !append(&in->text, word, strlen(word)))
         return false;
@@ -146,7 +186,8 @@ int cli_inject(int argc, char **argv)
                        .user = &in};
     int status = command_parse(&c, &first, argc, argv);
     if (status < 0)
-        status = read_text(&in, argv[first + 1]) ? send_text(argv[first], &in) : CLI_BAD_INPUT;
+        status = read_text(&in, argv[first], argv[first + 1]) ? send_text(argv[first], &in)
+                                                              : CLI_BAD_INPUT;
     buffer_free(&in.text);
     buffer_free(&in.with);
     return status;

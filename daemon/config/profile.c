@@ -7,13 +7,13 @@
  */
 #include "base/yamlfile.h"
 #include "config/parts.h"
+#include "config/profilefile.h"
 #include "config/source.h"
 #include "config/values.h"
 
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #define PROFILES_MAX 100u         /* that one configuration loads */
 #define PARAMETERS_MAX 64u        /* of one profile */
@@ -21,10 +21,6 @@
 #define PARAMETER_VALUE_MAX 256u  /* bytes */
 #define EXPANDED_MAX 1024u        /* bytes of a text after all parameters have their values */
 #define ALONE_BITRATE_BPS 500000u /* converts bits to time without a bus */
-
-#define PROFILES_FOLDER "profiles/"
-#define PROFILE_END ".yaml"
-#define SHARE_BESIDE "/../share/canwire/" /* of the folder of this program */
 
 #define PARAMETER_LETTERS "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
 #define PARAMETER_CHARACTERS PARAMETER_LETTERS "0123456789_-"
@@ -179,62 +175,23 @@ void cfg_free_rules(cfg_rules *rules)
     free(owner);
 }
 
-/* Looks for a file at a path, with and without the end that a name may lack. Returns the path of a
- * file that is there, or NULL. */
-static const char *find_with_end(schema *self, const char *before, const char *folder,
-                                 const char *name)
+/* Finds the file of a profile. Returns the path beside the configuration when there is none. */
+static const char *find_profile(schema *self, const profilefile *wanted)
 {
-    static const char *const ends[] = {"", PROFILE_END};
+    char path[PATH_MAX];
 
-    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++) {
-        char *path = arena_print(self->arena, "%s%s%s%s", before, folder, name, ends[i]);
-        const char *found = path ? cfg_resolve_path(self, cfg_of(self)->file, path) : NULL;
-
-        if (found && cfg_has_file(self, found))
-            return found;
-    }
-    return NULL;
+    for (unsigned i = 0; profilefile_place(path, wanted, i); i++)
+        if (cfg_has_file(self, path))
+            return schema_copy(self, path);
+    return cfg_resolve_path(self, wanted->beside[0], wanted->name);
 }
 
-/* Writes the folder of the program's own files, beside that of programs. Returns false without. */
-static bool find_share(char out[PATH_MAX])
+static void complain_absent(schema *self, const yaml_node_t *value, const profilefile *wanted)
 {
-    const ssize_t length = readlink("/proc/self/exe", out, PATH_MAX - sizeof SHARE_BESIDE);
-    char *slash;
+    char folders[PROFILEFILE_LIST_BYTES];
 
-    out[length > 0 ? length : 0] = '\0';
-    slash = strrchr(out, '/');
-    if (!slash)
-        return false;
-    strcpy(slash, SHARE_BESIDE);
-    return true;
-}
-
-/* Finds an installed profile, by its name or by its path in the installed folder. */
-static const char *find_installed(schema *self, const char *folder, const char *name)
-{
-    char own[PATH_MAX];
-    const char *const shares[] = {own, "/usr/local/share/canwire/", "/usr/share/canwire/"};
-    const char *found = NULL;
-
-    for (size_t i = find_share(own) ? 0 : 1; !found && i < sizeof shares / sizeof shares[0]; i++)
-        found = find_with_end(self, shares[i], folder, name);
-    return found;
-}
-
-/* Finds a profile: at its path beside the configuration, by its name in `profiles` there, or among
- * the installed ones. Returns the path beside the configuration when there is none. */
-static const char *find_profile(schema *self, const char *name)
-{
-    const bool alone = strchr(name, '/') == NULL;
-    const bool listed = strncmp(name, PROFILES_FOLDER, strlen(PROFILES_FOLDER)) == 0;
-    const char *found = find_with_end(self, "", "", name);
-
-    if (!found && alone)
-        found = find_with_end(self, "", PROFILES_FOLDER, name);
-    if (!found && (alone || listed))
-        found = find_installed(self, alone ? PROFILES_FOLDER : "", name);
-    return found ? found : cfg_resolve_path(self, cfg_of(self)->file, name);
+    profilefile_list(folders, wanted);
+    schema_complain(self, value, "profiles: there is no %s in %s", wanted->name, folders);
 }
 
 static void read_file_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -244,10 +201,10 @@ static void read_file_name(schema *self, const schema_key *key, yaml_node_t *val
 
     if (!text)
         return;
-    wanted->file = find_profile(self, text);
-    if (wanted->file && !strchr(text, '/') && !cfg_has_file(self, wanted->file)) {
-        schema_complain(self, value, "profiles: there is no %s, neither beside the configuration, "
-                        "nor in " PROFILES_FOLDER " there or among the installed ones", text);
+    const profilefile file = {.name = text, .beside = {cfg_of(self)->file}};
+    wanted->file = find_profile(self, &file);
+    if (wanted->file && profilefile_is_name(text) && !cfg_has_file(self, wanted->file)) {
+        complain_absent(self, value, &file);
         wanted->file = NULL;
     }
 }

@@ -5,7 +5,7 @@ import json
 import shutil
 import subprocess
 
-from simtool import CANWIRE, TIMEOUT_S, canwire
+from simtool import CANWIRE, CANWIRED, TIMEOUT_S, canwire, kill_all, stop_canwired
 from test_journal import NONE
 
 NAMED = """
@@ -31,8 +31,12 @@ def test_profiles_are_found_by_name(tmp_path):
                 if done.returncode == 0 else done.stderr)
 
     missing = used("wobble")
-    assert missing == (f"{path}:4:21: profiles: there is no wobble, neither beside the "
-                       "configuration, nor in profiles/ there or among the installed ones\n")
+    share = "share/canwire/profiles"
+    assert missing == (
+        f"{path}:4:21: profiles: there is no wobble in {path.parent}, {path.parent}/profiles, "
+        f"{tmp_path}/{share}, /usr/local/{share} and /usr/{share}\n")
+    assert f"no profiles/wobble in {path.parent}, {tmp_path}/share/canwire, " in used(
+        "profiles/wobble")
     for place in ("share/canwire/profiles", "etc/profiles", "etc"):
         folder = tmp_path / place
         folder.mkdir(parents=True, exist_ok=True)
@@ -58,3 +62,52 @@ def test_a_journal_knows_the_profile_that_was_found(tmp_path):
         {"at": 160000, "end": dict(NONE, faults=1, error_frames=1)})))
     done = canwire("sim", "--journal", path, "--events", "-")
     assert '"rule":"x"' in done.stdout, done.stderr
+
+
+def test_commands_find_profiles_by_name(tmp_path):
+    """check and inject look here first; inject then looks beside the configuration of the bus."""
+    program, here = tmp_path / "bin/canwire", tmp_path / "here"
+    for folder in (program.parent, here, tmp_path / "etc/profiles",
+                   tmp_path / "share/canwire/profiles"):
+        folder.mkdir(parents=True)
+    shutil.copy(CANWIRE, program)
+    config = tmp_path / "etc/bus.yaml"
+    config.write_text("bus: { name: x, bitrate: 500000 }\nnodes: [ { name: a }, { name: b } ]\n"
+                      "control: x.sock\n")
+
+    def tool(*words, status=0):
+        done = subprocess.run([program, *words], capture_output=True, text=True, cwd=here,
+                              timeout=TIMEOUT_S, check=False)
+        assert done.returncode == status, done
+        return done.stderr if status else done.stdout
+
+    def profile(folder, rule):
+        path = tmp_path / folder / "wobble.yaml"
+        path.write_text(f"faults: [ {{ name: {rule}, when: {{ manual: yes }}, do: "
+                        "{ error-flag: a } } ]")
+        return path
+
+    def inject(status=0):
+        return tool("inject", tmp_path / "etc/x.sock", "wobble", status=status)
+
+    share = "share/canwire/profiles"
+    installed = f"{tmp_path}/{share}, /usr/local/{share} and /usr/{share}\n"
+    assert tool("check", "wobble", status=1) == (
+        f"canwire check: there is no wobble in ., profiles, {installed}")
+    assert "wobble.yaml: No such file" in tool("check", "wobble.yaml", status=1)
+    log = tmp_path / "log"
+    with log.open("w") as errors:
+        daemon = subprocess.Popen([CANWIRED, "-c", config], stderr=errors)
+    try:
+        assert inject(status=1) == (f"canwire inject: there is no wobble in ., profiles, "
+                                    f"{config.parent}, {config.parent}/profiles, {installed}")
+        places = {share: "installed", "etc/profiles": "listed", "etc": "beside", "here": "here"}
+        for folder, rule in places.items():
+            path = profile(folder, rule)
+            assert inject() == rule + "\n"
+            if folder in (share, "here"):
+                found = "wobble.yaml" if folder == "here" else path
+                assert tool("check", "wobble") == f"{found}: ok (fault profile, 1 rule)\n"
+        stop_canwired(daemon, log)
+    finally:
+        kill_all([daemon])

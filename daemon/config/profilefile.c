@@ -1,0 +1,127 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * profilefile.c - where a fault profile is looked for: it may be named, or be given as a path.
+ */
+#include "config/profilefile.h"
+
+#include <fcntl.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#define FOLDER "profiles/"
+#define SHARE "/share/canwire/"
+
+static const char *const ends[] = {"", ".yaml"}; /* that a name may lack */
+static const char *const prefixes[] = {"/usr/local", "/usr"};
+
+#define ENDS (sizeof ends / sizeof ends[0])
+#define PREFIXES (sizeof prefixes / sizeof prefixes[0])
+
+static bool is_alone(const char *name)
+{
+    return strchr(name, '/') == NULL;
+}
+
+bool profilefile_is_name(const char *name)
+{
+    return is_alone(name) || strncmp(name, FOLDER, strlen(FOLDER)) == 0;
+}
+
+/* Writes the prefix of this program's installation. Returns false for one that is searched anyway,
+ * or without one. */
+static bool find_own(char out[PATH_MAX])
+{
+    const ssize_t length = readlink("/proc/self/exe", out, PATH_MAX - 1);
+    out[length > 0 ? length : 0] = '\0';
+    for (int i = 0; i < 2; i++) { /* the program, and `bin` */
+        char *slash = strrchr(out, '/');
+        if (!slash)
+            return false;
+        *slash = '\0';
+    }
+    for (size_t i = 0; i < PREFIXES; i++)
+        if (strcmp(out, prefixes[i]) == 0)
+            return false;
+    return true;
+}
+
+/* Writes the prefix with this number, of all installations that are searched. */
+static bool print_prefix(char out[PATH_MAX], unsigned number)
+{
+    if (find_own(out)) {
+        if (number == 0)
+            return true;
+        number--;
+    }
+    if (number >= PREFIXES)
+        return false;
+    strcpy(out, prefixes[number]);
+    return true;
+}
+
+static void print_folder(char out[PATH_MAX], int length, const char *text, const char *end)
+{
+    if (snprintf(out, PATH_MAX, "%.*s%s", length, text, end) >= PATH_MAX)
+        out[0] = '\0';
+}
+
+/* Writes the folder with this number, with its final '/', or "". Returns false when there are no
+ * more. */
+static bool find_folder(char out[PATH_MAX], const profilefile *wanted, unsigned number)
+{
+    const bool alone = is_alone(wanted->name);
+    for (size_t i = 0; i < PROFILEFILE_BESIDE && wanted->beside[i]; i++) {
+        const char *file = wanted->name[0] == '/' ? "" : wanted->beside[i];
+        const char *slash = strrchr(file, '/');
+        for (int deep = 0; deep <= (int)alone; deep++)
+            if (number-- == 0) {
+                print_folder(out, slash ? (int)(slash - file) + 1 : 0, file, deep ? FOLDER : "");
+                return true;
+            }
+    }
+    char prefix[PATH_MAX];
+    if (!profilefile_is_name(wanted->name) || !print_prefix(prefix, number))
+        return false;
+    print_folder(out, (int)strlen(prefix), prefix, alone ? SHARE FOLDER : SHARE);
+    return true;
+}
+
+bool profilefile_place(char out[PATH_MAX], const profilefile *wanted, unsigned number)
+{
+    char folder[PATH_MAX];
+    if (!find_folder(folder, wanted, number / ENDS))
+        return false;
+    if (snprintf(out, PATH_MAX, "%s%s%s", folder, wanted->name, ends[number % ENDS]) >= PATH_MAX)
+        out[0] = '\0';
+    return true;
+}
+
+bool profilefile_find(char out[PATH_MAX], const profilefile *wanted)
+{
+    for (unsigned i = 0; profilefile_place(out, wanted, i); i++)
+        if (faccessat(AT_FDCWD, out, F_OK, 0) == 0)
+            return true;
+    return false;
+}
+
+/* Adds a folder to a list, without its final '/'. */
+static void add_folder(char *list, const char *folder, bool last)
+{
+    const size_t used = strlen(list), length = strlen(folder);
+    (void)snprintf(list + used, PROFILEFILE_LIST_BYTES - used, "%s%.*s",
+                   used == 0 ? "" : last ? " and " : ", ", length > 0 ? (int)length - 1 : 1,
+                   length > 0 ? folder : ".");
+}
+
+void profilefile_list(char out[PROFILEFILE_LIST_BYTES], const profilefile *wanted)
+{
+    char folder[PATH_MAX], next[PATH_MAX];
+    bool more = find_folder(next, wanted, 0);
+    out[0] = '\0';
+    for (unsigned i = 1; more; i++) {
+        strcpy(folder, next);
+        more = find_folder(next, wanted, i);
+        add_folder(out, folder, !more);
+    }
+}
