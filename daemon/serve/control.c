@@ -25,10 +25,10 @@ typedef struct watcher {
     uint64_t lost;  /* lines that were lost and not yet reported to the client */
 } watcher;
 
-/* A client that waits for a reload, while the bus goes on. */
+/* A client that waits for a reload, or until rules are saved, while the bus goes on. */
 typedef struct waiter {
     json_t *reply; /* NULL: it does not wait */
-    uint64_t round;
+    request_result of;
 } waiter;
 
 struct control {
@@ -82,8 +82,8 @@ static void on_line(void *user, server_client *client, char *line, size_t length
     const char *before = log_enter(c->name);
     json_t *reply = request_answer(&c->world, &result, line, length);
     (void)log_enter(before);
-    if (result.round > 0) {
-        c->waiters[server_client_number(client)] = (waiter){.reply = reply, .round = result.round};
+    if (result.round > 0 || result.save > 0) {
+        c->waiters[server_client_number(client)] = (waiter){.reply = reply, .of = result};
         server_hold(client);
         return;
     }
@@ -95,18 +95,37 @@ static void on_line(void *user, server_client *client, char *line, size_t length
     }
 }
 
+/* Gives a client its reply, and reads on from it. */
+static void answer(waiter *w, server_client *client)
+{
+    write_json(client, w->reply);
+    json_decref(w->reply);
+    *w = (waiter){.reply = NULL};
+    server_go_on(client);
+}
+
 void control_reloaded(control *c, uint64_t round, const char *errors)
 {
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
         waiter *w = &c->waiters[i];
         server_client *client = server_client_at(c->server, i);
-        if (!w->reply || w->round != round || !client)
+        if (!w->reply || w->of.round != round || !client)
             continue;
         request_reloaded(w->reply, errors);
-        write_json(client, w->reply);
-        json_decref(w->reply);
-        *w = (waiter){.reply = NULL};
-        server_go_on(client);
+        answer(w, client);
+    }
+}
+
+void control_saved(control *c, uint64_t save, int error)
+{
+    for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++) {
+        waiter *w = &c->waiters[i];
+        server_client *client = server_client_at(c->server, i);
+        if (!w->reply || w->of.save == 0 || w->of.save > save || !client)
+            continue;
+        if (error != 0 && w->of.keep)
+            request_not_kept(&c->world, w->reply, error);
+        answer(w, client);
     }
 }
 

@@ -34,8 +34,10 @@ void control_stop(control *c);
 /* Adapts to a changed configuration, in which nodes have other places. */
 void control_remap(control *c, const uint8_t from[CW_NODES_MAX]);
 
-/* Remembers injected rules there. */
+/* Remembers injected rules there. control_saved() reports the end of all saves up to a number, as
+ * kept_written(). */
 void control_keep(control *c, kept *k);
+void control_saved(control *c, uint64_t save, int error);
 
 /* Sets who puts the service's part of the status: recordings, journal, sinks, gateways. */
 typedef void control_more(void *user, json_t *status);

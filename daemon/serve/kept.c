@@ -7,6 +7,7 @@
 #include "base/folder.h"
 #include "base/jsonput.h"
 #include "base/log.h"
+#include "base/statefile.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -17,12 +18,15 @@
 #include <time.h>
 #include <unistd.h>
 
-#define MODE 0640
 #define FORMAT_KEY "canwire-rules"
 #define FORMAT 1
 #define DATE_BYTES 32
 
 struct kept {
+    statefile *file;
+    bool there; /* the file is there, or will be */
+    kept_written *told;
+    void *user;
     char *path;
     folder folder;    /* of the file: all calls stay there */
     const char *name; /* of the file */
@@ -48,45 +52,48 @@ static json_t *state_of(const kept *k)
     return state;
 }
 
-/* Says in the time of the file that the process lives now. */
-static void stamp(int fd)
+static void complain_unwritten(const kept *k, int error)
 {
-    struct timespec times[2] = {{.tv_sec = 0}};
-    (void)clock_gettime(CLOCK_REALTIME, &times[0]);
-    times[1] = times[0];
-    (void)futimens(fd, times);
+    log_error("rules %s: not written: %s", k->path, kept_explain(error));
 }
 
-static bool write_state(const kept *k)
+/* Returns the number of the save, or 0 with an errno. */
+static uint64_t save(kept *k, bool empty)
 {
-    const int fd = openat(k->folder.fd, k->next,
-                          O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, MODE);
-    if (fd < 0)
-        return false;
+    if (empty)
+        return statefile_put(k->file, NULL);
     json_t *state = state_of(k);
-    bool good = json_dumpfd(state, fd, JSON_COMPACT) == 0;
-    const int number = good ? 0 : errno;
+    char *text = json_dumps(state, JSON_COMPACT);
     json_decref(state);
-    stamp(fd);
-    good = close(fd) == 0 && good &&
-           renameat(k->folder.fd, k->next, k->folder.fd, k->name) == 0;
-    if (number != 0)
-        errno = number;
-    return good;
+    errno = ENOMEM;
+    return text ? statefile_put(k->file, text) : 0;
 }
 
-/* Writes the file, or removes it when there is nothing to remember. */
-static bool save(const kept *k)
+/* Without rules that are to be remembered there is no file. */
+uint64_t kept_save(kept *k)
 {
-    if (json_array_size(k->entries) + json_array_size(k->passing) > 0)
-        return write_state(k);
-    return unlinkat(k->folder.fd, k->name, 0) == 0 || errno == ENOENT;
+    const bool empty = json_array_size(k->entries) + json_array_size(k->passing) == 0;
+    if (empty && !k->there)
+        return 0;
+    const uint64_t number = save(k, empty);
+    if (number == 0)
+        complain_unwritten(k, errno);
+    else
+        k->there = !empty;
+    return number;
 }
 
-void kept_save(kept *k)
+const char *kept_explain(int error)
 {
-    if (!save(k))
-        log_error("rules %s: not written: %s", k->path, strerror(errno));
+    return error == ETIMEDOUT ? "the disk does not answer" : strerror(error);
+}
+
+static void on_written(void *user, uint64_t number, int error)
+{
+    const kept *k = user;
+    if (error != 0)
+        complain_unwritten(k, error);
+    k->told(k->user, number, error);
 }
 
 static bool all_texts(const json_t *array)
@@ -172,10 +179,11 @@ static void read_file(kept *k)
     if (why) {
         move_away(k, why);
     } else {
+        k->there = true;
         json_decref(k->entries);
         k->entries = json_incref(json_object_get(state, "kept"));
         note_crash(k, json_object_get(state, "passing"), &file);
-        kept_save(k);
+        (void)kept_save(k);
     }
     json_decref(state);
 }
@@ -233,13 +241,13 @@ void kept_apply(kept *k, inputs *in)
     if (json_array_size(k->passing) > 0) {
         log_info("reload: %zu injected rules are gone", json_array_size(k->passing));
         (void)json_array_clear(k->passing);
-        kept_save(k);
+        (void)kept_save(k);
     }
     for (size_t i = 0; i < json_array_size(k->entries); i++)
         apply_entry(in, json_array_get(k->entries, i));
 }
 
-bool kept_note(kept *k, const json_t *text, const char *name, const json_t *rules, bool keep)
+uint64_t kept_note(kept *k, const json_t *text, const char *name, const json_t *rules, bool keep)
 {
     if (keep) {
         json_t *entry = json_object();
@@ -252,14 +260,7 @@ bool kept_note(kept *k, const json_t *text, const char *name, const json_t *rule
     for (size_t i = 0; !keep && i < json_array_size(rules); i++)
         put_text_last(k->passing, json_string_value(json_array_get(rules, i)));
     forget_crash(k);
-    if (!keep)
-        kept_save(k);
-    if (!keep || save(k))
-        return true;
-    const int number = errno;
-    (void)json_array_remove(k->entries, json_array_size(k->entries) - 1);
-    errno = number;
-    return false;
+    return kept_save(k);
 }
 
 bool kept_clear(kept *k, const char *rule)
@@ -290,6 +291,11 @@ void kept_clear_all(kept *k)
 
 static void free_kept(kept *k)
 {
+    const int error = k->file ? statefile_close(k->file) : 0;
+    if (error != 0)
+        complain_unwritten(k, error);
+    if (error == ETIMEDOUT) /* the thread still uses the names */
+        return;
     json_decref(k->entries);
     json_decref(k->passing);
     json_decref(k->lost);
@@ -308,7 +314,7 @@ static char *path_with(const char *path, const char *end)
 }
 
 /* Opens the folder and makes the names. Returns 0 or an errno. */
-static int open_folder(kept *k, const char *control)
+static int open_folder(kept *k, struct ev_loop *loop, const char *control)
 {
     k->path = path_with(control, ".rules");
     const int error = k->path ? folder_open(&k->folder, k->path) : ENOMEM;
@@ -317,21 +323,26 @@ static int open_folder(kept *k, const char *control)
     k->name = k->folder.name;
     k->next = path_with(k->name, ".new");
     k->bad = path_with(k->name, ".bad");
-    return k->next && k->bad ? 0 : ENOMEM;
+    if (k->next && k->bad)
+        k->file = statefile_new(loop, k->folder.fd, k->name, k->next, on_written, k);
+    return k->file ? 0 : ENOMEM;
 }
 
-kept *kept_open(const char *control, const char *bus)
+kept *kept_open(struct ev_loop *loop, const char *control, const char *bus, kept_written *told,
+                void *user)
 {
     kept *k = calloc(1, sizeof *k);
     if (!k) {
         log_error("out of memory");
         return NULL;
     }
-    *k = (kept){.folder = FOLDER_NONE,
+    *k = (kept){.told = told,
+                .user = user,
+                .folder = FOLDER_NONE,
                 .bus = strdup(bus), /* a reload frees the one of the configuration */
                 .entries = json_array(),
                 .passing = json_array()};
-    const int error = k->bus ? open_folder(k, control) : ENOMEM;
+    const int error = k->bus ? open_folder(k, loop, control) : ENOMEM;
     if (error == 0) {
         read_file(k);
         return k;
@@ -344,14 +355,8 @@ kept *kept_open(const char *control, const char *bus)
 
 void kept_live(kept *k)
 {
-    if (json_array_size(k->passing) == 0)
-        return;
-    const int fd =
-        openat(k->folder.fd, k->name, O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
-    if (fd < 0)
-        return;
-    stamp(fd);
-    (void)close(fd);
+    if (json_array_size(k->passing) > 0)
+        statefile_touch(k->file);
 }
 
 const char *kept_lost(const kept *k)
@@ -387,7 +392,9 @@ void kept_close(kept *k)
 {
     if (!k)
         return;
-    (void)json_array_clear(k->passing);
-    kept_save(k);
+    if (json_array_size(k->passing) > 0) {
+        (void)json_array_clear(k->passing);
+        (void)kept_save(k);
+    }
     free_kept(k);
 }

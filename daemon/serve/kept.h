@@ -14,25 +14,32 @@
 
 #include "run/inputs.h"
 
+#include <ev.h>
 #include <jansson.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #define KEPT_NOTE_BYTES 300
 
 typedef struct kept kept;
 
+/* Reports that all saves up to this number are in the file, or the errno with which they are not.
+ * That has been logged. */
+typedef void kept_written(void *user, uint64_t save, int error);
+
 /* Reads the file that belongs to a control socket, and logs the rules that a crash has lost. bus is
- * the name of the bus. A damaged file is moved away. Returns NULL after logging why, without memory
- * or the folder. */
-kept *kept_open(const char *control, const char *bus);
+ * the name of the bus. A damaged file is moved away. Each save is reported in the loop. Returns NULL
+ * after logging why, without memory or the folder. */
+kept *kept_open(struct ev_loop *loop, const char *control, const char *bus, kept_written *told,
+                void *user);
 
 /* Injects the rules that are kept, after a start or a reload: the bus has no injected rules then.
  * It logs those that the bus refuses; they stay for another configuration. */
 void kept_apply(kept *k, inputs *in);
 
-/* Notes that rules have been injected with a text; keep: they are to be kept. Returns false,
- * with an errno, when rules to be kept cannot be written; they are not noted then. */
-bool kept_note(kept *k, const json_t *text, const char *name, const json_t *rules, bool keep);
+/* Notes that rules have been injected with a text; keep: they are to be kept. Returns the number of
+ * the save, see kept_save(). */
+uint64_t kept_note(kept *k, const json_t *text, const char *name, const json_t *rules, bool keep);
 
 /* Notes that a rule has been cleared. Returns false for one that it does not know. */
 bool kept_clear(kept *k, const char *rule);
@@ -40,8 +47,12 @@ bool kept_clear(kept *k, const char *rule);
 /* Notes that all injected rules have been cleared, also those that the bus has refused. */
 void kept_clear_all(kept *k);
 
-/* Writes the file after kept_clear(). It logs when that fails. */
-void kept_save(kept *k);
+/* Lets a thread write the file, as after kept_clear(). Returns the number of the save, of which
+ * kept_written() tells; 0 when no file is needed or there, or after logging why it cannot begin. */
+uint64_t kept_save(kept *k);
+
+/* Explains the error of a save. */
+const char *kept_explain(int error);
 
 /* Says in the time of the file that the process lives; call it about once a second. */
 void kept_live(kept *k);

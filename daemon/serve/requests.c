@@ -210,21 +210,41 @@ static json_t *names_of(const cfg_rules *rules)
     return names;
 }
 
-/* Remembers the rules beyond a crash. When that fails, rules that are to be kept go again. */
-static bool note_injected(request *r, const char *name, const cfg_rules *rules, bool keep)
+/* Takes rules back that cannot be kept. Returns false. */
+static bool refuse_kept(request *r, const char *why)
 {
-    kept *k = r->world->kept;
-    if (!k || kept_note(k, json_object_get(r->asked, "text"), name,
-                        json_object_get(r->reply, "rules"), keep))
-        return true;
-    const char *why = strerror(errno);
+    json_t *rules = json_incref(json_object_get(r->reply, "rules"));
     (void)json_object_del(r->reply, "rules");
-    for (size_t i = 0; i < rules->count; i++) {
+    for (size_t i = 0; i < json_array_size(rules); i++) {
+        const char *name = json_string_value(json_array_get(rules, i));
         unsigned index;
-        if (live_find(r->world->config, &index, rules->rules[i].name))
+        (void)kept_clear(r->world->kept, name);
+        if (live_find(r->world->config, &index, name))
             inputs_clear(r->inputs, index);
     }
+    json_decref(rules);
     return refuse(r, "the rules cannot be remembered, and are not injected: %s", why);
+}
+
+/* Remembers the rules beyond a crash. */
+static bool note_injected(request *r, const char *name, bool keep)
+{
+    kept *k = r->world->kept;
+    if (!k)
+        return true;
+    r->result->keep = keep;
+    r->result->save = kept_note(k, json_object_get(r->asked, "text"), name,
+                                json_object_get(r->reply, "rules"), keep);
+    return r->result->save > 0 || !keep || refuse_kept(r, "see the log");
+}
+
+void request_not_kept(const request_world *world, json_t *reply, int error)
+{
+    request r = {.world = world, .inputs = engine_change(world->engine), .reply = reply};
+    put_bool(reply, "ok", false);
+    (void)refuse_kept(&r, kept_explain(error));
+    (void)kept_save(world->kept);
+    engine_update(world->engine);
 }
 
 static bool run_inject(request *r)
@@ -251,7 +271,7 @@ static bool run_inject(request *r)
     const bool none = rules && keep && rules->count == 0;
     if (none)
         (void)refuse(r, "keep: the text has no rules");
-    const bool good = rules && !none && note_injected(r, name, rules, keep);
+    const bool good = rules && !none && note_injected(r, name, keep);
     cfg_free_rules(rules);
     free(errors);
     return good;
@@ -275,7 +295,7 @@ static bool clear_refused(request *r)
     json_t *cleared = json_array();
     put_text_last(cleared, name);
     put(r->reply, "rules", cleared);
-    kept_save(r->world->kept);
+    r->result->save = kept_save(r->world->kept);
     return true;
 }
 
@@ -300,7 +320,7 @@ static bool run_clear(request *r)
     if (r->world->kept && !one)
         kept_clear_all(r->world->kept);
     if (r->world->kept)
-        kept_save(r->world->kept);
+        r->result->save = kept_save(r->world->kept);
     put(r->reply, "rules", cleared);
     return true;
 }

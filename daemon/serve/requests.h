@@ -39,6 +39,8 @@ typedef struct request_result {
     /* 1u << cw_event_kind, or REQUEST_WATCH_*, for each kind that the client wants from now on */
     uint32_t watch;
     uint64_t round; /* of a reload; not 0: the reply is complete when the round has ended */
+    uint64_t save;  /* of rules, see kept_save(); not 0: the reply is complete when it is over */
+    bool keep;      /* the rules go again when it fails */
 } request_result;
 
 /* Carries out a request, a line of JSON. Returns the reply, to be released by the caller. *result
@@ -48,5 +50,8 @@ json_t *request_answer(const request_world *world, request_result *result, const
 
 /* Completes the reply to a reload. errors: NULL, or a line per error. */
 void request_reloaded(json_t *reply, const char *errors);
+
+/* Completes the reply to a request whose rules are to be kept, and could not be saved: they go. */
+void request_not_kept(const request_world *world, json_t *reply, int error);
 
 #endif

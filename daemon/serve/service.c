@@ -388,6 +388,14 @@ service *service_new(host *h, live *config)
     return s;
 }
 
+static void on_saved(void *user, uint64_t save, int error)
+{
+    service *s = user;
+    enter(s);
+    control_saved(s->control, save, error);
+    (void)log_enter(NULL);
+}
+
 /* Remembers injected rules beside the control socket, if that has a path. A bus runs without,
  * too. */
 static void start_kept(service *s, int inherited)
@@ -399,7 +407,7 @@ static void start_kept(service *s, int inherited)
         path = address.sun_path;
     if (!path || !*path)
         return;
-    s->kept = kept_open(path, s->config->bus_name);
+    s->kept = kept_open(s->host->loop, path, s->config->bus_name, on_saved, s);
     control_keep(s->control, s->kept);
     ev_timer_init(&s->again, on_again, 0.0, 0.0);
     ev_set_priority(&s->again, EV_MAXPRI);

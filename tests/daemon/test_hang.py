@@ -417,3 +417,33 @@ def test_it_ends_while_a_replay_waits(bus, tmp_path):
         running.stop()
 
 
+
+
+def test_rules_that_are_kept_wait_for_the_disk_beside_the_bus(bus):
+    """Their client is told when they are written, or cannot be."""
+    b = bus()
+    rule = '{name: x, when: {frame: "7FF"}, do: {flip: "crc[3]"}}'
+    words = ["inject", "--keep", "./day.sock", rule]
+    with b.hanging(".rules.new"), subprocess.Popen(
+            [CANWIRE, *words], cwd=b.folder, text=True, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE) as client:
+        b.wait_hanging()
+        b.carries_frames()
+        out, errors = client.communicate(timeout=PATIENCE_S)
+        assert (client.returncode, out) == (1, "")
+        assert "are not injected: the disk does not answer\n" in errors
+        assert json.loads(b.canwire("faults", "./day.sock", "--json")) == []
+        b.carries_frames()
+    assert b.canwire(*words) == "x\n"
+    assert json.loads((b.folder / "day.sock.rules").read_text())["kept"][0]["rules"] == ["x"]
+    b.carries_frames()
+    log = b.stop()
+    assert log.count("not written: the disk does not answer") == 1
+
+
+def test_the_end_does_not_wait_for_rules(bus):
+    b = bus()
+    b.canwire("inject", "./day.sock", '{name: x, when: {frame: "7FF"}, do: {flip: "crc[3]"}}')
+    with b.hanging(".rules"):
+        b.canwire("inject", "./day.sock", '{name: y, when: {frame: "7FF"}, do: {flip: sof}}')
+        assert "the disk does not answer" in b.stop()

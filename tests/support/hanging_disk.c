@@ -20,14 +20,17 @@
 #include <unistd.h>
 
 typedef int open_function(const char *, int, ...);
+typedef int openat_function(int, const char *, int, ...);
 typedef ssize_t read_function(int, void *, size_t);
 
 static open_function *real_open;
+static openat_function *real_openat;
 static read_function *real_read;
 
 static __attribute__((constructor)) void find(void)
 {
     real_open = (open_function *)dlsym(RTLD_NEXT, "open");
+    real_openat = (openat_function *)dlsym(RTLD_NEXT, "openat");
     real_read = (read_function *)dlsym(RTLD_NEXT, "read");
 }
 
@@ -86,7 +89,25 @@ int open(const char *path, int flags, ...)
     return real_open(path, flags, mode);
 }
 
-/* The function that hardened programs call. */
+int openat(int folder, const char *path, int flags, ...)
+{
+    va_list more;
+    if (!real_openat)
+        find();
+    va_start(more, flags);
+    mode_t mode = flags & O_CREAT ? va_arg(more, mode_t) : 0;
+    va_end(more);
+    wait_for(path);
+    return real_openat(folder, path, flags, mode);
+}
+
+/* The functions that hardened programs call. */
+int __openat_2(int folder, const char *path, int flags);
+int __openat_2(int folder, const char *path, int flags)
+{
+    return openat(folder, path, flags);
+}
+
 int __open_2(const char *path, int flags);
 int __open_2(const char *path, int flags)
 {

@@ -61,17 +61,10 @@ bool seam_refuses(unsigned permille, int number, const char *call)
     return true;
 }
 
-/* Rules are beside the control socket, in a folder in memory (config/control.md). canwired writes
- * them in the thread of the bus. */
-static bool is_in_memory(const char *path)
-{
-    return strstr(path, ".sock.rules") != NULL;
-}
-
 static bool hangs(const char *path)
 {
     const world_disk *d = &world->disk;
-    return world->now_ns < d->hung_until_ns && !is_in_memory(path) &&
+    return world->now_ns < d->hung_until_ns &&
            (d->hung_path[0] == '\0' || strcmp(d->hung_path, path) == 0);
 }
 
