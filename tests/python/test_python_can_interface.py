@@ -14,6 +14,7 @@ import tomllib
 import can
 import pytest
 
+from canwire import pythoncan
 from canwire.pythoncan import Wire
 from simtool import CANWIRED, ROOT, canwire as tool, kill_all, listens
 from test_record import wait_until
@@ -222,6 +223,28 @@ def test_programs_at_a_running_bus(running, opened):
     engine.recv(PATIENCE_S)  # its own
     remote = engine.recv(PATIENCE_S)
     assert remote.is_remote_frame and remote.dlc == 3
+
+
+@pytest.mark.parametrize("channel", ["{}", "unix:engine.sock"])
+def test_a_bus_that_is_just_starting_is_waited_for(tmp_path, opened, monkeypatch, channel):
+    """The first look finds none, and starts it."""
+    started = []
+
+    def look_again(_):
+        if not started:
+            started.append(start(tmp_path, RUNNING))
+            next(started[0])
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(pythoncan, "START_PATIENCE_S", PATIENCE_S)
+    monkeypatch.setattr(pythoncan.time, "sleep", look_again)
+    control = tmp_path / "running.sock"
+    engine = opened(channel=channel.format(control), node="engine" if channel == "{}" else None)
+    monkeypatch.undo()
+    engine.send(message())
+    wait_until(lambda: first_node(str(control))["tx_frames"] == 1, "the frame")
+    engine.shutdown()
+    assert next(started[0], None) is None
 
 
 def test_filters_are_those_of_the_port(running, opened):

@@ -428,6 +428,29 @@ LOOPBACK, RECV_OWN, FD = 1, 2, 4
 EFF_FLAG, RTR_FLAG = 0x80000000, 0x40000000
 FDF, BRS, ESI = 4, 1, 2
 PATIENCE_S = 30
+START_PATIENCE_S = 2.0  # for a bus that is just starting, as `canwire --wait`
+PAUSE_S = 0.01  # between two looks for it
+
+
+def starting(look: Callable[[], Any]) -> Any:
+    """Returns the result of look(), which may have none before a bus has started."""
+    end = time.monotonic() + START_PATIENCE_S
+    while not (result := look()) and time.monotonic() < end:
+        time.sleep(PAUSE_S)
+    return result
+
+
+def connect(to_bus: socket.socket, path: str) -> None:
+    """Connects to a bus, which may be just starting."""
+    def try_it() -> bool:
+        try:
+            to_bus.connect(path)
+        except (FileNotFoundError, ConnectionRefusedError):
+            return False
+        return True
+
+    if not starting(try_it):
+        to_bus.connect(path)  # raises the reason
 
 
 def ask(path: str, request: dict[str, Any]) -> dict[str, Any]:
@@ -435,7 +458,7 @@ def ask(path: str, request: dict[str, Any]) -> dict[str, Any]:
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as control:
             control.settimeout(PATIENCE_S)
-            control.connect(path)
+            connect(control, path)
             control.sendall(json.dumps(request).encode() + b"\n")
             reply = json.loads(control.makefile("rb").readline())
     except (OSError, ValueError) as problem:
@@ -494,6 +517,22 @@ def find_running(channel: Any) -> str | None:
         return None
 
 
+def must_run(where: Any, node: str | None, private: bool | None, config: Any,
+             virtual_time: bool) -> bool:
+    """Returns True for a channel that can be no bus in this process."""
+    if isinstance(where, str) and where.startswith("unix:"):
+        return False
+    if private is False:
+        return True
+    if private or config is not None or is_configuration(where):
+        return False
+    if is_socket_path(where):
+        return True
+    return (node not in (None, LISTENER) and not str(node).startswith("guest-")
+            and isinstance(where, str) and where not in Wire.all
+            and not virtual_time)  # a new bus in this process has no such node
+
+
 class Outside:
     """A client of the port of a node; config/ports.md describes the protocol."""
 
@@ -506,7 +545,7 @@ class Outside:
         try:
             self.socket.settimeout(PATIENCE_S)
             self.socket.bind("")  # an address makes it a client
-            self.socket.connect(path)
+            connect(self.socket, path)
             options = LOOPBACK | FD | (RECV_OWN if own else 0)
             self.write(HELLO, HELLO_BODY.pack(b"canwire", 1, options, 0x1FFFFFFF, 0,
                                               f"python-{os.getpid()}".encode()))
@@ -728,6 +767,8 @@ class CanwireBus(can.BusABC):
                 raise _refuse(f"{key} {rate!r} is no number of bit/s, such as 500000")
         own, errors = receive_own_messages, not ignore_rx_error_frames
         running = None if config is not None or private or virtual_time else find_running(where)
+        if not running and must_run(where, node, private, config, virtual_time):
+            running = starting(lambda: find_running(where))
         if isinstance(config, os.PathLike):
             config = os.fspath(config)
         if isinstance(where, str) and where.startswith("unix:"):
@@ -735,15 +776,9 @@ class CanwireBus(can.BusABC):
                                                   None, None)
         elif running:
             self._end = self._attach(channel, running, node, own, errors)
-        elif private is False or (private is None and config is None and is_socket_path(where)
-                                  and not is_configuration(where)):
+        elif must_run(where, node, private, config, virtual_time):
             place = "" if is_socket_path(where) else f" in {run_folder()}"
             raise _refuse(f"there is no running bus {where!r}{place}")
-        elif (node not in (None, LISTENER) and not str(node).startswith("guest-")
-              and isinstance(where, str) and where not in Wire.all
-              and private is None and config is None and not virtual_time
-              and not is_configuration(where)):  # a new bus in this process has no such node
-            raise _refuse(f"there is no running bus {where!r} in {run_folder()}")
         else:
             data_rate = data_bitrate or max(bitrate, min(4 * bitrate, 2_000_000))
             self._end = self._inside(channel, where, node, virtual_time, own, errors, config,
