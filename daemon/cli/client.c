@@ -25,6 +25,8 @@
 #define PATIENCE_S 30 /* by default for a reply: a reload may take 10 s */
 
 #define NS_PER_S 1000000000
+#define NS_PER_US 1000
+#define LEAST_NS 100000000 /* for a bus of several */
 #define PAUSE_NS 10000000L /* between two looks for a bus that is just starting */
 
 #define NAMES_BYTES 1024 /* of buses in a message */
@@ -42,6 +44,7 @@ static uint64_t wait_ns;   /* for buses that are just starting */
 static int64_t wait_began; /* 0: not yet */
 static bool pass_over;     /* sockets of another type, without a message ... */
 static bool passed_over;   /* ... and the last one was such */
+static int64_t all_until;  /* the end of asking several buses at once; 0: of one */
 
 void client_set_teller(void (*tell)(const char *text))
 {
@@ -162,10 +165,22 @@ static void complain_unreachable(const client *c, const char *path, int error)
         complain(c, "%s: %s", path, strerror(error));
 }
 
+/* Returns the moment up to which a bus is waited for. When several are asked at once, each has a
+ * moment, also after others have hung for all the time. */
+static int64_t end_of_patience(void)
+{
+    const int64_t now = wall_ns();
+    if (all_until == 0)
+        return now + (int64_t)reply_patience_s * NS_PER_S;
+    return all_until > now + LEAST_NS ? all_until : now + LEAST_NS;
+}
+
 /* Limits the wait of connect() for a canwired that is stopped or hangs, with many clients. */
 static void set_patience(int fd)
 {
-    const struct timeval patience = {.tv_sec = reply_patience_s};
+    const int64_t left = end_of_patience() - wall_ns();
+    const struct timeval patience = {.tv_sec = left / NS_PER_S,
+                                     .tv_usec = left % NS_PER_S / NS_PER_US + 1};
     (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
 }
 
@@ -360,7 +375,7 @@ static json_t *read_reply(client *c, int64_t until)
 
 json_t *client_ask(client *c, json_t *request)
 {
-    const int64_t until = wall_ns() + (int64_t)reply_patience_s * NS_PER_S;
+    const int64_t until = end_of_patience();
     bool sent = send_request(c, request, until);
     json_decref(request);
     return sent ? read_reply(c, until) : NULL;
@@ -390,14 +405,39 @@ json_t *client_ask_exact(const char *bus, json_t *request)
     return ask_once(bus, request, true);
 }
 
-json_t *client_ask_found(const char *path, json_t *request, bool *other)
+/* Connects and sends. Returns false after a message, or for a socket of another type. */
+static bool begin_to_ask(client *c, const char *path, const json_t *request)
 {
+    if (!client_open(c, path))
+        return false;
+    if (send_request(c, request, end_of_patience()))
+        return true;
+    client_close(c);
+    return false;
+}
+
+void client_ask_all(char *const *paths, size_t count, json_t *request, client_take *take,
+                    void *user)
+{
+    client *all = calloc(count + 1, sizeof *all);
+    if (!all)
+        teller("canwire: out of memory");
+    all_until = end_of_patience();
     pass_over = true;
-    passed_over = false;
-    json_t *reply = client_ask_once(path, request);
-    *other = passed_over;
+    for (size_t i = 0; all && i < count; i++) {
+        passed_over = false;
+        if (!begin_to_ask(&all[i], paths[i], request) && !passed_over)
+            take(user, paths[i], NULL);
+    }
     pass_over = false;
-    return reply;
+    for (size_t i = 0; all && i < count; i++) {
+        if (all[i].fd >= 0)
+            take(user, paths[i], read_reply(&all[i], end_of_patience()));
+        client_close(&all[i]);
+    }
+    all_until = 0;
+    free(all);
+    json_decref(request);
 }
 
 int client_report(const char *bus, json_t *request)

@@ -22,9 +22,13 @@ typedef struct client {
 /* Passes the messages of all clients to a function, in place of standard error. */
 void client_set_teller(void (*tell)(const char *text));
 
-/* Asks a socket found in buses_folder() for a request, as client_ask_once(). *other: it belongs to
- * something else, such as a node's port; this is no error, and there is no message. */
-json_t *client_ask_found(const char *path, json_t *request, bool *other);
+/* Takes the reply of a bus over, NULL after a message. */
+typedef void client_take(void *user, const char *path, json_t *reply);
+
+/* Asks several buses at once, so that those which hang share one limit. First those are taken that
+ * cannot be asked. Sockets of another type are none. */
+void client_ask_all(char *const *paths, size_t count, json_t *request, client_take *take,
+                    void *user);
 
 /* Lets clients wait that long for a connection, and for a request and all of its reply. */
 void client_set_patience(int seconds);

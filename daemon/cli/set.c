@@ -64,6 +64,12 @@ static bool put_setting(json_t *settings, char *word)
     return true;
 }
 
+/* Returns true for a setting in the place of a node, as in NODE KEY=VALUE BUS. */
+static bool is_swapped(const char *node)
+{
+    return strchr(node, '=') != NULL;
+}
+
 int cli_set(int argc, char **argv)
 {
     int first = 0;
@@ -71,6 +77,11 @@ int cli_set(int argc, char **argv)
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;
+    if (is_swapped(argv[first + 1])) {
+        plain_print(stderr, "canwire set: the bus comes first, and that is %s\nusage: %s\n",
+                    argv[argc - 1], usage);
+        return CLI_USAGE;
+    }
     json_t *settings = json_object();
     for (int i = first + 2; i < argc; i++) {
         if (!put_setting(settings, argv[i])) {

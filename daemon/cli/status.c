@@ -87,26 +87,21 @@ static void find_sockets(glob_t *found)
     client_set_wait(0);
 }
 
-/* Asks such a socket. */
-static json_t *ask_found(const char *path, bool *other)
-{
-    return take_status(client_ask_found(path, client_request("status"), other));
-}
+typedef struct answers {
+    json_t *list;
+    bool good; /* all have answered */
+} answers;
 
-/* Asks all existing sockets; returns false when one did not answer. */
-static bool ask_all(json_t *list, const glob_t *found)
+static void take_answer(void *user, const char *path, json_t *reply)
 {
-    bool good = true, other = false;
-    for (size_t i = 0; i < found->gl_pathc; i++) {
-        json_t *status = ask_found(found->gl_pathv[i], &other);
-        const bool usable = is_status(status, found->gl_pathv[i]);
-        good = good && (usable || other);
-        if (usable)
-            put_last(list, status);
-        else
-            json_decref(status);
+    answers *all = user;
+    json_t *status = take_status(reply);
+    if (is_status(status, path)) {
+        put_last(all->list, status);
+        return;
     }
-    return good;
+    all->good = false;
+    json_decref(status);
 }
 
 static void print_all(const json_t *list)
@@ -123,16 +118,16 @@ static void print_all(const json_t *list)
 static int show_all(bool json)
 {
     glob_t found;
-    json_t *list = json_array();
+    answers all = {.list = json_array(), .good = true};
     find_sockets(&found);
-    bool good = ask_all(list, &found);
+    client_ask_all(found.gl_pathv, found.gl_pathc, client_request("status"), take_answer, &all);
     if (json)
-        put_out(stdout, list);
+        put_out(stdout, all.list);
     else
-        print_all(list);
+        print_all(all.list);
     globfree(&found);
-    json_decref(list);
-    return good ? CLI_OK : CLI_BAD_INPUT;
+    json_decref(all.list);
+    return all.good ? CLI_OK : CLI_BAD_INPUT;
 }
 
 /* ---- For monitoring -------------------------------------------------------------------------- */
@@ -148,21 +143,28 @@ static void keep_message(const char *text)
                    strncmp(text, "canwire: ", 9) == 0 ? text + 9 : text);
 }
 
+typedef struct check_list {
+    check *result;
+    size_t count;
+} check_list;
+
+static void check_answer(void *user, const char *path, json_t *reply)
+{
+    check_list *all = user;
+    json_t *status = take_status(reply);
+    check_bus(all->result, path, status, last_message);
+    all->count++;
+    json_decref(status);
+}
+
 static void check_all(check *c)
 {
     glob_t found;
-    size_t count = 0;
+    check_list all = {.result = c};
     find_sockets(&found);
-    for (size_t i = 0; i < found.gl_pathc; i++) {
-        bool other;
-        json_t *status = ask_found(found.gl_pathv[i], &other);
-        if (!other)
-            check_bus(c, found.gl_pathv[i], status, last_message);
-        count += !other;
-        json_decref(status);
-    }
+    client_ask_all(found.gl_pathv, found.gl_pathc, client_request("status"), check_answer, &all);
     globfree(&found);
-    if (count > 0)
+    if (all.count > 0)
         return;
     (void)snprintf(last_message, sizeof last_message, "no bus runs in %s", buses_folder());
     check_bus(c, "", NULL, last_message);

@@ -62,7 +62,7 @@ struct journal {
     uint64_t lost_reported;
     unsigned gaps;
     char why[JOURNAL_WHY_MAX];
-    const char *deed; /* of somebody else, to the file; NULL: none */
+    spool_found found; /* what somebody else has done to the file */
     char started[32];
 };
 
@@ -536,19 +536,27 @@ static void take_inputs(journal *j, const inputs *in)
         j->buses[0].in = in;
 }
 
+/* What somebody else may have done to the file, and why that is bad. */
+static const struct {
+    const char *name;
+    const char *why;
+} deeds[] = {
+    [SPOOL_REMOVED] = {"removed", "what is written is lost; a restart begins another"},
+    [SPOOL_MOVED] = {"renamed", "what is written goes on there; a restart begins another"},
+    [SPOOL_SHORTENED] = {"shortened", "its begin is lost; a restart begins another"},
+};
+
 /* Says when another program has taken the file away. A run needs all of it, so it is not begun
  * anew. */
 static void look_at_file(journal *j)
 {
-    static const char *const deeds[] = {
-        [SPOOL_REMOVED] = "removed", [SPOOL_MOVED] = "renamed", [SPOOL_SHORTENED] = "shortened"};
     const spool_found found = spool_take_found(j->spool);
     spool_look(j->spool);
     if (found == SPOOL_AS_IT_WAS)
         return;
-    j->deed = deeds[found];
+    j->found = found;
     log_error("journal %s: somebody has %s the file; what is written goes on there, and a restart "
-              "begins another", j->file, j->deed);
+              "begins another", j->file, deeds[found].name);
 }
 
 void journal_mark(journal *j, const inputs *in)
@@ -687,9 +695,11 @@ void journal_sink(const journal *j, sink_list *out)
     const bool writing = j->state == JOURNAL_WRITING;
     sinks_add(out, &(sink_info){.kind = SINK_JOURNAL,
                            .name = j->file,
-                           .state = !writing ? "broken" : j->deed ? j->deed : "writing",
-                           .why = writing ? NULL : j->why,
-                           .good = writing && !j->deed,
+                           .state = !writing                     ? "broken"
+                                    : j->found == SPOOL_AS_IT_WAS ? "writing"
+                                                                  : deeds[j->found].name,
+                           .why = writing ? deeds[j->found].why : j->why,
+                           .good = writing && j->found == SPOOL_AS_IT_WAS,
                            .written = j->number - journal_lost(j),
                            .lost = journal_lost(j),
                            .gaps = j->gaps});

@@ -119,6 +119,38 @@ def test_a_bus_that_is_stopped_is_critical(bus):
     bus.process.send_signal(signal.SIGCONT)
 
 
+def test_buses_that_hang_are_asked_at_the_same_time(bus):
+    """Both have their request before the first one has missed its time."""
+    listeners = [socket.socket(socket.AF_UNIX) for _ in range(3)]
+    reply = {"ok": True, "status": status_of([])}
+    for name, listener in zip("abc", listeners):
+        listener.bind(str(bus.folder / f"{name}.sock"))
+        listener.listen()
+        listener.settimeout(60)
+    asked = []
+
+    def serve():
+        clients = [listener.accept()[0] for listener in listeners]
+        for client in clients:
+            asked.append(json.loads(client.makefile().readline())["request"])
+        try:
+            asked.append(clients[0].recv(1, socket.MSG_DONTWAIT))
+        except BlockingIOError:
+            asked.append("it still waits")
+        clients[2].sendall(json.dumps(reply).encode() + b"\n")
+        clients[0].recv(1)  # the end: the check is over
+        clients[1].recv(1)
+
+    server = threading.Thread(target=serve)
+    server.start()
+    found, line = bus.check()
+    server.join()
+    for listener in listeners:
+        listener.close()
+    assert asked == ["status"] * 3 + ["it still waits"] and found == CRITICAL
+    assert line.count("it does not answer") == 2 and "day: load 0.5 %, 0 nodes, 0 sinks" in line
+
+
 def status_of(nodes, **more):
     return {"bus": {"name": "day", "load_second_permille": 5}, "nodes": nodes, "sinks": [], **more}
 

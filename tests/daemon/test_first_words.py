@@ -48,13 +48,14 @@ def test_the_socket_in_this_folder_needs_no_slash(tmp_path, monkeypatch):
 
 SWAPPED = [("inject", "rules.yaml", "{bus}"), ("inject", RULE, "{bus}"),
            ("record", "x.log", "{bus}"), ("clear", "off", "{bus}"), ("restart", "engine", "{bus}"),
-           ("set", "engine", "{bus}", "queue=2"), ("fire", "off", "{bus}")]
+           ("set", "engine", "{bus}", "queue=2"), ("set", "engine", "queue=2", "{bus}"),
+           ("fire", "off", "{bus}")]
 
 
 @pytest.mark.parametrize("words", SWAPPED, ids=lambda words: f"{words[0]} {words[1][:5]}")
 def test_swapped_arguments_are_recognised(tmp_path, words):
     (tmp_path / "rules.yaml").write_text(f"faults: [ {RULE} ]\n")
-    right = [words[0], "{bus}", words[1], *words[3:]]
+    right = [words[0], "{bus}", *(word for word in words[1:] if word != "{bus}")]
     with running(tmp_path) as told:
         if words[1] == "off":
             answer(tmp_path, "inject", "day.sock", "rules.yaml")

@@ -98,6 +98,7 @@ def test_a_journal_that_somebody_takes_away_is_told(bus, tmp_path):
     running.line(", journal day.journal renamed")
     sink = running.sinks()["journal", "day.journal"]
     assert (sink["state"], sink["good"]) == ("renamed", False)
+    assert sink["why"] == "what is written goes on there; a restart begins another"
     assert running.stop().count("somebody has renamed the file") == 1
     assert '"end":' in (tmp_path / "old.journal").read_text().splitlines()[-1]
 
