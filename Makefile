@@ -91,15 +91,15 @@ MUTANTS := $(BUILD)/mutants
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
-.PHONY: all dev dev-run picture calls soak mutant mutant-run mutant-short-cuts \
+.PHONY: all always dev dev-run picture calls soak mutant mutant-run mutant-short-cuts \
   mutant-short-cuts-run mutant-campaign mutant-campaign-run test \
-  test-unit demo bench check cover man install uninstall deb wheel clean help build \
+  test-deep test-unit demo bench check cover man install uninstall deb wheel clean help build \
   fuzz fuzz-run fuzz-merge fuzz-merge-run world world-night world-proof test-newer-kernel
 .DELETE_ON_ERROR:
 
 all: ## install what the build needs, then build canwired and canwire
 	@scripts/install-deps build
-	@$(MAKE) --no-print-directory build
+	@$(MAKE) --no-print-directory LTO=yes build
 
 # Tests load the library for programs in one variant only.
 build: $(if $(filter release,$(VARIANT)),$(SIM))
@@ -111,9 +111,13 @@ dev: ## for the loop of a developer: build/debug, and the unit tests that a chan
 	@$(MAKE) --no-print-directory -j"$$(nproc)" VARIANT=debug BUILD=build/debug \
 	  CC="$$(command -v ccache || true) $(CC)" dev-run
 
-test: ## all set-up, then all tests (units, sanitizers, conformance, real vcan)
+test: ## all set-up, then all tests (units, sanitizers, conformance, real vcan); ten minutes
 	@scripts/install-deps all
 	@scripts/test
+
+test-deep: ## the same with all that `make test` takes samples of, for nightly runs and releases
+	@scripts/install-deps all
+	@scripts/test deep
 
 demo: ## three ECUs on real vcan, with canwired between them; under a minute
 	@scripts/install-deps build demo
@@ -123,13 +127,15 @@ demo: ## three ECUs on real vcan, with canwired between them; under a minute
 bench: ## measure the cost of canwire, in ns and instructions, beside others; build/bench.json
 	@scripts/install-deps build bench
 	@scripts/venv
-	@$(MAKE) --no-print-directory build $(BUILD)/bench $(BUILD)/bench_realtime
+	@$(MAKE) --no-print-directory LTO=yes build $(BUILD)/bench $(BUILD)/bench_realtime
 	@scripts/bench --build $(BUILD)
 
+# SCOPE=changed: clang-tidy and the analyzer look at files that changed, and at some others.
+SCOPE ?= all
 check: ## static analysis: compiler, clang-tidy, cppcheck, shellcheck; needs of the library
 	@scripts/install-deps all
 	@$(MAKE) --no-print-directory LIB_FLAGS= BUILD=build/check build/check/libcanwire.a $(LCM_SOURCES)
-	@scripts/check build/check/libcanwire.a
+	@scripts/check build/check/libcanwire.a $(SCOPE)
 
 picture: build ## draw the picture in README.md again
 	$(TOOL) sim config/picture/one-bad-bit.yaml --svg config/picture/one-bad-bit.svg \
@@ -211,7 +217,7 @@ deb: ## a Debian package in build/deb
 
 wheel: ## the Python package as a wheel and as sources, in build
 	@scripts/install-deps build
-	@$(MAKE) --no-print-directory $(WHEEL_SIM)
+	@$(MAKE) --no-print-directory LTO=yes $(WHEEL_SIM)
 	@scripts/wheel $(WHEEL_SIM) build
 
 clean: ## remove all built files, the guest's image included
@@ -227,13 +233,15 @@ help: ## this list
 # takes fewer bits where each costs more.
 DIFFERENTIAL_BITS_release := 5000000
 DIFFERENTIAL_BITS_debug := 1000000
-DIFFERENTIAL_BITS := $(or $(DIFFERENTIAL_BITS_$(VARIANT)),2000000)
+DIFFERENTIAL_BITS = $(shell expr $(or $(DIFFERENTIAL_BITS_$(VARIANT)),2000000) / $(FEWER))
+# `make test` takes one in so many of them.
+FEWER ?= 1
 
 # Of the configurations with something missing, one in so many. MUTANTS_EVERY=1 on the command line
 # takes all.
 MUTANTS_EVERY_release := 2
 MUTANTS_EVERY_debug := 28
-MUTANTS_EVERY := $(or $(MUTANTS_EVERY_$(VARIANT)),14)
+MUTANTS_EVERY = $(shell expr $(or $(MUTANTS_EVERY_$(VARIANT)),14) '*' $(FEWER))
 
 test-unit: $(addprefix $(BUILD)/,$(UNIT_TESTS) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL) \
   $(CORPORA) $(DIFFERENTIAL) $(MUTANTS) $(BUILD)/bench $(BUILD)/bench_realtime
@@ -450,12 +458,20 @@ $(BUILD)/replay_fuzz_%: $(BUILD)/tests/fuzz/replay.o $(FUZZ_OBJECTS)
 	$(call link,$(LINK_PLAIN)) $(DAEMON_LIBS) $(TOOL_LIBS)
 
 # The engine is optimised for speed. gcc links it as a whole, since it is small functions in many
-# files. Two counters side by side are cheaper one by one than as a vector.
+# files; for tests that takes too long (LTO=no). Two counters side by side are cheaper one by one
+# than as a vector.
 ifeq ($(VARIANT),release)
 LIB_FLAGS := -O3 -fno-tree-slp-vectorize
 IS_GCC := $(shell $(CC) -v 2>&1 | grep -q '^gcc version' && echo yes)
+# What is installed is linked as a whole; other targets leave a folder as it is.
+LTO ?= $(or $(if $(filter install,$(MAKECMDGOALS)),yes),$(file <$(BUILD)/lto),yes)
+$(LIB_OBJECTS) $(SIM_OBJECTS): $(BUILD)/lto
+$(BUILD)/lto: always
+	@mkdir -p $(@D)
+	@[ "$$(cat $@ 2>/dev/null)" = '$(LTO)' ] || echo '$(LTO)' >$@
+always:
 endif
-ifeq ($(IS_GCC),yes)
+ifeq ($(IS_GCC)$(LTO),yesyes)
 INLINING := --param max-inline-insns-auto=200 --param inline-unit-growth=300
 LIB_FLAGS += -flto -ffat-lto-objects $(INLINING)
 LINK_LTO := -flto=auto $(INLINING)
@@ -505,4 +521,4 @@ $(GEN)/canwire_%.c: config/lcm/%.lcm
 	@touch $@
 
 .SECONDARY:
--include $(shell find build $(BUILD) -name '*.d' -type f 2>/dev/null)
+-include $(shell find $(BUILD) -name '*.d' -type f 2>/dev/null)

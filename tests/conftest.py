@@ -9,8 +9,15 @@ import pytest
 
 from simtool import CANWIRE
 
+pytest_plugins = ["depth"]
+
 # the package canwire of the checkout finds the library that has just been built
 os.environ.setdefault("CANWIRE_SIM_LIBRARY", str(Path(CANWIRE).with_name("libcanwire-sim.so")))
+
+# what a test builds is linked as the programs are that it runs
+LINKED = Path(CANWIRE).with_name("lto")
+if LINKED.exists():
+    os.environ.setdefault("LTO", LINKED.read_text(encoding="ascii").strip())
 
 # a shell starts jobs in the background without Ctrl-C, which some tests send
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:

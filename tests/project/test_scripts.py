@@ -188,7 +188,7 @@ class AllTests:
     """Runs scripts/test with programs in place of make, Python and the guest. Each prints the
     output of its framework, and does as ordered."""
 
-    def __init__(self, root, make="true", python="true", guest="true"):
+    def __init__(self, root, *words, make="true", python="true", guest="true"):
         self.root, self.log = root, root / "build/test.log"
         folder = root / "bin"
         write_script(root / "scripts/venv", "true")
@@ -197,7 +197,7 @@ class AllTests:
         write_script(root / "scripts/guest", f"{guest}; {PYTEST}")
         self.process = subprocess.Popen(  # pylint: disable=consider-using-with
             # a shell cannot trap a signal that was ignored when it started
-            ["env", "--default-signal=INT", copy_script("test", root)],
+            ["env", "--default-signal=INT", copy_script("test", root), *words],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, start_new_session=True,
             env=dict(os.environ, PATH=f"{folder}:{os.environ['PATH']}"))
@@ -212,8 +212,8 @@ class AllTests:
 def fixture_all_tests(tmp_path):
     started = []
 
-    def start(**programs):
-        started.append(AllTests(tmp_path, **programs))
+    def start(*words, **programs):
+        started.append(AllTests(tmp_path, *words, **programs))
         return started[-1]
 
     yield start
@@ -226,7 +226,7 @@ def fixture_all_tests(tmp_path):
 def test_all_tests_are_counted_and_no_lane_writes_into_another(all_tests):
     """The guest goes on until the last stage on the host has finished, and prints all the time."""
     status, lines = all_tests(
-        make='case "$*" in *" world") echo "4 passed, 0 failed"; touch over ;; esac',
+        make='case "$*" in *" world "*) echo "4 passed, 0 failed"; touch over ;; esac',
         guest='until [ -e over ]; do echo guest; sleep 0.01; done; echo guest').end()
     stages = [line[5:] for line in lines if line.startswith("==== ")]
     assert stages[-6:] == ["real vcan", "Debian package", "soak, a short one (ASan, UBSan)",
@@ -261,9 +261,19 @@ def test_a_lane_that_dies_fails_all_tests(all_tests):
     assert status == 1 and lines[-1].endswith(" passed, 6 failed")
 
 
+@pytest.mark.parametrize("words, depth, fewer", [((), "sample", 4), (("deep",), "deep", 1)])
+def test_the_deep_tests_take_more(all_tests, tmp_path, words, depth, fewer):
+    told = tmp_path / "told"
+    assert all_tests(*words, make=f'echo "$TESTS $*" >>{told}').end()[0] == 0
+    lines = told.read_text().splitlines()
+    assert {line.split()[0] for line in lines} == {depth}
+    units = [line for line in lines if line.endswith(" test-unit")]
+    assert len(units) == 3 and all(f" FEWER={fewer} " in line for line in units)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_all_tests_that_are_stopped_leave_nothing_behind(all_tests, tmp_path, number):
-    one = all_tests(make=f'case "$*" in *check) {NOTE} exec sleep 300 ;; esac',
+    one = all_tests(make=f'case "$*" in *check*) {NOTE} exec sleep 300 ;; esac',
                     guest=f"{NOTE} exec sleep 300")
     files = [tmp_path / "bin/make.pid", tmp_path / "scripts/guest.pid"]
     deadline = time.monotonic() + PATIENCE_S
