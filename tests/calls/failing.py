@@ -14,13 +14,14 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from depth import DEEP
 from simtool import CANWIRE, ROOT
 
 FULL = os.environ.get("CALLS") == "all"
 with open(CANWIRE, "rb") as program_file:
     SANITIZED = b"__asan_init" in program_file.read()
 # One of so many failures is tried. Most sites have two, so that these numbers are odd.
-EVERY = 1 if FULL else 11 if SANITIZED else 3
+EVERY = 1 if FULL else (11 if SANITIZED else 3) if DEEP else 55 if SANITIZED else 15
 WORKERS = os.cpu_count() or 1
 SLOW_S = 5  # longer runs are printed
 

@@ -24,6 +24,8 @@ import pytest
 import rtnetlink
 from canbits import CLASSIC, Frame
 
+pytest_plugins = ["depth"]
+
 ROOT = Path(__file__).resolve().parents[2]
 CANWIRED = os.environ.get("CANWIRED") or ROOT / "build/release/canwired"
 PATIENCE_S = 30  # until something that must come counts as missing; not a measure of speed
@@ -53,11 +55,13 @@ def ip(*lines):
 
 
 def wait_until(condition, what, timeout_s=PATIENCE_S):
-    """Returns the first true value of condition()."""
-    deadline = time.monotonic() + timeout_s
+    """Returns the first true value of condition(). It looks less often as time goes by, since a
+    look may cost more in the guest than all else."""
+    deadline, pause_s = time.monotonic() + timeout_s, 0.01
     while not (value := condition()):
         assert time.monotonic() < deadline, f"waited {timeout_s} s for {what}"
-        time.sleep(0.01)
+        time.sleep(pause_s)  # no wait: it looks again
+        pause_s = min(pause_s * 1.5, 0.2)
     return value
 
 

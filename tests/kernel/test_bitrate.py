@@ -5,8 +5,9 @@ import pytest
 
 from canbits import INTEGRATION_BITS, Frame, Source, predict, slot_bits, wire_bits
 from conftest import PATIENCE_S
+from depth import DEEP
 
-SECONDS = 10  # of bus time
+SECONDS = 10 if DEEP else 4  # of bus time
 BETWEEN_S = 2  # of bus time at most, from one message to the next: their period, and catch-up's 1 s
 TRAFFIC = {
     "load0": ["0A5#1122334455667788", "5F0#0000000000000000"],
@@ -78,8 +79,8 @@ class Bus:
         assert not self.receiver.drain()
 
 
-@pytest.mark.parametrize("bitrates", [(125000, 250000, 500000), (1000000,)], ids=str)
-def test_10_seconds_of_saturated_buses(bitrates, vcan, can_socket, canwired, listen):
+@pytest.mark.parametrize("bitrates", [(1000000,), (125000, 250000, 500000)], ids=str)
+def test_seconds_of_saturated_buses(bitrates, vcan, can_socket, canwired, listen):
     """The three slower ones at the same time have fewer frames than the fast one."""
     interfaces = vcan(len(bitrates))
     buses = [Bus(*pair, can_socket, listen, canwired) for pair in zip(interfaces, bitrates)]

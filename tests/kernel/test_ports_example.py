@@ -2,16 +2,15 @@
 """config/ports.md: an ECU and a tester on other machines."""
 
 import itertools
-import json
 import sys
 
 from cannelloni import Datagrams, pack
-from conftest import wait_until
+from conftest import ask_status, wait_until
 from readme import Session, example
 
 
-def written_to_tester(session):
-    status = json.loads(session.run("canwire status ./far.sock --json"))
+def written_to_tester(folder):
+    status = ask_status(folder / "far.sock")
     return sum(client["written"] for node in status["nodes"] for client in node.get("clients", []))
 
 
@@ -29,7 +28,7 @@ def test_an_ecu_and_a_tester_on_other_machines(tmp_path):
 
         def heard():
             engine.send(next(numbers), pack(0x123, b"\xde\xad\xbe\xef"))
-            return written_to_tester(session)
+            return written_to_tester(tmp_path)
 
         wait_until(heard, "the tester")
         line = tester.stdout.readline()

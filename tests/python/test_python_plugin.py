@@ -271,6 +271,7 @@ def dash_sends(scenario):
         return bool(bus.events("tx", node="dash"))
 
 
+@pytest.mark.deep
 @pytest.mark.parametrize("fails, rules, seed", [(goes_off, 1, 2), (dash_sends, 0, 4)])
 def test_no_superfluous_rule_or_frame_is_left(fails, rules, seed):
     small = find(scenarios(["engine", "dash"]), fails, random=random.Random(seed),

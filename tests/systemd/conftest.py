@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+pytest_plugins = ["depth"]
+
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/kernel"))
 
@@ -36,11 +38,13 @@ def systemctl(*words, status=0):
 
 
 def wait_until(condition, what):
-    """Returns the first true value of condition()."""
-    deadline = time.monotonic() + PATIENCE_S
+    """Returns the first true value of condition(). It looks less often as time goes by: most looks
+    are a start of systemctl."""
+    deadline, pause_s = time.monotonic() + PATIENCE_S, 0.05
     while not (value := condition()):
         assert time.monotonic() < deadline, f"waited {PATIENCE_S} s for {what}"
-        time.sleep(0.05)
+        time.sleep(pause_s)  # no wait: it looks again
+        pause_s = min(pause_s * 1.5, 0.4)
     return value
 
 

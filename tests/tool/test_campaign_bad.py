@@ -5,6 +5,8 @@ import pytest
 
 from test_campaign import BUS, campaign, fixture_no_shard, rows_of
 
+pytestmark = pytest.mark.strangers
+
 __all__ = ["fixture_no_shard"]
 ENDLESS = BUS.replace(", count: 3", "")
 RIG = "buses: [ bus.yaml, other.yaml ]\ngateways: []\n"
@@ -146,6 +148,7 @@ def test_all_values_of_a_file_have_a_limit(write):
         assert ("this value is too large" in found) == (status == 1)
 
 
+@pytest.mark.figures
 def test_a_space_of_faults_has_a_limit(write):
     frames = ", ".join(f"{{ send: '{i:03X}##0{'5A' * 64}' }}" for i in range(1, 9))
     bus = "bus: { name: b, bitrate: 500000, dbitrate: 2000000 }\nnodes:\n" \

@@ -22,6 +22,8 @@ import pytest
 
 from simtool import CANWIRE, CANWIRED, TIMEOUT_S, canwire, run
 
+pytestmark = pytest.mark.strangers
+
 GOOD = """
 bus: { name: small, bitrate: 500000 }
 nodes: [ { name: a, traffic: [ { send: 123# } ] }, { name: b } ]

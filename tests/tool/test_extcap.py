@@ -14,6 +14,8 @@ import pytest
 from busrig import BusRig, rig_fixture
 from simtool import CANWIRE, ROOT, TIMEOUT_S
 
+pytestmark = pytest.mark.strangers
+
 BUS = """bus: {{ name: powertrain, bitrate: 500000 }}
 control: powertrain.sock
 nodes:

@@ -14,6 +14,8 @@ import pytest
 
 from simtool import canwire, sim
 
+pytestmark = pytest.mark.strangers
+
 TICKS_PER_S = 80_000_000
 VERSION = canwire("--version").stdout.split()[-1]
 

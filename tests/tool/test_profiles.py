@@ -16,6 +16,8 @@ import pytest
 
 from simtool import CANWIRE, ROOT, TIMEOUT_S, sim
 
+pytestmark = pytest.mark.strangers
+
 PROFILES = ROOT / "config/profiles"
 ENGINE_FRAMES, GEARBOX_FRAMES = 150, 100
 BEGIN, END = 0.1, 0.15  # of the faults that have a time, by default

@@ -25,6 +25,8 @@ import pytest
 
 from simtool import CANWIRE, ROOT, TIMEOUT_S, canwire, events, sim
 
+pytestmark = pytest.mark.strangers
+
 TRACES = ROOT / "tests/traces"
 
 BIT_NS = 2000  # 500 kbit/s
@@ -71,6 +73,7 @@ def begins(release_ns, start_ns):
 JITTER = "send: 123#11, every: 1ms, jitter: 700us, offset: 5ms, count: 200"
 
 
+@pytest.mark.figures
 def test_jitter_delays_within_its_bounds_and_keeps_the_grid(write):
     starts = [t for t, _ in transmissions(write(bus(JITTER)))]
     delays = [t - 5_000_000 - k * 1_000_000 for k, t in enumerate(starts)]
@@ -98,6 +101,7 @@ def test_equal_entries_have_jitter_of_their_own(write):
     assert [t - 300_000_000 for t in starts[200:]] != starts[:200]
 
 
+@pytest.mark.figures
 def test_jitter_as_long_as_the_period_keeps_the_order(write):
     path = write(bus("send: 123#, every: 100us, jitter: 100us, count: 50",
                      "send: 124#, every: 100us, offset: 10ms, jitter: 100us, count: 50"))

@@ -11,6 +11,8 @@ import yaml
 
 from simtool import ROOT, canwire, sim
 
+pytestmark = pytest.mark.strangers
+
 SCHEMA = json.loads((ROOT / "config/schema/canwire-rig.schema.json").read_text())
 EXAMPLE = ROOT / "config/rig/rig.yaml"
 BODY = """bus: { name: body, bitrate: 125000 }

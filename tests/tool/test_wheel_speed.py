@@ -141,6 +141,7 @@ def test_only_overload_frames_are_not_seen(rows):
 
 
 @pytest.mark.figures
+@pytest.mark.deep
 def test_the_report_is_as_it_is_shown(make, tmp_path):
     """README.md has that of the whole campaign. One of the 22 seeds has the same shares, nearly."""
     shown = CLASS.findall(README)

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: MIT
+"""How many of the tests of a kind run: `make test` takes a sample by a fixed rule, `make test-deep`
+takes all of them.
+
+A test with the mark `deep` is for the latter alone; tests/README.md says what only those find. Of a
+test with parameters, --cases N runs the first case and each Nth behind it. --every N does so with
+whole tests, but for those of modules with the mark `strangers`.
+"""
+
+import collections
+import os
+import zlib
+
+DEEP = os.environ.get("TESTS") == "deep"
+
+
+def some(items, every):
+    """Returns the first one and each of so many items behind it, or all of them."""
+    return list(items) if DEEP else list(items)[::every]
+
+
+def pytest_addoption(parser):
+    for option, of_what in (("--cases", "case of a test"), ("--every", "test")):
+        parser.addoption(option, type=int, default=1, metavar="N", help=f"run each Nth {of_what}")
+
+
+def is_one_of(item, every):
+    """Returns True for one of so many tests. The name decides, so that tests that come and go do
+    not change the choice among the others."""
+    return bool(item.get_closest_marker("strangers")) or \
+        zlib.crc32(item.nodeid.rpartition("/")[2].encode()) % every == 0
+
+
+def pytest_collection_modifyitems(config, items):
+    """Takes away the tests that are not to run."""
+    every, cases = config.getoption("every"), config.getoption("cases")
+    if DEEP:
+        return
+    numbers, chosen = collections.Counter(), []
+    for item in items:
+        if item.get_closest_marker("deep"):
+            continue
+        name = item.nodeid.partition("[")[0]
+        if numbers[name] % cases == 0 and is_one_of(item, every):
+            chosen.append(item)
+        numbers[name] += 1
+    left_out = set(items) - set(chosen)
+    if left_out:
+        config.hook.pytest_deselected(items=list(left_out))
+        items[:] = chosen
