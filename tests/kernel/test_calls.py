@@ -367,6 +367,7 @@ def test_canwire_vcan(verb, rig, netns, calls):  # pylint: disable=redefined-out
     assert interfaces() == none
 
 
+@pytest.mark.deep
 def test_an_mtu_that_does_not_change(rig, calls):  # pylint: disable=redefined-outer-name
     """The interface is down for a moment. When a request fails, it is as before; when only the
     answer is lost, the change may have been made."""

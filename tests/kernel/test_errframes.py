@@ -265,6 +265,7 @@ nodes:
     assert engine.dropped_queue_full + engine.tx_frames + engine.queue == engine.handed_in == 50
 
 
+@pytest.mark.deep
 def test_tshark_reads_them(vcan, canwired, can_socket, errors, tmp_path):
     """An independent reader of a capture: Wireshark's dissector for SocketCAN error frames."""
     vcan(2)

@@ -137,6 +137,7 @@ faults:
 """
 
 
+@pytest.mark.deep
 def test_the_journal_of_a_run_with_fd_runs_again_to_the_byte(vcan, launch, tmp_path):
     vcan(2, mtu=72)
     text = bus("vcan0, restart-ms: 10", "vcan1, restart-ms: 10", RULES)

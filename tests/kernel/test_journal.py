@@ -212,6 +212,7 @@ def test_a_kill_leaves_what_is_complete(launch, ecus, tmp_path):
     assert any('"node":"dash","event":"tx"' in line for line in replayed)
 
 
+@pytest.mark.deep
 def test_a_full_disk_stops_the_journal_and_not_the_bus(launch, ecus, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
@@ -236,6 +237,7 @@ def test_a_full_disk_stops_the_journal_and_not_the_bus(launch, ecus, tmp_path):
         subprocess.run(["umount", disk], check=True)
 
 
+@pytest.mark.deep
 def test_the_journal_of_last_night_is_kept(launch, ecus, tmp_path):
     assert ecus
     for _ in range(2):

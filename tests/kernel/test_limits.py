@@ -291,6 +291,7 @@ def test_too_few_file_descriptors(vcan, tmp_path):
     assert not ran[0] and ran[-1] and ran == sorted(ran)
 
 
+@pytest.mark.deep
 def test_too_little_memory(vcan, tmp_path):
     """Queues of 4096 frames each take about 30 MB."""
     vcan(MANY)

@@ -304,6 +304,7 @@ def test_nothing_is_lost_uncounted_under_load(way, vcan, bus):
     b.stop()
 
 
+@pytest.mark.deep
 def test_messages_of_the_kernel_that_are_lost(vcan, bus):
     """More of them than a socket holds, while the daemon is stopped."""
     vcan(3)

@@ -3,6 +3,7 @@
 status count; a reload keeps what has been written, and a journal runs again.
 """
 
+import pytest
 
 from canbits import Frame
 from conftest import wait_until
@@ -80,6 +81,7 @@ def test_a_reload_keeps_what_has_been_written(vcan, canwired, can_socket):
     daemon.stop()
 
 
+@pytest.mark.deep
 def test_the_journal_of_a_run_with_mailboxes_runs_again_to_the_byte(vcan, launch, can_socket,
                                                                     tmp_path):
     vcan(2)

@@ -302,6 +302,7 @@ def test_changed_traffic(vcan, rig, can_socket):
 RELEASES = 60000
 
 
+@pytest.mark.deep
 def test_traffic_that_did_not_change_is_released_once(vcan, rig):
     """A release in each bit, so that one falls into the bit of a reload."""
     vcan(3)

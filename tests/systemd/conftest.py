@@ -7,6 +7,7 @@ Without systemd they fail; they are never skipped.
 """
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -48,6 +49,10 @@ def wait_until(condition, what):
     return value
 
 
+def links():
+    return set(os.listdir("/sys/class/net"))
+
+
 def can_socket(interface):
     s = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     s.bind((interface,))
@@ -63,6 +68,13 @@ def drop_in(unit, text):
 
 RMEM_MAX = Path("/proc/sys/net/core/rmem_max")  # the limit of the kernel for receive buffers
 RMEM_MAX_DEFAULT = "212992"
+
+
+@pytest.fixture(scope="session", name="installed")
+def fixture_installed():
+    """Installs canwire below /usr/local; it goes with the guest, or with test_uninstall.py."""
+    RMEM_MAX.write_text(RMEM_MAX_DEFAULT)
+    run(ROOT / "scripts/install-files", "install")
 
 
 PAIR = """

@@ -2,7 +2,6 @@
 """Failures of the service as an administrator sees them, and its shipped examples."""
 
 import json
-import os
 import re
 import shutil
 import socket
@@ -11,17 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from conftest import (PAIR, PATIENCE_S, ROOT, Bus, Frame, can_socket, run, systemctl,
+from conftest import (PAIR, PATIENCE_S, ROOT, Bus, Frame, can_socket, links, run, systemctl,
                       wait_until)
 
 CONFIGS = Path("/etc/canwire")
 EXAMPLES = Path("/usr/local/share/doc/canwire/examples")
-WANTS = Path("/etc/systemd/system/multi-user.target.wants")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def fixture_installed():
-    run(ROOT / "scripts/install-files", "install")
+pytestmark = pytest.mark.usefixtures("installed")
 
 
 @pytest.fixture(name="new")
@@ -36,10 +32,6 @@ def fixture_new():
     yield make
     for bus in buses:
         bus.close()
-
-
-def links():
-    return set(os.listdir("/sys/class/net"))
 
 
 def told(bus, part):
@@ -68,6 +60,7 @@ def test_a_bad_configuration_fails_at_once_and_shows(new):
     assert bus.carries() and bus.unit not in failed_units()
 
 
+@pytest.mark.deep
 def test_a_port_that_is_missing_is_tried_again(new):
     """Its interface needs a namespace that is not there yet."""
     bus = new("late", lambda text: text.replace(
@@ -107,6 +100,7 @@ def test_clients_of_a_bad_bus_get_the_reason(new):
 # ---- What the unit keeps from a bus --------------------------------------------------------------
 
 
+@pytest.mark.deep
 def test_files_that_the_service_does_not_see_are_told(new):
     bus = new("hidden", lambda text: text + "record: [ { file: /tmp/hidden.log } ]\n")
     bus.start()
@@ -136,6 +130,7 @@ def test_who_reads_a_file_is_told(new):
     bus.start()
 
 
+@pytest.mark.deep
 def test_other_hosts_that_do_not_get_through_are_told(new):
     bus = new("guests", lambda text: text.replace("port: guests1", 'port: "tcp:0.0.0.0:29999"'))
     run("ip", "address", "add", "192.0.2.7/32", "dev", "lo")
@@ -169,6 +164,7 @@ def test_two_buses_of_one_name_are_told(new):
     assert len(told(second, "of the same name")) == 1
 
 
+@pytest.mark.deep
 def test_interfaces_of_a_running_bus_stay(new):
     def share(text):
         return text.replace("using0", "made0").replace("using1", "made1")
@@ -263,19 +259,3 @@ def test_the_rigs_have_their_control_sockets(files, buses):
         systemctl("reload", "canwired@rig")
     finally:
         clean("rig")
-
-
-# ---- The end -------------------------------------------------------------------------------------
-
-
-def test_uninstall_ends_what_runs():
-    bus = Bus("going", PAIR.format("going"))
-    systemctl("enable", "--now", bus.unit, "canwired@asked.socket")
-    assert bus.carries() and (WANTS / bus.unit).is_symlink()
-    pid = bus.pid()
-    run(ROOT / "scripts/install-files", "uninstall")
-    assert not Path(f"/proc/{pid}").exists() and not {"going0", "going1"} & links()
-    assert not (WANTS / bus.unit).is_symlink()
-    assert told(bus, "stopped: ")
-    assert systemctl("list-units", "--all", "--plain", "--no-legend", "canwire*@*") == ""
-    bus.config.unlink()

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from conftest import (FRAME, RMEM_MAX, RMEM_MAX_DEFAULT, ROOT, can_socket, drop_in, run, systemctl,
-                      wait_until)
+from conftest import (FRAME, RMEM_MAX, RMEM_MAX_DEFAULT, ROOT, can_socket, drop_in, links, run,
+                      systemctl, wait_until)
 
 CONFIGS = Path("/etc/canwire")
 EXPOSURE_MAX = 1.5  # of 10
@@ -24,19 +24,14 @@ PROBED = Path("/run/canwire/probed")  # findings of the probe
 
 
 @pytest.fixture(scope="module", autouse=True)
-def installed():
-    """Installs the drop-ins first: systemd reads them together with the units."""
+def fixture_drop_ins(installed):  # pylint: disable=unused-argument
+    """Adds to the units what the tests need."""
     shutil.copy(ROOT / "tests/systemd/probe.py", PROBE)
     drop_in("canwired@", WATCHDOG)
     drop_in("canwired@contained", f"[Service]\nExecStartPre=python3 {PROBE} {PROBED}\n")
     drop_in("canwired@real", (ROOT / "systemd/realtime.conf").read_text())
     drop_in("canwired@room", "[Service]\nWatchdogSec=0\n")  # it is stopped for a while
-    RMEM_MAX.write_text(RMEM_MAX_DEFAULT)
-    run(ROOT / "scripts/install-files", "install")  # it goes with the guest
-
-
-def links():
-    return set(os.listdir("/sys/class/net"))
+    systemctl("daemon-reload")
 
 
 def test_units_are_well_formed():
@@ -170,6 +165,7 @@ def test_a_reload_is_over_when_the_bus_has_gone_over(bus):
     assert one.carries()
 
 
+@pytest.mark.deep
 def test_a_bad_reload_fails_and_changes_nothing(bus):
     one = bus("worse")
     good = one.config.read_text()
@@ -208,6 +204,7 @@ def test_a_reload_refuses_what_a_start_refuses(bus, file, why):
     assert one.carries()
 
 
+@pytest.mark.deep
 def test_a_bus_without_control_socket_is_reloaded_by_signal(bus):
     one = bus("mute", lambda text: text.replace("control: /run/canwire/mute.sock\n", ""))
     pid = one.pid()
@@ -219,6 +216,7 @@ def test_a_bus_without_control_socket_is_reloaded_by_signal(bus):
     assert one.carries()
 
 
+@pytest.mark.deep
 def test_a_reload_that_would_be_of_another_bus_is_refused(bus):
     one, two = bus("one"), bus("two")
     one.config.write_text(one.config.read_text().replace("/one.sock", "/two.sock"))
@@ -228,6 +226,7 @@ def test_a_reload_that_would_be_of_another_bus_is_refused(bus):
     assert not [m for m in two.messages() if "reloaded" in m["MESSAGE"]]
 
 
+@pytest.mark.deep
 def test_interfaces_that_were_deleted_are_made_again(bus):
     one = bus("gone")
     run("ip", "link", "del", "gone0")
@@ -265,6 +264,7 @@ def test_a_bus_that_is_killed_comes_back(bus):
     assert one.status()["pid"] == one.pid()
 
 
+@pytest.mark.deep
 def test_injected_rules_and_a_crash(bus):
     one = bus("rules")
     rule = '{{name: {}, when: {{frame: "7FF"}}, do: {{flip: "crc[3]"}}}}'
@@ -289,6 +289,7 @@ def test_recordings_have_a_place(bus):
     assert text.endswith(" record0 123#DEADBEEF\n") and text.count("\n") == 1
 
 
+@pytest.mark.deep
 def test_logrotate_renames_as_the_page_of_recordings_says(bus):
     one = bus("turn", lambda text: text + "record: [ { file: /var/lib/canwire/turn.log } ]\n")
     page = (ROOT / "config/record.md").read_text()
@@ -309,6 +310,7 @@ def test_logrotate_renames_as_the_page_of_recordings_says(bus):
             file.unlink(missing_ok=True)
 
 
+@pytest.mark.deep
 def test_the_stop_of_one_bus_leaves_the_others(bus):
     one, two = bus("one"), bus("two")
     systemctl("stop", one.unit)
@@ -319,6 +321,7 @@ def test_the_stop_of_one_bus_leaves_the_others(bus):
     assert one.status()["bus"]["name"] == "one"
 
 
+@pytest.mark.deep
 def test_members_of_the_group_may_control_it_and_others_not(bus):
     bus("group")
     become = ["setpriv", "--reuid", "65534", "--clear-groups", "--regid"]
@@ -359,6 +362,7 @@ def test_the_target_is_for_all_buses(bus):
         systemctl("stop", "canwire.target")
 
 
+@pytest.mark.deep
 def test_monitoring(bus):
     one = bus("watched")
     assert run("canwire", "status", "--check", one.name).startswith("CANWIRE OK - watched: ")
@@ -483,6 +487,7 @@ def test_usb_interfaces_are_there_when_their_unit_has_started(usb_config):
     assert systemctl("show", "-P", "Result", USB_UNIT).strip() == "success"
 
 
+@pytest.mark.deep
 def test_usb_interfaces_come_back_with_the_module(usb_config):  # pylint: disable=unused-argument
     systemctl("start", USB_UNIT)
     main = show_usb("MainPID")
@@ -516,6 +521,7 @@ def test_usb_interfaces_come_with_a_module_that_is_late(usb_config):
     systemctl("reset-failed", USB_UNIT, "canwired@usb.service")
 
 
+@pytest.mark.deep
 def test_usb_on_a_bus_without_such_ports_says_so_and_ends(bus):
     one = bus("plain")
     unit = f"canwire-usb@{one.name}.service"

@@ -11,15 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from conftest import PATIENCE_S, ROOT, Bus, run, systemctl, wait_until
+from conftest import PATIENCE_S, Bus, run, systemctl, wait_until
 
 SOCKET = Path("/run/canwire/early.sock")
 NODES, CLIENTS, RECORDS = 64, 40, 16
 
 
-@pytest.fixture(scope="module", autouse=True)
-def fixture_installed():
-    run(ROOT / "scripts/install-files", "install")  # it goes with the guest
+pytestmark = pytest.mark.usefixtures("installed")
 
 
 @pytest.fixture(name="early")
