@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""README.md, pasted block by block: by a user without rights, in an empty folder, with canwire
-installed, on a machine that has a can0."""
+"""The blocks of README.md and other pages, pasted by a user without rights in an empty folder. canwire
+is installed, and the machine has a can0."""
 
 import os
 import subprocess
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from conftest import ip, wait_until
-from readme import ROOT, SYSTEM, Reader, blocks, build_sudo
+from readme import ROOT, SYSTEM, Reader, blocks, build_sudo, first_block
 
 DUMPED = r"^ *{} +123 +\[4\] +DE AD BE EF"
 
@@ -49,17 +49,16 @@ def fixture_reader(path):
         subprocess.run(["ip", "netns", "delete", name], check=False, capture_output=True)
 
 
-def begin(reader, bus, file=None):
+def begin(reader, bus, page, file=None):
     """Saves a configuration; returns the blocks below it."""
-    text, pasted = blocks(bus)
+    text, pasted = blocks(bus, page)
     reader.save(file or f"{bus}.yaml", text)
     return pasted
 
 
 def test_an_ecu_goes_bus_off(reader):
-    start, listen, break_line, repair = begin(reader, "powertrain", "bus.yaml")
+    start, break_line, repair = begin(reader, "powertrain", "README.md", "bus.yaml")
     reader.paste(start)
-    reader.paste(listen)
     reader.wait(DUMPED.format("vcan1"))
     reader.paste(break_line)
     reader.wait(r"vcan0 .*ERRORFRAME(\n.*)*bus-off")
@@ -70,20 +69,20 @@ def test_an_ecu_goes_bus_off(reader):
 
 
 def test_programs_run_without_can_in_the_kernel(reader):
-    block, = begin(reader, "ci")
+    block, = begin(reader, "ci", "config/run.md")
     reader.paste(block)
     assert reader.said().count("can0  123   [4]  DE AD BE EF") == 1
 
 
 def test_each_ecu_has_a_container(reader):
-    block, = begin(reader, "boxes")
+    block, = begin(reader, "boxes", "config/ports.md")
     reader.paste(block)
     assert reader.said().count("can0  123   [4]  DE AD BE EF") == 1
 
 
 @pytest.mark.parametrize("adapter", ["usb"])
 def test_a_stack_sees_a_real_controller(reader, adapter):  # pylint: disable=unused-argument
-    block, = begin(reader, "real")
+    block, = begin(reader, "real", "config/usb.md")
     reader.paste(block)
     assert "can state ERROR-ACTIVE" in reader.said() and "bitrate 500000" in reader.said()
     sent = Path("/sys/class/net/can7/statistics/tx_packets")
@@ -92,10 +91,13 @@ def test_a_stack_sees_a_real_controller(reader, adapter):  # pylint: disable=unu
 
 
 def test_a_bus_is_watched(reader):
-    block, restbus = begin(reader, "seen")
+    block, *_ = begin(reader, "seen", "config/record.md")
     reader.paste(block)
     said = reader.said()
     assert said.count("0x123") == 3 and '"frame":"123#DEADBEEF"' in said
     assert {"BUS", "NODE", "seen", "engine", "dash"} <= set(said.split())
-    reader.paste(restbus)
+
+
+def test_the_rest_of_a_bus(reader):
+    reader.paste(first_block("config/restbus.md"))
     assert "18FEF1FE#0200" in reader.said() and "0C9#" not in reader.said()

@@ -289,8 +289,8 @@ def test_frames_are_those_that_exist():
     assert smallest(frames(extended=True, remote=True), lambda frame: frame.remote) == "00000000#R"
 
 
-def test_the_example_of_readme_passes(tmp_path):
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_example_of_the_page_passes(tmp_path):
+    text = (ROOT / "config/pytest.md").read_text(encoding="utf-8")
     (tmp_path / "test_ecu.py").write_text(re.search(r"```python\n(.*?)```", text, re.S)[1])
     output = run_pytest(tmp_path)
     assert "1 passed" in output, output

@@ -12,9 +12,8 @@ import re
 import signal
 import subprocess
 import tempfile
+import time
 from pathlib import Path
-
-from test_record import wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ROOT / "build/release"
@@ -35,6 +34,28 @@ int main(int argc, char **argv)
 """
 
 
+def wait_until(condition, what):
+    """Returns the first true value of condition(). It looks less often as time goes by: a look may
+    be a start of systemctl."""
+    deadline, pause_s = time.monotonic() + PATIENCE_S, 0.05
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"waited {PATIENCE_S} s for {what}"
+        time.sleep(pause_s)  # no wait: it looks again
+        pause_s = min(pause_s * 1.5, 0.4)
+    return value
+
+
+def blocks_of(text):
+    """Returns the blocks of commands or output in Markdown."""
+    found = re.findall(r"(?:^    [^\n]+\n)+", text, re.MULTILINE)
+    return [re.sub("^    ", "", block, flags=re.MULTILINE) for block in found]
+
+
+def first_block(page, number=0):
+    """Returns the first block of a page, or one of the next."""
+    return blocks_of((ROOT / page).read_text(encoding="utf-8"))[number]
+
+
 def example(bus, page="README.md"):
     """Returns the configuration of the bus of that name on a page, and the commands."""
     text, (block, *_) = blocks(bus, page)
@@ -48,8 +69,7 @@ def blocks(bus, page="README.md"):
     found = re.search(r"^```yaml\n(bus: \{ name: " + bus +
                       r",[^`]*?^control:.*?)```\n(.*?)(?=^```|^#|\Z)", text,
                       re.DOTALL | re.MULTILINE)
-    indented = re.findall(r"(?:^    [^\n]+\n)+", found[2], re.MULTILINE)
-    return found[1], [re.sub("^    ", "", block, flags=re.MULTILINE) for block in indented]
+    return found[1], blocks_of(found[2])
 
 
 def build_sudo(folder):

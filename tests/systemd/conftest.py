@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/kernel"))
 
 from canbits import Frame  # pylint: disable=wrong-import-position
+from readme import wait_until  # pylint: disable=wrong-import-position,unused-import
 
 FRAME = Frame.parse("123#DEADBEEF")
 PATIENCE_S = 60  # until something that must come counts as missing; not a measure of speed
@@ -36,17 +37,6 @@ def run(*words, status=0):
 
 def systemctl(*words, status=0):
     return run("systemctl", *words, status=status)
-
-
-def wait_until(condition, what):
-    """Returns the first true value of condition(). It looks less often as time goes by: most looks
-    are a start of systemctl."""
-    deadline, pause_s = time.monotonic() + PATIENCE_S, 0.05
-    while not (value := condition()):
-        assert time.monotonic() < deadline, f"waited {PATIENCE_S} s for {what}"
-        time.sleep(pause_s)  # no wait: it looks again
-        pause_s = min(pause_s * 1.5, 0.4)
-    return value
 
 
 def links():

@@ -6,12 +6,14 @@ import re
 import shutil
 import socket
 import subprocess
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from conftest import (PAIR, PATIENCE_S, ROOT, Bus, Frame, can_socket, links, run, systemctl,
                       wait_until)
+from readme import SYSTEM, Reader, blocks_of, build_sudo
 
 CONFIGS = Path("/etc/canwire")
 EXAMPLES = Path("/usr/local/share/doc/canwire/examples")
@@ -215,33 +217,32 @@ def clean(*units):
         path.unlink()
 
 
-def service_blocks():
-    """Returns the blocks of commands in the documents that make a service."""
-    text = "\n".join((ROOT / page).read_text().replace("```sh\n", "```\n")
-                     for page in ("daemon/man/canwired.8.md", "README.md"))
-    blocks = re.findall(r"^```\n((?:.*\n)*?)```|((?:^    .*\n)+)", text, re.MULTILINE)
-    return [block for block in map("".join, blocks)
-            if "sudo systemctl enable --now canwired@" in block]
+@pytest.fixture(name="reader")
+def fixture_reader():
+    """Somebody without rights but sudo. /run is mounted so that there is none."""
+    with tempfile.TemporaryDirectory(dir="/var/lib") as name:
+        folder = Path(name)
+        folder.chmod(0o755)
+        build_sudo(folder)
+        with Reader(f"{folder}:{SYSTEM}") as reader:
+            yield reader
+    clean("powertrain")
 
 
-def test_the_lines_of_the_documents_run_a_bus():
+@pytest.mark.parametrize("page", ["README.md", "daemon/man/canwired.8.md"])
+def test_the_lines_of_the_documents_run_a_bus(reader, page):
     """All but the installation, which is done."""
-    assert service_blocks()
-    for block in service_blocks():
-        script = re.sub(r"^ *sudo make install.*\n", "", block, flags=re.MULTILINE)
-        script = 'sudo() { "$@"; }; export USER=root SYSTEMD_PAGER=\n' + script
-        try:
-            done = subprocess.run(["bash", "-ec", script], capture_output=True, text=True,
-                                  cwd=ROOT, check=False)
-            assert done.returncode == 0, (done.stdout, done.stderr)
-            assert "powertrain: bitrate 500000 up" in done.stdout
-            with can_socket("pt-engine") as engine, can_socket("pt-dash") as dash:
-                engine.send(Frame.parse("123#07").pack())
-                assert Frame.unpack(dash.recv(16)) == Frame.parse("123#07")  # whole: a frame
-            log = Path("/var/lib/canwire/powertrain.log")
-            wait_until(lambda log=log: "123#07" in log.read_text(), "a line")
-        finally:
-            clean("powertrain")
+    block = next(block for block in blocks_of((ROOT / page).read_text())
+                 if "sudo systemctl enable --now canwired@" in block)
+    reader.paste(re.sub(r"^sudo make install.*\n", "", block, flags=re.MULTILINE))
+    assert "powertrain: bitrate 500000 up" in reader.said()
+    assert "Active: active (running)" in reader.said()
+    with can_socket("pt-engine") as engine, can_socket("pt-dash") as dash:
+        engine.send(Frame.parse("124#07").pack())
+        wait_until(lambda: Frame.unpack(dash.recv(16)) == Frame.parse("124#07"),  # whole: a frame
+                   "the frame")
+    log = Path("/var/lib/canwire/powertrain.log")
+    wait_until(lambda: "124#07" in log.read_text(), "a line")
 
 
 @pytest.mark.parametrize("files, buses", [
