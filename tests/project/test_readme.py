@@ -17,6 +17,7 @@ PAGES = ["README.md", "CONTRIBUTING.md", "lib/DESIGN.md", "tests/README.md",
          "daemon/man/canwire-lcm.7.md", "daemon/man/canwire-operation.7.md",
          "daemon/man/canwired.8.md"]
 LINES_MAX = 150
+CHANGES_MAX = 100  # lines of a version in CHANGELOG.md
 COLUMNS_MAX = 100
 
 
@@ -97,6 +98,18 @@ def test_all_folders_and_functions_of_the_design_are_there():
 
 def test_it_is_short():
     assert len(README.splitlines()) <= LINES_MAX
+
+
+def test_the_two_commands_are_named():
+    targets = re.findall(r"^([a-z]+):.* ## ", text_of("Makefile"), re.MULTILINE)
+    assert {"demo", "test"} <= set(targets) & set(re.findall(r"`make ([a-z]+)`", README))
+
+
+def test_changes_of_a_version_are_few_and_short():
+    versions = re.split(r"^## ", text_of("CHANGELOG.md"), flags=re.MULTILINE)[1:]
+    for name, *lines in map(str.splitlines, versions):
+        assert len(lines) < CHANGES_MAX, name
+        assert [line for line in lines if len(line) > COLUMNS_MAX] == [], name
 
 
 @pytest.mark.parametrize("page", PAGES)
