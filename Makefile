@@ -56,7 +56,8 @@ DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -isystem $(GEN) -DCANWIRE_VERSION='"$(VER
 
 LIB_SOURCES := $(wildcard lib/*.c lib/*/*.c)
 # all of daemon/ but the main functions; an archive, so that each program takes what it needs
-PARTS_SOURCES := $(filter-out daemon/cli/main.c daemon/usb/main.c daemon/preload/% daemon/embed/%, \
+PARTS_SOURCES := $(filter-out daemon/cli/main.c daemon/usb/main.c daemon/preload/% daemon/embed/% \
+  daemon/schema/%, \
   $(wildcard daemon/*/*.c daemon/*/*/*.c))
 PRELOAD_SOURCES := $(wildcard daemon/preload/*.c)
 SIM_FOLDERS := base timing trace config run record sim embed
@@ -85,6 +86,7 @@ PRELOAD := $(BUILD)/libcanwire-socketcan.so
 SIM := $(BUILD)/libcanwire-sim.so
 USB := $(BUILD)/canwire-usb
 CONFORMANCE := $(BUILD)/conformance
+SCHEMA := $(BUILD)/schema/canwire.schema.json
 MAN_PAGES := $(patsubst daemon/man/%.md,$(BUILD)/man/%,$(wildcard daemon/man/*.md))
 DIFFERENTIAL := $(BUILD)/differential
 MUTANTS := $(BUILD)/mutants
@@ -103,7 +105,7 @@ all: ## install what the build needs, then build canwired and canwire
 
 # Tests load the library for programs in one variant only.
 build: $(if $(filter release,$(VARIANT)),$(SIM))
-build: $(DAEMON) $(TOOL) $(USB) $(PRELOAD) ## the programs alone, with what is installed
+build: $(DAEMON) $(TOOL) $(USB) $(PRELOAD) $(SCHEMA) ## the programs alone, with what is installed
 
 # The compiler runs only when ccache has no result; the first call installs missing packages.
 dev: ## for the loop of a developer: build/debug, and the unit tests that a change concerns
@@ -397,8 +399,16 @@ $(SIM) $(WHEEL_SIM): $(SIM_OBJECTS)
 $(USB): $(call objects,daemon/usb/main.c) $(PARTS) $(LIB)
 	$(call link,$(LINK_LTO)) -lsystemd $(TOOL_LIBS)
 
+# The JSON schemas of all files that people write, from the tables of their readers.
+$(BUILD)/json-schema: $(call objects,$(wildcard daemon/schema/*.c)) $(PARTS) $(LIB)
+	$(call link,$(LINK_PLAIN)) $(TOOL_LIBS)
+
+$(SCHEMA): $(BUILD)/json-schema
+	@mkdir -p $(@D)
+	$(call tell,GEN,$(@D)) $< $(@D)
+
 $(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) $(USB) $(wildcard systemd/*.conf) \
-  $(wildcard config/*.md config/*.yaml config/lcm/*.lcm config/schema/*.json)
+  $(SCHEMA) $(wildcard config/*.md config/*.yaml config/lcm/*.lcm)
 	@mkdir -p $(@D)
 	@scripts/man --build $(BUILD) $< >$@
 

@@ -25,9 +25,14 @@ static const schema_choice booleans[] = {
     {.name = NULL},
 };
 
-static bool check_keys(schema *self, const char *what, const yaml_node_t *map,
-                       const schema_key *keys);
-static const char *allowed_keys(schema *self, const schema_key *keys);
+/* The keys of one kind of maps. */
+typedef struct key_table {
+    const schema_key *keys;
+    uint8_t kind;
+} key_table;
+
+static bool check_keys(schema *self, const char *what, const yaml_node_t *map, key_table table);
+static const char *allowed_keys(schema *self, key_table table);
 static bool is_text(const yaml_node_t *node, const char *text);
 static const char *scalar_text(const yaml_node_t *node);
 static const char *shown(schema *self, const yaml_node_t *node);
@@ -37,34 +42,59 @@ static void store_uint(void *target, size_t bytes, uint64_t value);
 static size_t clamp_count(schema *self, const schema_key *key, const yaml_node_t *list, size_t min,
                           size_t max);
 
+/* Returns this key, or the next one of its kind, or the last row. */
+static const schema_key *of_kind(key_table table, const schema_key *key)
+{
+    while (key->name && key->where && !(key->where & table.kind))
+        key++;
+    return key;
+}
+
+static const schema_key *first_key(key_table table)
+{
+    return of_kind(table, table.keys);
+}
+
+static const schema_key *next_key(key_table table, const schema_key *key)
+{
+    return of_kind(table, key + 1);
+}
+
 /* Shows what a name alone would be as a map, such as `- engine` in a list of nodes. */
 static void complain_no_map(schema *self, const char *what, const yaml_node_t *value,
-                            const schema_key *keys)
+                            key_table table)
 {
     const char *text = scalar_text(value);
     bool named = false;
 
-    for (const schema_key *key = keys; key->name; key++)
+    for (const schema_key *key = first_key(table); key->name; key = next_key(table, key))
         named = named || (key->read && strcmp(key->name, "name") == 0);
     if (named && text && *text)
         schema_complain(self, value, "%s %s is a map: name: %s",
                         strchr("aeiou", *what) ? "an" : "a", what, quoted(self, value, ""));
     else
         schema_complain(self, value, "%s: expected a map with the keys %s, not %s", what,
-                        allowed_keys(self, keys), shown(self, value));
+                        allowed_keys(self, table), shown(self, value));
 }
 
 void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_key *keys,
                 void *object)
 {
+    schema_map_in(self, what, map, keys, UINT8_MAX, object);
+}
+
+void schema_map_in(schema *self, const char *what, yaml_node_t *map, const schema_key *keys,
+                   uint8_t kind, void *object)
+{
+    const key_table table = {.keys = keys, .kind = kind};
     if (map->type != YAML_MAPPING_NODE) {
-        complain_no_map(self, what, map, keys);
+        complain_no_map(self, what, map, table);
         return;
     }
-    bool complete = !self->errors->overflow && check_keys(self, what, map, keys);
+    bool complete = !self->errors->overflow && check_keys(self, what, map, table);
     if (self->errors->overflow)
         return; /* further errors are not shown */
-    for (const schema_key *key = keys; key->name; key++) {
+    for (const schema_key *key = first_key(table); key->name; key = next_key(table, key)) {
         yaml_node_t *value = schema_find(self, map, key->name);
 
         if (value && key->read && !schema_is_open(self, value))
@@ -328,18 +358,18 @@ char *schema_print(schema *self, const char *format, ...)
     return text;
 }
 
-static const char *allowed_keys(schema *self, const schema_key *keys)
+static const char *allowed_keys(schema *self, key_table table)
 {
     const char *list = "";
 
-    for (; keys->name; keys++)
-        if (keys->read)
-            list = schema_join(self, list, keys->name);
+    for (const schema_key *key = first_key(table); key->name; key = next_key(table, key))
+        if (key->read)
+            list = schema_join(self, list, key->name);
     return list;
 }
 
 static void complain_unknown(schema *self, const char *what, const yaml_node_t *name,
-                             const schema_key *keys)
+                             key_table table)
 {
     const char *text = scalar_text(name);
     nearest guess = {.word = text ? text : ""};
@@ -348,28 +378,28 @@ static void complain_unknown(schema *self, const char *what, const yaml_node_t *
         schema_complain(self, name, "%s: merge keys (<<) are not supported", what);
         return;
     }
-    for (const schema_key *key = keys; key->name; key++)
+    for (const schema_key *key = first_key(table); key->name; key = next_key(table, key))
         if (key->read)
             nearest_consider(&guess, key->name);
     schema_complain(self, name, "%s: unknown key %s%s", what, shown(self, name),
-                    schema_allowed(self, &guess, allowed_keys(self, keys)));
+                    schema_allowed(self, &guess, allowed_keys(self, table)));
 }
 
 /* Returns the index of a key in its table; that of the end when the key is unknown. */
-static size_t find_key(const schema_key *keys, const char *name)
+static size_t find_key(key_table table, const char *name)
 {
-    size_t i = 0;
+    const schema_key *key = first_key(table);
 
-    while (keys[i].name && (!name || strcmp(keys[i].name, name) != 0))
-        i++;
-    return i;
+    while (key->name && (!name || strcmp(key->name, name) != 0))
+        key = next_key(table, key);
+    return (size_t)(key - table.keys);
 }
 
 /* Complains about unknown, refused and duplicate keys. Returns false when a key was refused or
  * there are too many to examine: a missing key may then be among them. */
-static bool check_keys(schema *self, const char *what, const yaml_node_t *map,
-                       const schema_key *keys)
+static bool check_keys(schema *self, const char *what, const yaml_node_t *map, key_table table)
 {
+    const schema_key *keys = table.keys;
     size_t first_line[SCHEMA_KEYS_MAX] = {0};
     const yaml_node_pair_t *end = map->data.mapping.pairs.top;
     bool complete = end - map->data.mapping.pairs.start <= SCHEMA_KEYS_MAX;
@@ -377,17 +407,17 @@ static bool check_keys(schema *self, const char *what, const yaml_node_t *map,
     for (const yaml_node_pair_t *pair = map->data.mapping.pairs.start;
          pair < end && !self->errors->overflow; pair++) {
         const yaml_node_t *name = yaml_document_get_node(self->document, pair->key);
-        size_t i = find_key(keys, scalar_text(name));
+        size_t i = find_key(table, scalar_text(name));
 
         assert(i < SCHEMA_KEYS_MAX);
         if (!keys[i].name)
-            complain_unknown(self, what, name, keys);
+            complain_unknown(self, what, name, table);
         else if (first_line[i] != 0)
             schema_complain(self, name, "%s: duplicate key '%s' (first in line %zu)", what,
                             keys[i].name, first_line[i]);
         else if (!keys[i].read)
             schema_complain(self, name, "%s: the key '%s' is not supported yet; allowed: %s", what,
-                            keys[i].name, allowed_keys(self, keys));
+                            keys[i].name, allowed_keys(self, table));
         if (keys[i].name && first_line[i] == 0)
             first_line[i] = name->start_mark.line + 1;
         complete = complete && !(keys[i].name && !keys[i].read);

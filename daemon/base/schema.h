@@ -5,6 +5,9 @@
  * A table of schema_key describes a map. Each key has a reader that turns its value into a member
  * of a struct. Readers complain and go on, so one walk finds all errors. A walk is as deep as the
  * tables: aliases that form a cycle end as an error.
+ *
+ * The same tables tell people and editors of the keys: daemon/schema makes the JSON schemas of
+ * them, and scripts/man the man page of these.
  */
 #ifndef CANWIRE_BASE_SCHEMA_H
 #define CANWIRE_BASE_SCHEMA_H
@@ -12,6 +15,7 @@
 #include "base/arena.h"
 #include "base/diag.h"
 #include "base/nearest.h"
+#include "base/typetext.h"
 
 #include <stdint.h>
 #include <yaml.h>
@@ -38,6 +42,18 @@ struct schema_key {
     size_t offset;       /* of the member in the struct */
     const void *arg;     /* argument of the reader, see there */
     bool required;
+    uint8_t where;             /* the kinds of maps that have it, as bits; 0: all (schema_map_in) */
+    const void *live;          /* how it changes while it is in use, or NULL; for its owner */
+    /* What people and the JSON schema are told. */
+    const char *help;          /* a sentence */
+    const char *preset;        /* the default: JSON, or a text */
+    const char *type;          /* of the value, see base/typetext.h; NULL: as the reader has it */
+    const schema_key *map;     /* keys of a value that is a map, or of maps in it */
+    uint8_t within;            /* ... of this kind */
+    const char *as;            /* the name of that map among the definitions, or NULL */
+    const char *needs;         /* keys that it needs, between blanks */
+    const char *excludes;      /* ... that it excludes */
+    bool open;                 /* last row: values may be parameters of a profile */
 };
 
 /* The argument of schema_read_uint(). */
@@ -55,9 +71,12 @@ typedef struct schema_choice {
 
 /* Walks a map. Complains about a node that is no map, and about unknown, duplicate and missing
  * keys. Calls the readers in the order of the table. `what` names the map in messages. Reading
- * stops once there are more errors than are shown. */
+ * stops once there are more errors than are shown. The last row of a table may have the `type` of
+ * the whole map. schema_map_in() walks a map of one kind, a bit: other keys are unknown in it. */
 void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_key *keys,
                 void *object);
+void schema_map_in(schema *self, const char *what, yaml_node_t *map, const schema_key *keys,
+                   uint8_t kind, void *object);
 
 /* Returns the member of an object that a key stands for. */
 void *schema_member(const schema_key *key, void *object);

@@ -20,27 +20,54 @@ static schema_reader read_scenario, read_until, read_limit, read_sample, read_de
 static const schema_range seed_range = {0, UINT64_MAX, sizeof(uint64_t)};
 static const schema_range count_range = {1, UINT64_C(1) << 48, sizeof(uint64_t)};
 
-static const schema_key campaign_keys[] = {
-    {.name = "scenario", .read = read_scenario, .required = true},
-    {.name = "until", .read = read_until},
-    {.name = "seed", .read = schema_read_uint, .offset = offsetof(campaign_owner, campaign.seed),
-     .arg = &seed_range},
-    {.name = "limit", .read = read_limit},
-    {.name = "ecu", .read = campaign_read_ecus},
-    {.name = "network", .read = campaign_read_network},
-    {.name = "virtual", .read = campaign_read_virtual},
-    {.name = "sample", .read = read_sample},
-    {.name = "detected", .read = read_detected},
-    {.name = "ftti", .read = read_ftti},
-    {.name = "vary", .read = campaign_read_factors, .required = true},
-    {.name = NULL},
-};
-
 static const schema_key sample_keys[] = {
     {.name = "random", .read = schema_read_uint, .arg = &count_range,
      .offset = offsetof(campaign, sample_count)},
     {.name = "low-discrepancy", .read = schema_read_uint, .arg = &count_range,
      .offset = offsetof(campaign, sample_count)},
+    {.name = NULL, .type = "{'minProperties': 1, 'maxProperties': 1}"},
+};
+
+const schema_key campaign_file_keys[] = {
+    {.name = "scenario", .read = read_scenario, .required = true,
+     .type = TYPE_ANY(TYPE_STRING ", " "{'type': 'object'}"),
+     .help = "The file of a bus or of a rig, or the configuration itself."},
+    {.name = "until", .read = read_until, .type = "time",
+     .help = "Bus time at which each run ends; needed where traffic has no end."},
+    {.name = "seed", .read = schema_read_uint,
+     .offset = offsetof(campaign_owner, campaign.seed), .arg = &seed_range,
+     .preset = "0",
+     .help = "Of what the sample draws; default 0."},
+    {.name = "limit", .read = read_limit,
+     .type = "{'type': 'string', 'pattern': "
+             "'^(?:[1-9][0-9]{9,}(?:\\.[0-9]+)?ns|[1-9][0-9]{6,}(?:\\.[0-9]+)?us|[1-9][0-9]{3,}("
+             "?:\\.[0-9]+)?ms|[1-9][0-9]*(?:\\.[0-9]+)?s|(?:0|[1-9][0-9]*)(?:\\.[0-9]+)?(?:min|h"
+             "))$', 'examples': ['10s']}",
+     .help = "Real time for one run, 1s to 24h; default 60s."},
+    {.name = "ecu", .read = campaign_read_ecus, .map = campaign_ecu_keys, .as = "ecu",
+     .type = TYPE_ANY("@, {'type': 'array', 'minItems': 1, 'maxItems': 16, 'items': @, 'if': "
+             "{'contains': {'required': ['bus'], " "'properties': {'bus': {'const': 'own'}}}}, "
+             "'then': {'maxItems': 1}}"),
+     .help = "Programs at nodes: real ECUs."},
+    {.name = "network", .read = campaign_read_network, .type = "{'enum': ['own', 'host']}",
+     .help = "own (the default): programs have a network namespace of their own for each row, "
+             "where the system allows it. host: they have that of the campaign."},
+    {.name = "virtual", .read = campaign_read_virtual, .type = "boolean",
+     .help = "on: programs and bus have virtual time, and rows are the same each time."},
+    {.name = "sample", .read = read_sample, .map = sample_keys,
+     .type = TYPE_ANY("{'enum': ['full', 'pairwise']}, @"),
+     .help = "The rows: all combinations (the default), enough for each pair of values, or so "
+             "many."},
+    {.name = "detected", .read = read_detected,
+     .type = TYPE_SOME(256, "{'type': ['string', 'integer', 'number']}"),
+     .help = "Names of expectations that tell of a detection, for canwire campaign report."},
+    {.name = "ftti", .read = read_ftti,
+     .type = "{'type': 'string', 'pattern': '^[0-9]+(\\.[0-9]+)?(ns|us|ms|s|min|h)$'}",
+     .help = "The limit of detection latencies, for canwire campaign report."},
+    {.name = "vary", .read = campaign_read_factors, .required = true,
+     .map = campaign_factor_keys, .as = "factor",
+     .type = TYPE_LIST(1, 64, "@"),
+     .help = "The factors."},
     {.name = NULL},
 };
 
@@ -241,7 +268,7 @@ static void read_root(campaign_owner *o, diag *errors, yaml_document_t *document
         diag_add(errors, 1, 1, "the file is empty; it needs the keys scenario and vary");
         return;
     }
-    schema_map(&self, "campaign", root, campaign_keys, o);
+    schema_map(&self, "campaign", root, campaign_file_keys, o);
     if (errors->errors == 0)
         ends_check(&self, root, o);
     if (errors->errors == 0)

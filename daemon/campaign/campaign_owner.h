@@ -23,6 +23,9 @@ typedef struct campaign_owner {
     bool unending_rule;       /* it is a rule */
 } campaign_owner;
 
+/* The keys of the file, and of maps in it. */
+extern const schema_key campaign_file_keys[], campaign_factor_keys[], campaign_ecu_keys[];
+
 /* Reads the key `vary`. */
 schema_reader campaign_read_factors; /* object: a campaign_owner */
 

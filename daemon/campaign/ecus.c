@@ -18,26 +18,55 @@
 static schema_reader read_name, read_node, read_run, read_interface, read_env, read_cwd,
     read_after, read_ready, read_line, read_frame, read_within, read_grace, read_preload, read_bus;
 
-static const schema_key ecu_keys[] = {
-    {.name = "node", .read = read_node},
-    {.name = "name", .read = read_name},
-    {.name = "run", .read = read_run, .required = true},
-    {.name = "interface", .read = read_interface},
-    {.name = "env", .read = read_env},
-    {.name = "cwd", .read = read_cwd},
-    {.name = "after", .read = read_after},
-    {.name = "ready", .read = read_ready},
-    {.name = "grace", .read = read_grace},
-    {.name = "preload", .read = read_preload},
-    {.name = "bus", .read = read_bus},
-    {.name = NULL},
+static const schema_key ready_keys[] = {
+    {.name = "line", .read = read_line, .type = TYPE_STRING,
+     .help = "A part of a line of its output."},
+    {.name = "frame", .read = read_frame, .type = "{'type': ['string', 'integer']}",
+     .help = "A frame that its node sends: a filter as can-utils write it."},
+    {.name = "within", .read = read_within, .type = "realTime",
+     .help = "Real time from its start on; default 10s."},
+    {.name = NULL,
+     .type = "{'oneOf': [" TYPE_NEEDS("line") ", " TYPE_NEEDS("frame") "]}"},
 };
 
-static const schema_key ready_keys[] = {
-    {.name = "line", .read = read_line},
-    {.name = "frame", .read = read_frame},
-    {.name = "within", .read = read_within},
-    {.name = NULL},
+const schema_key campaign_ecu_keys[] = {
+    {.name = "node", .read = read_node, .type = TYPE_STRING,
+     .help = "The node that the program is; it has no traffic of its own."},
+    {.name = "name", .read = read_name,
+     .type = "{'type': 'string', 'pattern': '^[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}$'}",
+     .help = "Of its files, and in rows; by default that of the node."},
+    {.name = "run", .read = read_run, .required = true,
+     .type = TYPE_ANY("{'type': ['string', 'integer'], 'minLength': 1}" ", " TYPE_LIST(1, 256,
+             "{'type': ['string', 'number'], 'minLength': 1}")),
+     .help = "The command: a text for a shell, or a list of words."},
+    {.name = "interface", .read = read_interface,
+     .type = "{'type': 'string', 'pattern': '^[^/: \\t\\n,]{1,15}$'}",
+     .help = "The name of the CAN interface for the program, such as can0; by default that of "
+             "the node."},
+    {.name = "env", .read = read_env,
+     .type = "{'type': 'object', 'propertyNames': {'pattern': '^[A-Za-z_][A-Za-z0-9_]*$'}, "
+             "'maxProperties': 255, 'additionalProperties': {'type': ['string', 'number', "
+             "'boolean', 'null']}}",
+     .help = "Variables of its environment."},
+    {.name = "cwd", .read = read_cwd, .type = TYPE_STRING,
+     .help = "The folder that it runs in; by default one of its own."},
+    {.name = "after", .read = read_after, .type = TYPE_STRING,
+     .help = "The name of a program before it in the list: it starts when that one is ready."},
+    {.name = "ready", .read = read_ready, .map = ready_keys, .type = TYPE_ANY(TYPE_STRING ", @"),
+     .help = "The sign that it is ready: a part of a line of its output, or a frame of its node. "
+             "By default it is when it has been started."},
+    {.name = "grace", .read = read_grace, .type = "realTime",
+     .help = "Real time from SIGTERM to SIGKILL at the end; default 2s."},
+    {.name = "preload", .read = read_preload, .type = "boolean",
+     .help = "off: it speaks the protocol of ports by itself, and does not run under canwire "
+             "run."},
+    {.name = "bus", .read = read_bus, .type = "{'enum': ['canwired', 'own']}",
+     .help = "own: the program is the bus by itself, with canwire.row() of Python; it has no "
+             "node and must be the only program. canwired (the default): it is a node."},
+    {.name = NULL,
+     .type = "{'oneOf': [{'required': ['node'], 'properties': {'bus': {'const': 'canwired'}}}, "
+             "{'required': ['bus'], 'properties': {'bus': {'const': 'own'}, 'node': false, "
+             "'interface': false, 'after': false, 'ready': false, 'preload': false}}]}"},
 };
 
 /* ---- Names ----------------------------------------------------------------------------------- */
@@ -307,7 +336,7 @@ void campaign_read_ecus(schema *self, const schema_key *key, yaml_node_t *value,
         const yaml_node_t *item = schema_item(self, value, i);
         ecu *e = &plan->list[i];
         *e = (ecu){.ready_ms = ECU_READY_MS, .grace_ms = ECU_GRACE_MS};
-        schema_map(self, key->name, schema_item(self, value, i), ecu_keys, e);
+        schema_map(self, key->name, schema_item(self, value, i), campaign_ecu_keys, e);
         check_program(self, item, e, count);
         plan->own_bus = plan->own_bus || e->own_bus;
         if (!e->name)

@@ -40,29 +40,75 @@ static schema_reader read_name, read_set, read_frame, read_values, read_range, r
 static const schema_range draw_range = {1, CAMPAIGN_VALUES_MAX, sizeof(uint64_t)};
 static const schema_range skip_range = {0, UINT32_MAX, sizeof(uint64_t)};
 
-static const schema_key factor_keys[] = {
-    {.name = "name", .read = read_name},
-    {.name = "set", .read = read_set},
-    {.name = "frame", .read = read_frame},
-    {.name = "values", .read = read_values},
-    {.name = "range", .read = read_range},
-    {.name = "uniform", .read = read_uniform},
-    {.name = "normal", .read = read_normal},
-    {.name = "positions", .read = read_positions},
-    {.name = "nodes", .read = read_nodes},
-    {.name = "each-bit", .read = read_bits},
-    {.name = "pairs-of-bits", .read = read_pairs},
-    {.name = NULL},
+#define NUMBER(text, m)                                                                            \
+    {                                                                                              \
+        .name = text, .read = read_number, .offset = offsetof(factor, m), .required = true,        \
+        .type = "number", .help = "A number, with or without a unit."                              \
+    }
+#define DRAWS                                                                                      \
+    {                                                                                              \
+        .name = "draws", .read = schema_read_uint, .offset = offsetof(factor, count),              \
+        .arg = &draw_range, .help = "How many values a full product or pairwise has of it."        \
+    }
+
+static const schema_key range_keys[] = {
+    NUMBER("from", from), NUMBER("to", to), NUMBER("step", step), {.name = NULL},
+};
+static const schema_key uniform_keys[] = {
+    NUMBER("from", from), NUMBER("to", to), NUMBER("step", step), DRAWS, {.name = NULL},
+};
+static const schema_key normal_keys[] = {
+    NUMBER("mean", from), NUMBER("deviation", to), NUMBER("step", step), DRAWS, {.name = NULL},
 };
 
 static const schema_key space_keys[] = {
-    {.name = "from", .read = read_space_from},
-    {.name = "frame", .read = read_space_frame},
-    {.name = "at", .read = read_space_at},
-    {.name = "field", .read = read_space_field},
+    {.name = "from", .read = read_space_from, .type = "node",
+     .help = "The node that sends the frames."},
+    {.name = "frame", .read = read_space_frame, .type = "frame",
+     .help = "A frame as can-utils write it."},
+    {.name = "at", .read = read_space_at,
+     .type = TYPE_ANY(TYPE_REF("node") ", " TYPE_SET(64, TYPE_REF("node"))),
+     .help = "The nodes that sample the bits wrong; without it all do."},
+    {.name = "field", .read = read_space_field, .type = TYPE_STRING,
+     .help = "Only bits of this field."},
     {.name = "skip", .read = schema_read_uint, .arg = &skip_range,
-     .offset = offsetof(space_map, space.skip)},
+     .offset = offsetof(space_map, space.skip),
+     .preset = "0",
+     .help = "Frames that are passed over first."},
     {.name = NULL},
+};
+
+const schema_key campaign_factor_keys[] = {
+    {.name = "name", .read = read_name, .type = TYPE_TEXT("^[A-Za-z0-9_.-]{1,64}$"),
+     .help = "Its name in rows; by default the path."},
+    {.name = "set", .read = read_set, .type = TYPE_STRING,
+     .help = "The path of the value in the scenario, such as nodes.engine.ppm."},
+    {.name = "frame", .read = read_frame, .type = "frame",
+     .help = "With positions: those that this frame lacks are left out."},
+    {.name = "values", .read = read_values, .type = "{'type': 'array', 'minItems': 1}",
+     .help = "Values of any kind."},
+    {.name = "range", .read = read_range, .map = range_keys,
+     .help = "Numbers from, from + step, ... up to to."},
+    {.name = "uniform", .read = read_uniform, .map = uniform_keys,
+     .help = "Drawn from the numbers of such a range."},
+    {.name = "normal", .read = read_normal, .map = normal_keys,
+     .help = "Drawn from a normal distribution, rounded to step."},
+    {.name = "positions", .read = read_positions,
+     .type = TYPE_ANY(TYPE_REF("positions") ", {'type': 'array', 'minItems': 1, 'items': "
+                      TYPE_REF("positions") "}"),
+     .help = "Positions in a frame: crc[3], crc[0..14], data[0..7].*, crc.*"},
+    {.name = "nodes", .read = read_nodes, .type = TYPE_SOME(64, TYPE_REF("node")),
+     .help = "Names of nodes, or all."},
+    {.name = "each-bit", .read = read_bits, .map = space_keys, .as = "space",
+     .type = "{'allOf': [@, {'properties': {'field': false}}]}",
+     .help = "Each wire bit of a frame, or of each frame that a node sends, is inverted once."},
+    {.name = "pairs-of-bits", .read = read_pairs, .map = space_keys, .as = "space",
+     .type = "{'allOf': [@, " TYPE_NEEDS("at") "]}",
+     .help = "Each pair of bits is inverted once."},
+    {.name = NULL,
+     .type = "{'oneOf': [" TYPE_NEEDS("values") ", " TYPE_NEEDS("range") ", "
+             TYPE_NEEDS("uniform") ", " TYPE_NEEDS("normal") ", " TYPE_NEEDS("positions") ", "
+             TYPE_NEEDS("nodes") ", " TYPE_NEEDS("each-bit") ", " TYPE_NEEDS("pairs-of-bits") "]}"},
 };
 
 /* ---- Names and paths ------------------------------------------------------------------------- */
@@ -217,35 +263,21 @@ static void read_number(schema *self, const schema_key *key, yaml_node_t *value,
                         "a number such as -50, 0.25 or 12.5us, of up to 15 digits");
 }
 
-/* A map of numbers. */
-typedef struct number_keys {
-    const char *what;
-    const char *from;
-    const char *to;
-    factor_kind kind;
-} number_keys;
-
-static bool read_numbers(schema *self, yaml_node_t *value, reading *r, const number_keys *n)
+/* Reads a map of three numbers. */
+static bool read_numbers(schema *self, const schema_key *key, yaml_node_t *value, reading *r,
+                         factor_kind kind)
 {
     factor f = {.step = {.mantissa = 0}};
-    const schema_key keys[] = {
-        {.name = n->from, .read = read_number, .offset = offsetof(factor, from), .required = true},
-        {.name = n->to, .read = read_number, .offset = offsetof(factor, to), .required = true},
-        {.name = "step", .read = read_number, .offset = offsetof(factor, step), .required = true},
-        {.name = n->kind == FACTOR_RANGE ? NULL : "draws", .read = schema_read_uint,
-         .offset = offsetof(factor, count), .arg = &draw_range},
-        {.name = NULL},
-    };
     const size_t errors = self->errors->errors;
     r->kinds++;
-    r->factor->kind = n->kind;
-    schema_map(self, n->what, value, keys, &f);
+    r->factor->kind = kind;
+    schema_map(self, key->name, value, key->map, &f);
     if (self->errors->errors > errors)
         return false;
     if (!number_text_align((number_text *const[]){&f.from, &f.to, &f.step}, 3)) {
         schema_complain(self, value, "%s: the numbers have different units, other than ns, us, ms "
                         "and s, or too many digits",
-                        n->what);
+                        key->name);
         return false;
     }
     r->factor->from = f.from;
@@ -254,16 +286,15 @@ static bool read_numbers(schema *self, yaml_node_t *value, reading *r, const num
     r->factor->count = f.count;
     if (f.step.mantissa > 0)
         return true;
-    schema_complain(self, value, "%s: 'step' is more than 0", n->what);
+    schema_complain(self, value, "%s: 'step' is more than 0", key->name);
     return false;
 }
 
 static void read_range(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
-    static const number_keys keys = {"range", "from", "to", FACTOR_RANGE};
     reading *r = object;
     factor *f = r->factor;
-    if (!read_numbers(self, value, r, &keys))
+    if (!read_numbers(self, key, value, r, FACTOR_RANGE))
         return;
     if (f->to.mantissa < f->from.mantissa)
         schema_complain(self, value, "%s: 'to' is below 'from'", key->name);
@@ -283,9 +314,8 @@ static void check_draws(schema *self, const schema_key *key, const yaml_node_t *
 
 static void read_uniform(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
-    static const number_keys keys = {"uniform", "from", "to", FACTOR_UNIFORM};
     reading *r = object;
-    if (!read_numbers(self, value, r, &keys))
+    if (!read_numbers(self, key, value, r, FACTOR_UNIFORM))
         return;
     if (r->factor->to.mantissa < r->factor->from.mantissa)
         schema_complain(self, value, "%s: 'to' is below 'from'", key->name);
@@ -294,9 +324,8 @@ static void read_uniform(schema *self, const schema_key *key, yaml_node_t *value
 
 static void read_normal(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
-    static const number_keys keys = {"normal", "mean", "deviation", FACTOR_NORMAL};
     reading *r = object;
-    if (!read_numbers(self, value, r, &keys))
+    if (!read_numbers(self, key, value, r, FACTOR_NORMAL))
         return;
     if (r->factor->to.mantissa < 0)
         schema_complain(self, value, "%s: 'deviation' is not below 0", key->name);
@@ -469,7 +498,7 @@ void campaign_read_factors(schema *self, const schema_key *key, yaml_node_t *val
         reading r = {.owner = o, .factor = &o->campaign.factors[i]};
         r.factor->place = (cfg_place){.line = (int)item->start_mark.line + 1,
                                       .column = (int)item->start_mark.column + 1};
-        schema_map(self, "factor", item, factor_keys, &r);
+        schema_map(self, "factor", item, campaign_factor_keys, &r);
         if (item->type == YAML_MAPPING_NODE)
             check_factor(self, item, &r, i);
     }

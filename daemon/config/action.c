@@ -2,6 +2,7 @@
  *
  * action.c - the actions of fault rules: the key `do`, with a table of keys for each action.
  */
+#include "config/live.h"
 #include "config/parts.h"
 #include "config/protect.h"
 #include "config/values.h"
@@ -15,7 +16,6 @@
 #define TEC_MAX 263u /* the limit of cw_mac_set_counters() */
 #define REC_MAX 255u
 #define DLC_MAX 15u
-#define TICKS_PER_MS (CW_CLOCK_HZ / 1000u)
 
 /* Checks the keys of an action against each other and completes the rule; `map` is the value of
  * `do`. */
@@ -23,19 +23,13 @@ typedef void action_completer(schema *self, yaml_node_t *map, cw_rule *rule);
 
 typedef struct action {
     cw_action action;
-    const schema_key *keys; /* the first key is the action's own, which has its name */
+    const schema_key *keys; /* the first key is the action's own, which has its name; NULL: those
+                               of `set` */
     action_completer *complete; /* or NULL */
 } action;
 
-/* A setting of a node in the form of schema_read_uint(), and its CW_SET_*. */
-typedef struct setting {
-    schema_range range; /* first: schema_read_uint() gets the pointer */
-    uint8_t which;
-} setting;
-
 static schema_reader read_level, read_levels, read_at, read_groups,
-    read_load, read_change, read_id, read_dlc, read_bytes, read_mode, read_setting,
-    read_restart, read_order, read_sleep, read_wake;
+    read_load, read_change, read_id, read_dlc, read_bytes;
 static action_completer complete_force, complete_stuck, complete_wrong_crc, complete_counters,
     complete_set, complete_side, complete_change, complete_send, complete_babble,
     complete_reply, complete_making;
@@ -47,10 +41,6 @@ static const schema_range overload_range = {1, OVERLOAD_FRAMES_MAX, sizeof(uint3
 static const schema_range copies_range = {1, COPIES_MAX, sizeof(uint32_t)};
 static const schema_range overtaking_range = {1, OVERTAKING_MAX, sizeof(uint32_t)};
 static const schema_range dlc_range = {0, DLC_MAX, sizeof(uint8_t)};
-
-static const setting queue_setting = {{1, CW_QUEUE_MAX, sizeof(uint16_t)}, CW_SET_QUEUE};
-static const setting warning_setting = {{1, 255, sizeof(uint16_t)}, CW_SET_WARNING};
-static const setting restart_setting = {{0, UINT32_MAX, sizeof(uint64_t)}, CW_SET_RESTART};
 
 static const schema_choice levels[] = {
     {.name = "dominant", .value = CW_DOMINANT},
@@ -78,173 +68,239 @@ static const schema_choice checksum_faults[] = {
 
 /* Keys of several actions. */
 #define MEMBER(m) .offset = offsetof(cw_rule, m)
-#define AT                                                                                         \
+#define LASTS                                                                                      \
     {                                                                                              \
-        .name = "at", .read = read_at, MEMBER(at)                                                  \
-    }
-#define FOR                                                                                        \
-    {                                                                                              \
-        .name = "for", .read = cfg_read_bits, MEMBER(for_ticks)                                   \
+        .name = "for", .read = cfg_read_bits, MEMBER(for_ticks),                                   \
+        .help = "How long it lasts; 0, or without: until the rule's window of time ends or the "   \
+                "rule is cleared."                                                                 \
     }
 #define FROM                                                                                       \
     {                                                                                              \
-        .name = "from", .read = cfg_read_position, .required = true                                \
+        .name = "from", .read = cfg_read_position, .required = true, .help = "First bit."          \
     }
 #define AS                                                                                         \
     {                                                                                              \
-        .name = "as", .read = cfg_read_node_index, MEMBER(node), .required = true                  \
+        .name = "as", .read = cfg_read_node_index, MEMBER(node), .required = true,                 \
+        .help = "The node whose traffic it is."                                                    \
     }
-#define SIDE                                                                                       \
+#define AT(told)                                                                                   \
     {                                                                                              \
-        .name = "side", .read = schema_read_choice, MEMBER(side), .arg = sides                     \
+        .name = "at", .read = read_at, MEMBER(at), .type = "nodeSet", .help = (told)               \
     }
-#define NODES(key)                                                                                 \
+#define AT_WIRE AT("Only what these nodes sample changes. Default: the wire, so everybody's.")
+#define AT_HOST AT("Receivers whose frames are meant. Default: all.")
+#define SIDE(key, told)                                                                            \
     {                                                                                              \
-        .name = (key), .read = cfg_read_node_set, MEMBER(nodes)                                    \
+        .name = (key), .read = schema_read_choice, MEMBER(side), .arg = sides, .help = (told)      \
     }
-#define FRAME(key)                                                                                 \
+#define OF_SIDE                                                                                    \
+    SIDE("side", "tx: where the sender hands the frame in; rx: where receivers get it. Default: "  \
+                 "rx with 'at', else tx.")
+/* The last row of an action on hosts: `at` names receivers. */
+#define NOT_AT_SENDER(key)                                                                         \
     {                                                                                              \
-        .name = (key), .read = cfg_read_frame, MEMBER(frame)                                       \
+        .name = NULL, .type = TYPE_IF("{'properties': {'" key "': {'const': 'tx'}}, "              \
+                                      "'required': ['" key "']}",                                  \
+                                      "{'not': " TYPE_NEEDS("at") "}")                             \
     }
-#define NUMBER(key, range)                                                                         \
+#define NODES(key, told)                                                                           \
     {                                                                                              \
-        .name = (key), .read = schema_read_uint, MEMBER(number), .arg = (range)                    \
+        .name = (key), .read = cfg_read_node_set, MEMBER(nodes), .help = (told)                    \
+    }
+#define FRAME(key, told)                                                                           \
+    {                                                                                              \
+        .name = (key), .read = cfg_read_frame, MEMBER(frame), .help = (told)                       \
+    }
+#define NUMBER(key, range, told)                                                                   \
+    {                                                                                              \
+        .name = (key), .read = schema_read_uint, MEMBER(number), .arg = (range), .help = (told)    \
+    }
+#define LEVEL(key, told)                                                                           \
+    {                                                                                              \
+        .name = (key), .read = read_level, .type = TYPE_CHOICE, .arg = levels, .help = (told)      \
     }
 #define BITS                                                                                       \
     {                                                                                              \
-        .name = "bits", .read = schema_read_uint, MEMBER(bits), .arg = &bits_range                 \
+        .name = "bits", .read = schema_read_uint, MEMBER(bits), .arg = &bits_range, .preset = "1", \
+        .help = "How many wire bits."                                                              \
+    }
+#define DATA(key, part, what, told)                                                                \
+    {                                                                                              \
+        .name = (key), .read = read_bytes, .offset = offsetof(cw_change, part), .type = (what),    \
+        .help = (told)                                                                             \
     }
 #define END                                                                                        \
     {                                                                                              \
         .name = NULL                                                                               \
     }
 
-static const schema_key flip_keys[] = {{.name = "flip", .read = cfg_read_position}, BITS, AT, END};
-static const schema_key force_keys[] = {
-    {.name = "force", .read = read_level},
-    FROM,
-    BITS,
-    {.name = "for", .read = cfg_read_bits_min, MEMBER(for_ticks)},
-    AT,
-    END,
+static const schema_key flip_keys[] = {
+    {.name = "flip", .read = cfg_read_position, .help = "Inverts bits from this position on."},
+    BITS, AT_WIRE, END,
 };
-static const schema_key glitch_keys[] = {{.name = "glitch", .read = read_levels}, FROM, AT, END};
+static const schema_key force_keys[] = {
+    LEVEL("force", "Sets bits to this level."), FROM, BITS,
+    {.name = "for", .read = cfg_read_bits_min, MEMBER(for_ticks),
+     .help = "How long, instead of bits."},
+    AT_WIRE, {.name = NULL, .type = "{'not': {'required': ['bits', 'for']}}"},
+};
+static const schema_key glitch_keys[] = {
+    {.name = "glitch", .read = read_levels,
+     .type = "{'type': ['string', 'number'], 'pattern': '^(?:(?=.*[01])[01xX]{1,64})$', "
+             "'examples': ['10x1']}",
+     .help = "Levels in a row: 1 recessive, 0 dominant, x as it is."},
+    FROM, AT_WIRE, END,
+};
 static const schema_key stuck_keys[] = {
-    {.name = "stuck", .read = read_level},
-    {.name = "on", .read = cfg_read_line},
-    {.name = "for", .read = cfg_read_ticks, MEMBER(for_ticks)},
-    {.name = "dominant-timeout", .read = cfg_read_bits_min, MEMBER(dominant_timeout)},
-    END,
+    LEVEL("stuck", "The line is stuck at this level."),
+    {.name = "on", .read = cfg_read_line, .help = "The wire, or the line of one controller."},
+    {.name = "for", .read = cfg_read_ticks, MEMBER(for_ticks),
+     .help = "How long it lasts; 0, or without: until the rule's window of time ends or the rule "
+             "is cleared."},
+    {.name = "dominant-timeout", .read = cfg_read_bits_min, MEMBER(dominant_timeout),
+     .help = "TXD dominant time-out of the transceiver; only with a dominant NODE.tx."},
+    {.name = NULL,
+     .type = TYPE_IF(TYPE_NEEDS("dominant-timeout"),
+                     "{'required': ['on'], 'properties': {'on': {'pattern': '\\.tx$|\\$'}, "
+                     "'stuck': {'pattern': '^dominant$|\\$'}}}")},
 };
 static const schema_key noise_keys[] = {
-    {.name = "noise", .read = cfg_read_fraction, MEMBER(error_rate)},
-    {.name = "burst", .read = cfg_read_burst},
-    AT,
-    FOR,
-    END,
+    {.name = "noise", .read = cfg_read_fraction, MEMBER(error_rate),
+     .help = "Each bit is flipped with this probability; with `burst`, a burst begins with it."},
+    {.name = "burst", .read = cfg_read_burst,
+     .type = "{'type': ['string', 'integer'], 'pattern': "
+             "'^(?:[1-9]|1[0-6])(?:\\.\\.(?:[1-9]|1[0-6]))?$', 'minimum': 1, 'maximum': 16}",
+     .help = "Each hit of the noise is a burst of so many bits, or of a number drawn from "
+             "LEAST..MOST. Its first and last bits are flipped, those between with a probability "
+             "of 1/2. Default: one bit."},
+    AT_WIRE, LASTS, END,
 };
-static const schema_key no_ack_keys[] = {NODES("no-ack"), FOR, END};
-static const schema_key wrong_crc_keys[] = {NODES("wrong-crc"), END};
-static const schema_key bus_off_keys[] = {NODES("bus-off"), END};
-static const schema_key error_flag_keys[] = {NODES("error-flag"), END};
-static const schema_key restart_keys[] = {NODES("restart"), END};
+static const schema_key no_ack_keys[] = {
+    NODES("no-ack", "Nodes that do not acknowledge."), LASTS, END,
+};
+static const schema_key wrong_crc_keys[] = {
+    NODES("wrong-crc", "Frames of this node that match carry an inverted last CRC bit."), END,
+};
+static const schema_key bus_off_keys[] = {NODES("bus-off", "Goes bus-off at once."), END};
+static const schema_key error_flag_keys[] = {
+    NODES("error-flag", "Sends an error flag at once."), END,
+};
+static const schema_key restart_keys[] = {
+    NODES("restart", "Leaves bus-off, as a restart by hand."), END,
+};
 static const schema_key counters_keys[] = {
-    NODES("counters"),
-    {.name = "tec", .read = schema_read_uint, MEMBER(tec), .arg = &tec_range},
-    {.name = "rec", .read = schema_read_uint, MEMBER(rec), .arg = &rec_range},
+    NODES("counters", "Sets its error counters."),
+    {.name = "tec", .read = schema_read_uint, MEMBER(tec), .arg = &tec_range,
+     .help = "Transmit error counter; above 255 is bus-off. Default: as it is."},
+    {.name = "rec", .read = schema_read_uint, MEMBER(rec), .arg = &rec_range,
+     .help = "Receive error counter. Default: as it is."},
+    {.name = NULL, .type = TYPE_ANY(TYPE_NEEDS("tec") ", " TYPE_NEEDS("rec"))},
+};
+static const schema_key overload_keys[] = {
+    NODES("overload", "Sends overload frames from the next intermission on."),
+    {.name = "frames", .read = schema_read_uint, MEMBER(number), .arg = &overload_range,
+     .preset = "1", .help = "How many in a row."},
     END,
 };
-static const schema_key overload_keys[] = {NODES("overload"), NUMBER("frames", &overload_range),
-                                           END};
-static const schema_key set_keys[] = {
-    NODES("set"),
-    {.name = "one-shot", .read = read_mode},
-    {.name = "listen-only", .read = read_mode},
-    {.name = "loopback", .read = read_mode},
-    {.name = "presume-ack", .read = read_mode},
-    {.name = "restricted", .read = read_mode},
-    {.name = "time-triggered", .read = read_mode},
-    {.name = "berr-reporting", .read = read_mode},
-    {.name = "lost-arbitration-reporting", .read = read_mode},
-    {.name = "restart-ms",
-     .read = read_restart,
-     MEMBER(settings.restart_ticks),
-     .arg = &restart_setting},
-    {.name = "queue", .read = read_setting, MEMBER(settings.queue), .arg = &queue_setting},
-    {.name = "order", .read = read_order, MEMBER(settings.order), .arg = cfg_orders},
-    {.name = "warning-limit",
-     .read = read_setting,
-     MEMBER(settings.warning_limit),
-     .arg = &warning_setting},
-    {.name = "sleep", .read = read_sleep},
-    {.name = "wake-filter", .read = read_wake},
-    {.name = "wake-time", .read = read_wake},
-    {.name = "wake-on", .read = read_wake},
-    {.name = "clock", .read = cfg_read_retime},
-    {.name = "ppm", .read = cfg_read_retime},
-    {.name = "sample-point", .read = cfg_read_retime},
-    {.name = "brp", .read = cfg_read_retime},
-    {.name = "prop-seg", .read = cfg_read_retime},
-    {.name = "phase-seg1", .read = cfg_read_retime},
-    {.name = "phase-seg2", .read = cfg_read_retime},
-    {.name = "sjw", .read = cfg_read_retime},
-    {.name = "triple-sampling", .read = cfg_read_retime},
-    {.name = "dbrp", .read = cfg_read_retime},
-    {.name = "dprop-seg", .read = cfg_read_retime},
-    {.name = "dphase-seg1", .read = cfg_read_retime},
-    {.name = "dphase-seg2", .read = cfg_read_retime},
-    {.name = "dsjw", .read = cfg_read_retime},
-    {.name = "dsample-point", .read = cfg_read_retime},
-    {.name = "tdc-mode", .read = cfg_read_retime},
-    {.name = "tdco", .read = cfg_read_retime},
-    {.name = "tdcv", .read = cfg_read_retime},
-    {.name = "tx-delay", .read = cfg_read_reway},
-    {.name = "rx-delay", .read = cfg_read_reway},
-    {.name = "position", .read = cfg_read_retime},
-    {.name = "stub", .read = cfg_read_retime},
-    {.name = "ringing", .read = cfg_read_retime},
-    {.name = "ramp", .read = cfg_read_ramp},
+static const schema_key software_reset_keys[] = {
+    NODES("software-reset",
+          "The controller is initialised anew, and is back after 128 x 11 recessive bits."),
     END,
 };
-static const schema_key software_reset_keys[] = {NODES("software-reset"), END};
-static const schema_key hardware_reset_keys[] = {NODES("hardware-reset"), END};
-static const schema_key disconnect_keys[] = {NODES("disconnect"), FOR, END};
-static const schema_key partition_keys[] = {{.name = "partition", .read = read_groups}, FOR, END};
+static const schema_key hardware_reset_keys[] = {
+    NODES("hardware-reset", "The controller begins anew, and is back after 11 recessive bits."),
+    END,
+};
+static const schema_key disconnect_keys[] = {
+    NODES("disconnect", "Neither drives nor samples the bus; integrates when it is back."),
+    LASTS, END,
+};
+static const schema_key partition_keys[] = {
+    {.name = "partition", .read = read_groups,
+     .type = TYPE_LIST(1, 64, TYPE_SET(64, TYPE_OPEN(TYPE_REF("node")))),
+     .help = "Groups of nodes, each with a wire of its own. Nodes that are not named make one more "
+             "group."},
+    LASTS, END,
+};
 static const schema_key drop_keys[] = {
-    {.name = "drop", .read = schema_read_choice, MEMBER(side), .arg = sides}, AT, END};
+    SIDE("drop",
+         "tx: at the sender, before it is sent; rx: at the receivers, after it was received."),
+    AT_HOST, NOT_AT_SENDER("drop"),
+};
 static const schema_key delay_keys[] = {
-    {.name = "delay", .read = cfg_read_bits_min, MEMBER(for_ticks)}, AT, SIDE, END};
-static const schema_key duplicate_keys[] = {NUMBER("duplicate", &copies_range), AT, SIDE, END};
-static const schema_key reorder_keys[] = {NUMBER("reorder", &overtaking_range), AT, SIDE, END};
-static const schema_key change_keys[] = {
-    {.name = "change", .read = read_change, MEMBER(change)}, AT, SIDE, END};
-static const schema_key counter_keys[] = {
-    {.name = "counter", .read = schema_read_choice, MEMBER(number), .arg = counter_faults}, END};
-static const schema_key checksum_keys[] = {
-    {.name = "checksum", .read = schema_read_choice, MEMBER(number), .arg = checksum_faults}, END};
-static const schema_key send_keys[] = {
-    FRAME("send"), AS,  {.name = "every", .read = cfg_read_period, MEMBER(period_ticks)},
-    FOR,           END,
+    {.name = "delay", .read = cfg_read_bits_min, MEMBER(for_ticks),
+     .help = "Hands frames in or out later."},
+    AT_HOST, OF_SIDE, NOT_AT_SENDER("side"),
 };
-static const schema_key babble_keys[] = {
-    FRAME("babble"), AS,  {.name = "every", .read = cfg_read_period, MEMBER(period_ticks)},
-    FOR,             END,
+static const schema_key duplicate_keys[] = {
+    NUMBER("duplicate", &copies_range, "Further copies of each frame."),
+    AT_HOST, OF_SIDE, NOT_AT_SENDER("side"),
 };
-static const schema_key load_keys[] = {
-    {.name = "load", .read = read_load, MEMBER(load_permille)}, AS, FOR, END};
-static const schema_key reply_keys[] = {
-    FRAME("reply"), AS, {.name = "delay", .read = cfg_read_bits, MEMBER(for_ticks)}, END};
-
+static const schema_key reorder_keys[] = {
+    NUMBER("reorder", &overtaking_range, "Puts the frame behind so many that follow."),
+    AT_HOST, OF_SIDE, NOT_AT_SENDER("side"),
+};
 /* The keys of `change: { ... }`, a cw_change. */
 static const schema_key change_part_keys[] = {
-    {.name = "id", .read = read_id},
-    {.name = "dlc", .read = read_dlc, .offset = offsetof(cw_change, dlc), .arg = &dlc_range},
-    {.name = "set", .read = read_bytes, .offset = offsetof(cw_change, set)},
-    {.name = "and", .read = read_bytes, .offset = offsetof(cw_change, and_mask)},
-    {.name = "or", .read = read_bytes, .offset = offsetof(cw_change, or_mask)},
-    {.name = "xor", .read = read_bytes, .offset = offsetof(cw_change, xor_mask)},
+    {.name = "id", .read = read_id, .type = "id", .help = "New identifier, 3 or 8 digits."},
+    {.name = "dlc", .read = read_dlc, .offset = offsetof(cw_change, dlc), .arg = &dlc_range,
+     .type = TYPE_UINT, .help = "New data length code."},
+    DATA("set", set, "data", "New data; '.' or 'x' leaves a digit as it is."),
+    DATA("and", and_mask, "bytes", "Data bytes AND these."),
+    DATA("or", or_mask, "bytes", "Data bytes OR these."),
+    DATA("xor", xor_mask, "bytes", "Data bytes XOR these."),
+    {.name = NULL, .type = "{'minProperties': 1}"},
+};
+static const schema_key change_keys[] = {
+    {.name = "change", .read = read_change, MEMBER(change), .map = change_part_keys,
+     .help = "New content of the frame, with a CRC that is right for it. Data: set, then and, or, "
+             "xor."},
+    AT_HOST, OF_SIDE, NOT_AT_SENDER("side"),
+};
+static const schema_key counter_keys[] = {
+    {.name = "counter", .read = schema_read_choice, MEMBER(number), .arg = counter_faults,
+     .help = "stuck: the frame has the value of the one before, and the counter stands still; "
+             "skip: a value is left out; repeat: the value of the one before, and the counter "
+             "goes on."},
     END,
 };
+static const schema_key checksum_keys[] = {
+    {.name = "checksum", .read = schema_read_choice, MEMBER(number), .arg = checksum_faults,
+     .help = "All bits of the checksum are inverted."},
+    END,
+};
+static const schema_key send_keys[] = {
+    FRAME("send", "Sends this frame."), AS,
+    {.name = "every", .read = cfg_read_period, MEMBER(period_ticks),
+     .help = "Again after this time; without: once."},
+    {.name = "for", .read = cfg_read_bits, MEMBER(for_ticks), .needs = "every",
+     .help = "How long it lasts; 0, or without: until the rule's window of time ends or the rule "
+             "is cleared."},
+    END,
+};
+static const schema_key babble_keys[] = {
+    FRAME("babble", "Sends this frame again and again, as fast as it can."), AS,
+    {.name = "every", .read = cfg_read_period, MEMBER(period_ticks),
+     .help = "From one to the next, as with send; without: as soon as the last one is done."},
+    LASTS, END,
+};
+static const schema_key load_keys[] = {
+    {.name = "load", .read = read_load, MEMBER(load_permille), .type = "percent",
+     .help = "Random frames until the bus is loaded to this part."},
+    AS, LASTS, END,
+};
+static const schema_key reply_keys[] = {
+    FRAME("reply", "Answers the matching frame, for example a remote frame."), AS,
+    {.name = "delay", .read = cfg_read_bits, MEMBER(for_ticks),
+     .help = "Between the frame and the answer."},
+    END,
+};
+
+static const schema_key set_key =
+    NODES("set", "Changes settings of the node; those that are not given stay.");
+static const schema_key ramp_key = {.name = "ramp", .read = cfg_read_ramp, .map = cfg_ramp_keys,
+                                    .help = "The clock drifts; without other keys of the node."};
+static const schema_key set_end = {.name = NULL, .type = "{'minProperties': 2}"};
 
 /* The actions in the order of messages. */
 static const action actions[] = {
@@ -262,7 +318,7 @@ static const action actions[] = {
     {CW_ACTION_RESTART, restart_keys, NULL},
     {CW_ACTION_COUNTERS, counters_keys, complete_counters},
     {CW_ACTION_OVERLOAD, overload_keys, NULL},
-    {CW_ACTION_SET, set_keys, complete_set},
+    {CW_ACTION_SET, NULL, complete_set},
     {CW_ACTION_SOFTWARE_RESET, software_reset_keys, NULL},
     {CW_ACTION_HARDWARE_RESET, hardware_reset_keys, NULL},
     {CW_ACTION_RAW, cfg_raw_keys, cfg_complete_raw},
@@ -283,6 +339,33 @@ static const action actions[] = {
 
 #define ACTION_COUNT (sizeof actions / sizeof actions[0])
 
+/* Puts the keys of `set`: those of nodes that change while they are in use. */
+static const schema_key *set_keys(schema_key room[SCHEMA_KEYS_MAX])
+{
+    schema_key *out = room;
+
+    *out++ = set_key;
+    for (const schema_key *key = cfg_node_keys; key->name; key++) {
+        if (!cfg_is_live(key))
+            continue;
+        *out = *key;
+        out->read = cfg_read_setting;
+        out->live = key;
+        out->preset = out->needs = NULL;
+        out++;
+    }
+    *out++ = ramp_key;
+    *out = set_end;
+    return room;
+}
+
+const schema_key *cfg_action_form(size_t i, schema_key room[SCHEMA_KEYS_MAX])
+{
+    if (i >= ACTION_COUNT)
+        return NULL;
+    return actions[i].keys ? actions[i].keys : set_keys(room);
+}
+
 static const action *find_action(schema *self, const yaml_node_t *map);
 static void complain_no_action(schema *self, yaml_node_t *map, cw_rule *rule);
 static void set_defaults(cw_rule *rule);
@@ -301,7 +384,8 @@ void cfg_read_action(schema *self, const schema_key *key, yaml_node_t *value, vo
         return;
     rule->action = found->action;
     set_defaults(rule);
-    schema_map(self, key->name, value, found->keys, rule);
+    schema_key room[SCHEMA_KEYS_MAX];
+    schema_map(self, key->name, value, found->keys ? found->keys : set_keys(room), rule);
     if (found->complete && self->errors->errors == errors)
         found->complete(self, value, rule);
 }
@@ -476,55 +560,52 @@ static void read_bytes(schema *self, const schema_key *key, yaml_node_t *value, 
         memcpy(change->set_mask, bytes.mask, bytes.length);
 }
 
-static void read_mode(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void read_mode(schema *self, const schema_key *key, const yaml_node_t *value,
+                      cw_settings *settings)
 {
-    cw_settings *settings = &((cw_rule *)object)->settings;
-    uint8_t mode = cfg_mode(key->name);
+    const uint8_t mode = (uint8_t)cfg_live_of(key)->which;
     bool on = false;
 
     schema_choose_bool(self, &on, key, value);
-    settings->which |= CW_SET_MODES;
     settings->modes_mask |= mode;
     if (on)
         settings->modes |= mode;
 }
 
-static void read_setting(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void read_number(schema *self, const schema_key *key, yaml_node_t *value,
+                        cw_settings *settings)
 {
-    const setting *wanted = key->arg;
+    schema_range range = *(const schema_range *)key->arg;
+    uint64_t number = 0;
 
-    ((cw_rule *)object)->settings.which |= wanted->which;
-    schema_read_uint(self, key, value, object);
+    range.bytes = sizeof number;
+    schema_read_uint(self, &(schema_key){.name = key->name, .arg = &range}, value, &number);
+    cfg_put_number(settings, key, number);
 }
 
-static void read_restart(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+/* Reads a key of a node into the settings of a rule; its row is in the column `live`. */
+void cfg_read_setting(schema *self, const schema_key *set, yaml_node_t *value, void *object)
 {
+    const schema_key *key = set->live;
+    const cfg_live *live = cfg_live_of(key);
     cw_settings *settings = &((cw_rule *)object)->settings;
 
-    read_setting(self, key, value, object);
-    settings->restart_ticks *= TICKS_PER_MS;
-}
-
-static void read_sleep(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    cw_settings *settings = &((cw_rule *)object)->settings;
-
-    settings->which |= CW_SET_SLEEP;
-    schema_choose_bool(self, &settings->sleeps, key, value);
-}
-
-static void read_wake(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    cw_settings *settings = &((cw_rule *)object)->settings;
-
-    settings->which |= cfg_wake_set(cfg_wake_find(key->name));
-    cfg_wake_read(self, key, value, &settings->sleep);
-}
-
-static void read_order(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    ((cw_rule *)object)->settings.which |= CW_SET_ORDER;
-    schema_read_choice(self, key, value, object);
+    if (cfg_is_retime(key)) {
+        cfg_read_retime(self, key, value, object);
+        return;
+    }
+    settings->which |= live->kind == CFG_LIVE_MODE ? CW_SET_MODES : live->which;
+    if (live->kind == CFG_LIVE_MODE)
+        read_mode(self, key, value, settings);
+    else if (live->kind == CFG_LIVE_NUMBER)
+        read_number(self, key, value, settings);
+    else if (live->kind == CFG_LIVE_ORDER)
+        schema_read_choice(self, &(schema_key){.name = key->name, .arg = key->arg}, value,
+                           &settings->order);
+    else if (live->kind == CFG_LIVE_SLEEP)
+        schema_choose_bool(self, &settings->sleeps, key, value);
+    else
+        cfg_wake_read_into(self, key, value, &settings->sleep);
 }
 
 /* Complains about the value of a key that two others exclude. */

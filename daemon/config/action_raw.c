@@ -17,24 +17,6 @@ static const uint8_t srr = CW_DEVIATES_SRR, r1 = CW_DEVIATES_R1, r0 = CW_DEVIATE
 
 #define MEMBER(m) .offset = offsetof(cw_rule, m)
 
-const schema_key cfg_raw_keys[] = {
-    {.name = "raw", .read = read_raw},
-    {.name = "as", .read = cfg_read_node_index, MEMBER(node), .required = true},
-    {.name = "mac", .read = read_mac},
-    {.name = "start", .read = read_start},
-    {.name = NULL},
-};
-
-/* The keys of `raw: { ... }`. */
-static const schema_key raw_part_keys[] = {
-    {.name = "frame", .read = cfg_read_frame, MEMBER(frame)},
-    {.name = "srr", .read = read_deviation, .arg = &srr},
-    {.name = "r1", .read = read_deviation, .arg = &r1},
-    {.name = "r0", .read = read_deviation, .arg = &r0},
-    {.name = "bits", .read = read_bits},
-    {.name = NULL},
-};
-
 static const schema_choice levels[] = {
     {.name = "dominant", .value = CW_DOMINANT},
     {.name = "recessive", .value = CW_RECESSIVE},
@@ -44,6 +26,38 @@ static const schema_choice levels[] = {
 static const schema_choice starts[] = {
     {.name = "idle", .value = true},
     {.name = "at-once", .value = false},
+    {.name = NULL},
+};
+
+#define LEVEL "{'enum': ['dominant', 'recessive']}"
+
+/* The keys of `raw: { ... }`. */
+static const schema_key raw_part_keys[] = {
+    {.name = "frame", .read = cfg_read_frame, MEMBER(frame),
+     .help = "This frame, with the CRC and the stuff bits that belong to its bits."},
+    {.name = "srr", .read = read_deviation, .arg = &srr, .type = LEVEL, .preset = "recessive",
+     .help = "SRR of an extended frame."},
+    {.name = "r1", .read = read_deviation, .arg = &r1, .type = LEVEL, .preset = "dominant",
+     .help = "r1 of an extended frame; FDF to CAN FD."},
+    {.name = "r0", .read = read_deviation, .arg = &r0, .type = LEVEL, .preset = "dominant",
+     .help = "r0; FDF of a base frame to CAN FD."},
+    {.name = "bits", .read = read_bits, .type = "rawBits"},
+    {.name = NULL,
+     .type = "{'oneOf': [" TYPE_NEEDS("frame") ", " TYPE_NEEDS("bits") "]}"},
+};
+
+const schema_key cfg_raw_keys[] = {
+    {.name = "raw", .read = read_raw, .map = raw_part_keys,
+     .type = TYPE_ANY(TYPE_REF("frame") ", " TYPE_REF("rawBits") ", @"),
+     .help = "What the node drives: a frame, maybe with deviating bits, or wire bits; 0 is "
+             "dominant."},
+    {.name = "as", .read = cfg_read_node_index, MEMBER(node), .required = true,
+     .help = "The node that drives it."},
+    {.name = "mac", .read = read_mac, .type = "boolean",
+     .help = "On: its controller sends it as a frame of its own. Off: the node drives the bits, "
+             "whatever it samples. Default: on for a frame, off for bits."},
+    {.name = "start", .read = read_start, .type = TYPE_CHOICE, .arg = starts, .preset = "idle",
+     .help = "Without the MAC: when the bus is idle, or at once."},
     {.name = NULL},
 };
 

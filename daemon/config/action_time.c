@@ -2,6 +2,7 @@
  *
  * action_time.c - the actions that act for parts of bits: pulses, jitter, clocks that drift.
  */
+#include "config/live.h"
 #include "config/parts.h"
 #include "config/retime.h"
 #include "config/values.h"
@@ -34,25 +35,39 @@ static void read_level(schema *self, const schema_key *key, yaml_node_t *value, 
 #define MEMBER(m) .offset = offsetof(cw_rule, m)
 
 const schema_key cfg_pulse_keys[] = {
-    {.name = "pulse", .read = read_level},
-    {.name = "from", .read = cfg_read_position},
-    {.name = "offset", .read = read_offset},
-    {.name = "for", .read = cfg_read_fine_min, MEMBER(pulse_length), .required = true},
-    {.name = "at", .read = read_place},
+    {.name = "pulse", .read = read_level, .type = TYPE_CHOICE, .arg = levels,
+     .help = "The level of the pulse."},
+    {.name = "from", .read = cfg_read_position,
+     .help = "The bit of the frame in which it comes. Without: the next bit time of the bus; "
+             "then the rule must not wait for frames."},
+    {.name = "offset", .read = read_offset,
+     .type = TYPE_ANY(TYPE_TEXT("^[0-9.]+%$") ", " TYPE_REF("time")), .preset = "0",
+     .help = "From the begin of the bit: a part of it, or a time."},
+    {.name = "for", .read = cfg_read_fine_min, MEMBER(pulse_length), .required = true,
+     .help = "How long it lasts, exactly."},
+    {.name = "at", .read = read_place, .type = TYPE_ANY(TYPE_REF("line") ", " TYPE_REF("nodeSet")),
+     .help = "The wire, the line of one controller, or nodes: only what these see changes."},
     {.name = NULL},
 };
 
 const schema_key cfg_jitter_keys[] = {
-    {.name = "jitter", .read = read_jitter, MEMBER(jitter)},
-    {.name = "at", .read = cfg_read_node_set, MEMBER(nodes), .required = true},
-    {.name = "for", .read = cfg_read_bits, MEMBER(for_ticks)},
+    {.name = "jitter", .read = read_jitter, MEMBER(jitter), .type = "span",
+     .help = "Edges come up to so late, each one another time; at most a bit."},
+    {.name = "at", .read = cfg_read_node_set, MEMBER(nodes), .required = true,
+     .help = "The nodes whose edges these are."},
+    {.name = "for", .read = cfg_read_bits, MEMBER(for_ticks),
+     .help = "How long it lasts; 0, or without: until the rule's window of time ends or the rule "
+             "is cleared."},
     {.name = NULL},
 };
 
 /* The keys of `ramp: { ... }`. */
-static const schema_key ramp_keys[] = {
-    {.name = "ppm", .read = read_ppm_range, .required = true},
-    {.name = "over", .read = cfg_read_ticks_min, MEMBER(for_ticks), .required = true},
+const schema_key cfg_ramp_keys[] = {
+    {.name = "ppm", .read = read_ppm_range, .required = true,
+     .type = "{'type': 'string', 'pattern': '^-?[0-9]+\\.\\.-?[0-9]+$'}",
+     .help = "Its error at the begin and at the end, in millionths; a positive one is fast."},
+    {.name = "over", .read = cfg_read_ticks_min, MEMBER(for_ticks), .required = true,
+     .help = "The time from begin to end; the clock stays as it is then."},
     {.name = NULL},
 };
 
@@ -120,18 +135,6 @@ static void read_place(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Bit timings ----------------------------------------------------------------------------- */
 
-/* Reads a key of `set` about time. cfg_complete_retime() takes all of them together. */
-void cfg_read_retime(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    char problem[RETIME_PROBLEM_MAX];
-    cfg_retime change = {.given = 0};
-    const char *text = schema_text(self, key, value, "a text or a number");
-
-    (void)object;
-    if (text && !cfg_retime_put(&change, problem, cfg_retime_find(key->name), text))
-        schema_complain(self, value, "%s", problem);
-}
-
 /* Delays of a rule that sets. */
 typedef struct edge_delays {
     cfg_time time[2];
@@ -140,14 +143,12 @@ typedef struct edge_delays {
 static schema_reader read_edge_delay;
 
 static const schema_key edge_keys[] = {
-    {.name = "dominant",
-     .read = read_edge_delay,
-     .offset = CW_DOMINANT * sizeof(cfg_time),
-     .required = true},
-    {.name = "recessive",
-     .read = read_edge_delay,
-     .offset = CW_RECESSIVE * sizeof(cfg_time),
-     .required = true},
+    {.name = "dominant", .read = read_edge_delay, .offset = CW_DOMINANT * sizeof(cfg_time),
+     .required = true,
+     .type = "time"},
+    {.name = "recessive", .read = read_edge_delay, .offset = CW_RECESSIVE * sizeof(cfg_time),
+     .required = true,
+     .type = "time"},
     {.name = NULL},
 };
 
@@ -159,14 +160,22 @@ static void read_edge_delay(schema *self, const schema_key *key, yaml_node_t *va
         schema_expected(self, key, value, CFG_DELAY_RANGE);
 }
 
-void cfg_read_reway(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+/* Reads a key of `set` about time. cfg_complete_retime() takes all of them together. */
+void cfg_read_retime(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
+    char problem[RETIME_PROBLEM_MAX];
+    cfg_retime change = {.given = 0};
     edge_delays delays = {0};
+    const cfg_live *live = cfg_live_of(key);
 
-    if (value->type == YAML_MAPPING_NODE)
+    (void)object;
+    if (live->kind == CFG_LIVE_DELAYS && value->type == YAML_MAPPING_NODE) {
         schema_map(self, key->name, value, edge_keys, &delays);
-    else
-        cfg_read_retime(self, key, value, object);
+        return;
+    }
+    const char *text = schema_text(self, key, value, "a text or a number");
+    if (text && !cfg_retime_put(&change, problem, live->time, text))
+        schema_complain(self, value, "%s", problem);
 }
 
 /* Puts the delays of a map, which has been checked. */
@@ -186,7 +195,7 @@ static cfg_retime changes_of(schema *self, const yaml_node_t *map)
     cfg_retime change = {.given = 0};
 
     for (retime_key key = 0; key < RETIME_KEYS; key++) {
-        const yaml_node_t *value = schema_find(self, map, cfg_retime_name(key));
+        const yaml_node_t *value = schema_find(self, map, cfg_retime_row(key)->name);
         if (value && value->type == YAML_SCALAR_NODE && !schema_is_open(self, value))
             (void)cfg_retime_put(&change, problem, key, (const char *)value->data.scalar.value);
         if (!value || value->type != YAML_MAPPING_NODE)
@@ -283,7 +292,7 @@ void cfg_read_ramp(schema *self, const schema_key *key, yaml_node_t *value, void
 {
     cw_rule *rule = object;
 
-    schema_map(self, key->name, value, ramp_keys, rule);
+    schema_map(self, key->name, value, cfg_ramp_keys, rule);
     rule->action = CW_ACTION_RAMP;
 }
 

@@ -26,43 +26,51 @@ static const schema_choice terminations[] = {
     {.name = NULL},
 };
 
-static const schema_key bus_keys[] = {
-    {.name = "name", .read = read_bus_name},
-    {.name = "bitrate",
-     .read = read_bitrate,
-     .offset = offsetof(cfg, bitrate_bps),
-     .arg = &bitrate_range,
-     .required = true},
-    {.name = "sample-point",
-     .read = cfg_read_sample_point,
-     .offset = offsetof(cfg, sample_permille)},
-    {.name = "dbitrate",
-     .read = read_dbitrate,
-     .offset = offsetof(cfg, dbitrate_bps),
-     .arg = &dbitrate_range},
-    {.name = "dsample-point",
-     .read = cfg_read_sample_point,
-     .offset = offsetof(cfg, dsample_permille)},
-    {.name = "fd-non-iso", .read = schema_read_bool, .offset = offsetof(cfg, fd_non_iso)},
-    {.name = "line", .read = read_line},
-    {.name = "termination",
-     .read = schema_read_choice,
-     .offset = offsetof(cfg, termination),
-     .arg = terminations},
+static const schema_key line_keys[] = {
+    {.name = "delay", .read = read_line_delay, .offset = offsetof(cfg, line_ps_per_m),
+     .required = true,
+     .type = "{'type': 'string', 'pattern': '^(?:0|[1-9][0-9]*)(?:\\.[0-9]+)?(?:ps|ns)/m$', "
+             "'examples': ['5ns/m']}", .preset = "5ns/m",
+     .help = "Of a metre."},
     {.name = NULL},
 };
 
-static const schema_key line_keys[] = {
-    {.name = "delay",
-     .read = read_line_delay,
-     .offset = offsetof(cfg, line_ps_per_m),
-     .required = true},
+const schema_key cfg_bus_keys[] = {
+    {.name = "name", .read = read_bus_name, .type = "name", .preset = "can",
+     .help = "Names LCM channels and the control socket."},
+    {.name = "bitrate", .read = read_bitrate, .offset = offsetof(cfg, bitrate_bps),
+     .arg = &bitrate_range, .required = true,
+     .type = TYPE_UINT,
+     .help = "In bit/s; within 0.1 % of 80 MHz / n."},
+    {.name = "sample-point", .read = cfg_read_sample_point,
+     .offset = offsetof(cfg, sample_permille),
+     .help = "Of all nodes that do not say it themselves. Default: what Linux takes for the bit "
+             "rate."},
+    {.name = "dbitrate", .read = read_dbitrate, .offset = offsetof(cfg, dbitrate_bps),
+     .arg = &dbitrate_range,
+     .type = TYPE_UINT,
+     .help = "Of the data phase of CAN FD frames, in bit/s; at least bitrate."},
+    {.name = "dsample-point", .read = cfg_read_sample_point,
+     .offset = offsetof(cfg, dsample_permille),
+     .needs = "dbitrate",
+     .help = "In the data phase, of all nodes that do not say it themselves. Default: what Linux "
+             "takes for the bit rate."},
+    {.name = "fd-non-iso", .read = schema_read_bool, .offset = offsetof(cfg, fd_non_iso),
+     .preset = "false",
+     .help = "CAN FD frames have the format from before ISO 11898-1:2015."},
+    {.name = "line", .read = read_line, .map = line_keys,
+     .help = "The line between the nodes, see position."},
+    {.name = "termination", .read = schema_read_choice, .offset = offsetof(cfg, termination),
+     .arg = terminations,
+     .preset = "both",
+     .help = "The terminators that are there. With `one`, or `none`, every node has one round "
+             "trip along the line, or three, more of ringing."},
     {.name = NULL},
 };
 
 void cfg_read_bus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
-    schema_map(self, key->name, value, bus_keys, object);
+    schema_map(self, key->name, value, cfg_bus_keys, object);
     if (value->type != YAML_MAPPING_NODE || schema_find(self, value, "dbitrate"))
         return;
     const yaml_node_t *point = schema_find(self, value, "dsample-point");

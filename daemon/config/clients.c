@@ -22,16 +22,20 @@ static const schema_key max_key = {.name = "clients",
                                    .offset = offsetof(cfg_node, clients.max),
                                    .arg = &max_range};
 
-static const schema_key clients_keys[] = {
-    {.name = "max",
-     .read = schema_read_uint,
-     .offset = offsetof(cfg_node, clients.max),
-     .arg = &max_range},
-    {.name = "echo",
-     .read = schema_read_choice,
-     .offset = offsetof(cfg_node, clients.echo),
-     .arg = echoes},
-    {.name = "beacon", .read = schema_read_bool, .offset = offsetof(cfg_node, clients.beacon)},
+const schema_key cfg_clients_keys[] = {
+    {.name = "max", .read = schema_read_uint, .offset = offsetof(cfg_node, clients.max),
+     .arg = &max_range,
+     .preset = "16",
+     .help = "Clients at the same time, beside a plain ECU."},
+    {.name = "echo", .read = schema_read_choice, .offset = offsetof(cfg_node, clients.echo),
+     .arg = echoes,
+     .preset = "at-once",
+     .help = "When the other programs of the port see a frame of one of them: when it is handed "
+             "in, or when the bus has sent it."},
+    {.name = "beacon", .read = schema_read_bool, .offset = offsetof(cfg_node, clients.beacon),
+     .preset = "false",
+     .help = "Of a port tcp:PORT with an IPv4 address: it tells the local network of itself, as "
+             "socketcand does."},
     {.name = NULL},
 };
 
@@ -41,7 +45,7 @@ void cfg_read_clients(schema *self, const schema_key *key, yaml_node_t *value, v
     if (value->type == YAML_SCALAR_NODE)
         schema_read_uint(self, &max_key, value, object);
     else
-        schema_map(self, key->name, value, clients_keys, object);
+        schema_map(self, key->name, value, cfg_clients_keys, object);
 }
 
 /* A beacon is an IPv4 broadcast. */

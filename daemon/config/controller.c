@@ -76,21 +76,56 @@ static const uint8_t silent_passive = CW_VARIANT_SILENT_PASSIVE;
 
 static schema_reader read_variant;
 
+/* Keys that others lack, in the words of JSON schema. */
+#define NO_BUFFERS "'receive-buffers': false, 'overload-when-full': false"
+#define NO_MAILBOXES "'mailboxes': false, 'transmit': false"
+#define NOT_OF(model, keys)                                                                        \
+    TYPE_IF("{'properties': {'model': {'const': '" model "'}}}", "{'properties': {" keys "}}")
+
 #define MEMBER(member) .offset = offsetof(cfg_node, controller.member)
 /* The model comes first: the other keys change what it says. */
-static const schema_key model_keys[] = {
-    {.name = "model", .read = read_model_name},
+const schema_key cfg_model_keys[] = {
+    {.name = "model", .read = read_model_name, .type = "model", .preset = "queue",
+     .help = "What sits between the controller and its host: nothing, the buffers of a basic "
+             "controller, the mailboxes of a full one, or those of a real one with the habits of "
+             "its Linux driver."},
     {.name = "receive-buffers", .read = schema_read_uint, MEMBER(receive_buffers),
-     .arg = &buffers_range},
-    {.name = "service-time", .read = cfg_read_ticks_min, MEMBER(service_ticks)},
-    {.name = "overload-when-full", .read = schema_read_bool, MEMBER(overload_when_full)},
-    {.name = "mailboxes", .read = cfg_read_mailboxes},
-    {.name = "transmit", .read = schema_read_choice, MEMBER(transmit), .arg = transmits},
-    {.name = "high-identifiers", .read = read_variant, .arg = &no_high_ids},
-    {.name = "dlc-over-8", .read = read_variant, .arg = &no_long_dlc},
-    {.name = "rec-when-passive", .read = read_variant, .arg = &rec_holds},
-    {.name = "report-passive", .read = read_variant, .arg = &silent_passive},
-    {.name = NULL},
+     .arg = &buffers_range,
+     .preset = "2",
+     .help = "Receive buffers; one of them takes the frame on the wire."},
+    {.name = "service-time", .read = cfg_read_ticks_min, MEMBER(service_ticks),
+     .help = "Time that the host needs for each received frame."},
+    {.name = "overload-when-full", .read = schema_read_bool, MEMBER(overload_when_full),
+     .preset = "false",
+     .help = "While its receive buffers are full after a frame, the controller sends overload "
+             "frames, two at most."},
+    {.name = "mailboxes", .read = cfg_read_mailboxes, .map = cfg_mailbox_keys,
+     .type = TYPE_ANY(TYPE_INTEGER(8, 64) ", " TYPE_LIST(1, 64, "@")), .preset = "16",
+     .help = "Mailboxes of a full controller. Of a number half receive frames of any identifier, "
+             "and the others send."},
+    {.name = "transmit", .read = schema_read_choice, MEMBER(transmit), .arg = transmits,
+     .preset = "priority",
+     .help = "Which mailbox goes next: the one with the most urgent identifier, the first one, "
+             "or the one filled first."},
+    {.name = "high-identifiers", .read = read_variant, .arg = &no_high_ids, .type = "boolean",
+     .preset = "true",
+     .help = "Off: it sends no identifier whose first seven bits are all recessive."},
+    {.name = "dlc-over-8", .read = read_variant, .arg = &no_long_dlc, .type = "boolean",
+     .preset = "true",
+     .help = "Off: it sends no classical frame with a DLC above 8, and takes such a DLC for a "
+             "form error."},
+    {.name = "rec-when-passive", .read = read_variant, .arg = &rec_holds, .type = "boolean",
+     .preset = "true",
+     .help = "Off: its receive error counter does not go up from 128 on."},
+    {.name = "report-passive", .read = read_variant, .arg = &silent_passive, .type = "boolean",
+     .preset = "true",
+     .help = "Off: its host is told error-warning in place of error-passive."},
+    {.name = NULL,
+     .type = "{'allOf': ["
+             NOT_OF("queue", NO_BUFFERS ", 'service-time': false, " NO_MAILBOXES) ", "
+             NOT_OF("basic", NO_MAILBOXES) ", "
+             NOT_OF("full", NO_BUFFERS) ", " NOT_OF("bxcan", NO_BUFFERS) ", "
+             TYPE_IF(TYPE_NEEDS("mailboxes"), "{'properties': {" NO_BUFFERS "}}") "]}"},
 };
 
 static const unsigned keys_of[] = {0, HAS_BUFFERS, HAS_SERVICE, HAS_OVERLOAD, HAS_MAILBOXES,
@@ -116,7 +151,7 @@ static bool find_model(cfg_model *out, const char *name)
 /* Returns false when a map names no model that there is. */
 static bool model_of(schema *self, const yaml_node_t *map, cfg_model *out)
 {
-    const yaml_node_t *const name = schema_find(self, map, model_keys[0].name);
+    const yaml_node_t *const name = schema_find(self, map, cfg_model_keys[0].name);
 
     return name && name->type == YAML_SCALAR_NODE &&
            find_model(out, (const char *)name->data.scalar.value);
@@ -167,13 +202,13 @@ static void check_keys(schema *self, const yaml_node_t *map, cfg_model model)
 {
     cfg_model known;
 
-    if (schema_find(self, map, model_keys[0].name) && !model_of(self, map, &known))
+    if (schema_find(self, map, cfg_model_keys[0].name) && !model_of(self, map, &known))
         return; /* that is the complaint */
     for (size_t i = 1; i < sizeof keys_of / sizeof keys_of[0]; i++) {
-        const yaml_node_t *const value = schema_find(self, map, model_keys[i].name);
+        const yaml_node_t *const value = schema_find(self, map, cfg_model_keys[i].name);
         if (value && !(models[model].keys & keys_of[i]))
             schema_complain(self, value, "%s: a controller with `model: %s` has none; %s",
-                            model_keys[i].name, models[model].name, models[model].why);
+                            cfg_model_keys[i].name, models[model].name, models[model].why);
     }
 }
 
@@ -215,7 +250,7 @@ static void read_model(schema *self, const schema_key *key, yaml_node_t *value, 
     if (is_preset(node->controller.model))
         node->time.limits = NULL; /* that of `defaults` */
     forget_model(&node->controller);
-    schema_map(self, key->name, value, model_keys, node);
+    schema_map(self, key->name, value, cfg_model_keys, node);
     check_keys(self, value, node->controller.model);
     check_reception(self, value, &node->controller);
 }

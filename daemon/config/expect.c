@@ -82,57 +82,28 @@ static const schema_choice whether[] = {
     {.name = NULL},
 };
 
-#define COUNTED(text)                                                                              \
+#define NUMBER "{'type': 'integer', 'minimum': 0, 'maximum': '#18446744073709551615'}"
+#define NODES TYPE_ANY(TYPE_REF("node") ", " TYPE_SET(64, TYPE_REF("node")))
+#define COUNTED(text, told)                                                                        \
     {                                                                                              \
-        .name = text, .read = read_count, .offset = offsetof(cfg_expect, min), .arg = &count_range \
+        .name = text, .read = read_count, .offset = offsetof(cfg_expect, min),                     \
+        .arg = &count_range, .map = count_keys, .type = TYPE_ANY(NUMBER ", @"), .help = told       \
     }
 
-static const schema_key expect_keys[] = {
-    {.name = "name", .read = read_name},
-    COUNTED("delivered"),
-    {.name = "delay", .read = read_delay, .offset = offsetof(cfg_expect, delay_max)},
-    {.name = "gap", .read = cfg_read_ticks_min, .offset = offsetof(cfg_expect, delay_max)},
-    {.name = "seen", .read = read_whether},
-    {.name = "state", .read = read_states},
-    COUNTED("errors"),
-    COUNTED("drops"),
-    COUNTED("restarts"),
-    COUNTED("overloads"),
-    COUNTED("protocol-exceptions"),
-    COUNTED("arbitration-lost"),
-    COUNTED("faults"),
-    {.name = "load", .read = read_load},
-    {.name = "jitter", .read = cfg_read_ticks, .offset = offsetof(cfg_expect, delay_max)},
-    {.name = "frame", .read = cfg_read_filters},
-    {.name = "data", .read = cfg_read_data},
-    {.name = "from",
-     .read = cfg_read_node_set,
-     .offset = offsetof(cfg_expect, when) + offsetof(cw_rule, from)},
-    {.name = "to", .read = cfg_read_node_set, .offset = offsetof(cfg_expect, to)},
-    {.name = "node", .read = cfg_read_node_set, .offset = offsetof(cfg_expect, node)},
-    {.name = "time", .read = cfg_read_window},
-    {.name = "before",
-     .read = cfg_read_ticks_min,
-     .offset = offsetof(cfg_expect, when) + offsetof(cw_rule, time_end)},
-    {.name = "reached", .read = read_whether},
-    {.name = "type", .read = read_types},
-    {.name = "why", .read = read_whys},
-    {.name = "rule", .read = read_rule},
-    {.name = "rate", .read = read_rate},
-    {.name = "window", .read = read_windows},
-    {.name = NULL},
+static const schema_key count_keys[] = {
+    {.name = "min", .read = schema_read_uint, .offset = offsetof(cfg_expect, min),
+     .arg = &count_range},
+    {.name = "max", .read = schema_read_uint, .offset = offsetof(cfg_expect, max),
+     .arg = &count_range},
+    {.name = NULL,
+     .type = "{'minProperties': 1}"},
 };
 
-static const schema_key count_keys[] = {
-    {.name = "min",
-     .read = schema_read_uint,
-     .offset = offsetof(cfg_expect, min),
-     .arg = &count_range},
-    {.name = "max",
-     .read = schema_read_uint,
-     .offset = offsetof(cfg_expect, max),
-     .arg = &count_range},
-    {.name = NULL},
+static const schema_key load_keys[] = {
+    {.name = "min", .read = read_percent, .offset = offsetof(cfg_expect, min), .type = "percent"},
+    {.name = "max", .read = read_percent, .offset = offsetof(cfg_expect, max), .type = "percent"},
+    {.name = NULL,
+     .type = "{'minProperties': 1}"},
 };
 
 #define PERCENTILE(text, which)                                                                    \
@@ -147,16 +118,89 @@ static const schema_key delay_keys[] = {
     PERCENTILE("p90", CFG_P90),
     PERCENTILE("p95", CFG_P95),
     PERCENTILE("p99", CFG_P99),
-    {.name = NULL},
+    {.name = NULL,
+     .type = "{'minProperties': 1}"},
 };
 
-static const schema_key load_keys[] = {
-    {.name = "min", .read = read_percent, .offset = offsetof(cfg_expect, min)},
-    {.name = "max", .read = read_percent, .offset = offsetof(cfg_expect, max)},
-    {.name = NULL},
+const schema_key cfg_expect_keys[] = {
+    {.name = "name", .read = read_name,
+     .type = "{'type': ['string', 'number'], 'minLength': 1, 'maxLength': 200, 'pattern': "
+             "'^[^\\u0000-\\u001f\\u007f]+$'}",
+     .help = "In reports; default: what is wanted, in words."},
+    COUNTED("delivered", "Frames: at each of 'to', or, without it, sent without an error."),
+    {.name = "delay", .read = read_delay, .offset = offsetof(cfg_expect, delay_max),
+     .map = delay_keys, .type = TYPE_ANY(TYPE_REF("span") ", @"),
+     .help = "From hand-in to the delivery; a time is the maximum. pN: of so many percent of the "
+             "frames."},
+    {.name = "gap", .read = cfg_read_ticks_min, .offset = offsetof(cfg_expect, delay_max),
+     .help = "The longest time without such a frame: up to the first one, between two, and "
+             "behind the last one."},
+    {.name = "seen", .read = read_whether, .type = TYPE_CHOICE, .arg = whether,
+     .help = "Whether there is such a frame at all."},
+    {.name = "state", .read = read_states, .type = TYPE_SOME(4, TYPE_REF("state")),
+     .help = "Whether the nodes change to one of these states."},
+    COUNTED("errors", "Errors that nodes detect."),
+    COUNTED("drops", "Frames dropped."),
+    COUNTED("restarts", "Restarts after bus-off."),
+    COUNTED("overloads", "Overload flags."),
+    COUNTED("protocol-exceptions",
+            "Protocol exceptions: frames that nodes leave without an error."),
+    COUNTED("arbitration-lost", "Lost arbitrations."),
+    COUNTED("faults", "Hits of fault rules."),
+    {.name = "load", .read = read_load, .map = load_keys,
+     .help = "Of the bus, in the whole run."},
+    {.name = "jitter", .read = cfg_read_ticks, .offset = offsetof(cfg_expect, delay_max),
+     .help = "Of frames that triggers send, of each trigger on its own: how much later than the "
+             "earliest one a frame begins after its trigger."},
+    {.name = "frame", .read = cfg_read_filters, .type = TYPE_SOME(8, TYPE_REF("frameFilter")),
+     .help = "Only frames that match one of these filters, as can-utils write them."},
+    {.name = "data", .read = cfg_read_data,
+     .help = "Only frames with these data bytes from the first on; '.' or 'x' for any digit."},
+    {.name = "from", .read = cfg_read_node_set,
+     .offset = offsetof(cfg_expect, when) + offsetof(cw_rule, from), .type = NODES,
+     .help = "Only frames of these transmitters."},
+    {.name = "to", .read = cfg_read_node_set, .offset = offsetof(cfg_expect, to), .type = NODES,
+     .help = "At these receivers, each for itself."},
+    {.name = "node", .read = cfg_read_node_set, .offset = offsetof(cfg_expect, node), .type = NODES,
+     .help = "Only at these nodes, each for itself."},
+    {.name = "time", .read = cfg_read_window,
+     .help = "Only in this window of bus time, half open: 2s..5s, 2s.., ..5s, 2s."},
+    {.name = "before", .read = cfg_read_ticks_min,
+     .offset = offsetof(cfg_expect, when) + offsetof(cw_rule, time_end),
+     .help = "Only before this bus time."},
+    {.name = "reached", .read = read_whether, .type = TYPE_CHOICE, .arg = whether, .preset = "yes",
+     .help = "Whether the state must be reached or must not."},
+    {.name = "type", .read = read_types, .type = TYPE_SOME(5, TYPE_REF("errorType")),
+     .help = "Only errors of these types."},
+    {.name = "why", .read = read_whys, .type = TYPE_SOME(9, TYPE_REF("drop")),
+     .help = "Only drops for these reasons."},
+    {.name = "rule", .read = read_rule, .type = TYPE_TEXT("^(?:[A-Za-z0-9_.-]+)$"),
+     .help = "Only hits of this rule."},
+    {.name = "rate", .read = read_rate, .type = "{'enum': ['nominal', 'data']}",
+     .help = "The bit rate of the data field of frames, or at which errors are found."},
+    {.name = "window", .read = read_windows,
+     .type = "{'enum': ['exclusive', 'arbitrating', 'any']}",
+     .help = "Only frames that triggers send, or would have sent, in these windows."},
+    {.name = NULL,
+     .type = "{'not': {'required': ['time', 'before']}}"},
 };
 
 static_assert(offsetof(cfg_expect, when) == 0, "readers of rules read into it");
+
+const char *cfg_expect_subject(size_t i)
+{
+    return i < SUBJECTS ? subjects[i].name : NULL;
+}
+
+const char *cfg_expect_condition(size_t i)
+{
+    return i < CONDITIONS ? conditions[i].name : NULL;
+}
+
+bool cfg_expect_has(size_t of, size_t i)
+{
+    return subjects[of].conditions & conditions[i].flag;
+}
 
 /* ---- Subjects -------------------------------------------------------------------------------- */
 
@@ -417,7 +461,7 @@ static void read_expect(schema *self, yaml_node_t *value, cfg_expect *e)
     };
     for (unsigned i = 0; i < CFG_PERCENTILES; i++)
         e->percentile[i] = CW_NEVER;
-    schema_map(self, "expectation", value, expect_keys, e);
+    schema_map(self, "expectation", value, cfg_expect_keys, e);
     const subject *about = value->type == YAML_MAPPING_NODE ? find_subject(self, value) : NULL;
     if (!about)
         return;

@@ -4,16 +4,11 @@
  */
 #include "config/parts.h"
 
+#include "config/live.h"
 #include "config/values.h"
 
 #include <stdio.h>
 #include <string.h>
-
-static const schema_range count_range = {1, CW_NODES_MAX - 1, sizeof(uint8_t)};
-static const schema_key count_key = {.name = "count",
-                                     .read = schema_read_uint,
-                                     .offset = offsetof(cfg_node, guest),
-                                     .arg = &count_range};
 
 /* Keeps the map until the nodes are read. */
 void cfg_read_guests(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -30,8 +25,7 @@ void cfg_read_guest_count(schema *self, const schema_key *key, yaml_node_t *valu
     const cfg *config = cfg_of(self);
     const cfg_node *node = object;
 
-    (void)key;
-    schema_read_uint(self, &count_key, value, object);
+    schema_read_uint(self, key, value, object);
     if (config->node_count + node->guest > CW_NODES_MAX)
         schema_complain(self, value, "count: a bus has at most %d nodes, and %zu are in the list",
                         CW_NODES_MAX, config->node_count);
@@ -51,7 +45,7 @@ static char *name_guest(schema *self, unsigned number)
     return schema_copy(self, name);
 }
 
-void cfg_add_guest(schema *self, const schema_key *keys)
+void cfg_add_guest(schema *self)
 {
     cfg_walk *walk = self->user;
     cfg *config = cfg_of(self);
@@ -61,7 +55,7 @@ void cfg_add_guest(schema *self, const schema_key *keys)
         return;
     *first = walk->defaults;
     first->line = (int)walk->guests->start_mark.line + 1;
-    schema_map(self, "guests", walk->guests, keys, first);
+    schema_map_in(self, "guests", walk->guests, cfg_node_keys, CFG_IN_GUESTS, first);
     config->guest_count = first->guest;
     first->guest = 1;
     first->name = name_guest(self, 1);

@@ -17,10 +17,16 @@
 
 static schema_reader read_lcm_url, read_lcm_events;
 
-static const schema_key lcm_keys[] = {
-    {.name = "url", .read = read_lcm_url},
-    {.name = "period", .read = cfg_read_span, .offset = offsetof(cfg_lcm, period)},
-    {.name = "events", .read = read_lcm_events},
+const schema_key cfg_lcm_keys[] = {
+    {.name = "url", .read = read_lcm_url, .type = "{'type': 'string', 'pattern': '://'}",
+     .preset = "udpm://239.255.76.67:7667?ttl=0",
+     .help = "LCM provider; ttl=0 is this host only."},
+    {.name = "period", .read = cfg_read_span, .offset = offsetof(cfg_lcm, period), .preset = "1s",
+     .help = "Of the statistics."},
+    {.name = "events", .read = read_lcm_events,
+     .type = TYPE_ANY(TYPE_REF("eventKind") ", " TYPE_LIST_UP_TO(64, TYPE_REF("eventKind"))),
+     .preset = "['error', 'state', 'restart', 'overload', 'drop', 'fault']",
+     .help = "Kinds of events that are published."},
     {.name = NULL},
 };
 
@@ -36,7 +42,7 @@ void cfg_read_lcm(schema *self, const schema_key *key, yaml_node_t *value, void 
         .period.ns = LCM_PERIOD_DEFAULT_NS,
         .events = LCM_EVENTS_DEFAULT,
     };
-    schema_map(self, key->name, value, lcm_keys, &config->lcm);
+    schema_map(self, key->name, value, cfg_lcm_keys, &config->lcm);
 }
 
 static void read_lcm_url(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -5,6 +5,7 @@
 #include "config/config.h"
 
 #include "base/unit.h"
+#include "config/live.h"
 #include "config/parts.h"
 #include "config/portname.h"
 #include "config/source.h"
@@ -42,27 +43,61 @@ static const schema_choice missing_ports[] = {
 
 /* The keys in the order of reading. Nodes need the bus, vxcan and their defaults. Faults need the
  * nodes and may name the rules of profiles. Expectations may name all rules. */
-static const schema_key file_keys[] = {
-    {.name = "bus", .read = cfg_read_bus, .required = true},
-    {.name = "seed", .read = schema_read_uint, .offset = offsetof(cfg, seed), .arg = &seed_range},
-    {.name = "vxcan", .read = read_vxcan},
-    {.name = "defaults", .read = cfg_read_defaults},
-    {.name = "guests", .read = cfg_read_guests},
-    {.name = "nodes", .read = cfg_read_nodes, .required = true},
-    {.name = "profiles", .read = cfg_read_profiles},
-    {.name = "faults", .read = cfg_read_faults},
-    {.name = "expect", .read = cfg_read_expect},
-    {.name = "record", .read = cfg_read_record},
-    {.name = "lcm", .read = cfg_read_lcm},
-    {.name = "control", .read = read_control},
-    {.name = "pacing", .read = schema_read_choice, .offset = offsetof(cfg, pacing), .arg = pacings},
-    {.name = "virtual", .read = cfg_read_virtual},
-    {.name = "missing-port",
-     .read = schema_read_choice,
-     .offset = offsetof(cfg, missing_port),
-     .arg = missing_ports},
-    {.name = "catch-up", .read = cfg_read_span, .offset = offsetof(cfg, catch_up)},
-    {.name = NULL},
+const schema_key cfg_file_keys[] = {
+    {.name = "bus", .read = cfg_read_bus, .required = true, .map = cfg_bus_keys,
+     .help = "The bus."},
+    {.name = "seed", .read = schema_read_uint, .offset = offsetof(cfg, seed), .arg = &seed_range,
+     .preset = "0",
+     .help = "Of everything that is random."},
+    {.name = "vxcan", .read = read_vxcan, .type = "boolean", .preset = "false",
+     .help = "Ports that are interfaces are ends of vxcan pairs, whose other ends the ECUs open, "
+             "called as their nodes where `peer` says nothing else."},
+    {.name = "defaults", .read = cfg_read_defaults, .map = cfg_node_keys, .within = CFG_IN_DEFAULTS,
+     .as = "nodeDefaults",
+     .help = "What nodes have that do not say otherwise."},
+    {.name = "guests", .read = cfg_read_guests, .map = cfg_node_keys, .within = CFG_IN_GUESTS,
+     .as = "guests",
+     .help = "Nodes that are on the bus while a client is connected (ports.md)."},
+    {.name = "nodes", .read = cfg_read_nodes, .required = true, .map = cfg_node_keys,
+     .within = CFG_IN_NODES, .as = "nodeConfig",
+     .type = TYPE_LIST_UP_TO(64, "@"),
+     .help = "The controllers on the bus. Only a bus with guests may have none. Their order "
+             "matters only for output at equal times."},
+    {.name = "profiles", .read = cfg_read_profiles, .map = cfg_profile_use_keys,
+     .type = TYPE_LIST_UP_TO(100, "@"),
+     .help = "Fault profiles to load; their rules come before 'faults'."},
+    {.name = "faults", .read = cfg_read_faults, .map = cfg_rule_keys, .as = "rule",
+     .type = TYPE_LIST_UP_TO(1024, "@"),
+     .help = "Fault rules."},
+    {.name = "expect", .read = cfg_read_expect, .map = cfg_expect_keys, .as = "expectation",
+     .type = TYPE_LIST_UP_TO(1000, "@"),
+     .help = "What canwire sim judges a run by (exit status 3). canwired does not."},
+    {.name = "record", .read = cfg_read_record, .map = cfg_record_keys, .as = "recording",
+     .type = TYPE_LIST_UP_TO(16, "@"),
+     .help = "What canwired writes down while the bus runs; see record.md."},
+    {.name = "lcm", .read = cfg_read_lcm, .map = cfg_lcm_keys,
+     .help = "Publishes statistics and events over LCM."},
+    {.name = "control", .read = read_control, .type = "text",
+     .help = "Path of the control socket, relative to this file. Default: none; as a service "
+             "/run/canwire/NAME.sock."},
+    {.name = "pacing", .read = schema_read_choice, .offset = offsetof(cfg, pacing), .arg = pacings,
+     .preset = "precise",
+     .help = "precise: a wake-up per frame end; tick: one a millisecond at most; spin: precise, "
+             "awake for the last 50 us of each wait; virtual: bus time goes on only while all "
+             "programs of canwire run --virtual wait."},
+    {.name = "virtual", .read = cfg_read_virtual, .map = cfg_virtual_keys,
+     .help = "Virtual time, with pacing: virtual."},
+    {.name = "missing-port", .read = schema_read_choice, .offset = offsetof(cfg, missing_port),
+     .arg = missing_ports,
+     .preset = "fail",
+     .help = "What to do at the start, and at a reload, when the interface of a port is not "
+             "there. One that goes later is waited for in any case."},
+    {.name = "catch-up", .read = cfg_read_span, .offset = offsetof(cfg, catch_up), .preset = "1s",
+     .help = "How far the bus may fall behind real time; when it is further behind, it skips "
+             "that time and says so."},
+    {.name = NULL,
+     .type = "{'required': ['bus'], 'if': {'not': " TYPE_NEEDS("guests") "}, 'then': "
+             "{'required': ['nodes'], 'properties': {'nodes': {'minItems': 1}}}}"},
 };
 
 /* The files that a caller accepts. */
@@ -207,7 +242,7 @@ static void read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted 
     else if (root->type == YAML_MAPPING_NODE && schema_find(self, root, "buses"))
         schema_complain(self, root, "this is a rig of several buses; expected the file of one bus");
     else
-        schema_map(self, "configuration", root, file_keys, walk->config);
+        schema_map(self, "configuration", root, cfg_file_keys, walk->config);
     if (!*is_profile)
         complete_control(self, walk->config);
     if (root->type == YAML_MAPPING_NODE && !*is_profile)

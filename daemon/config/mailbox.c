@@ -77,13 +77,19 @@ static void read_data(schema *self, const schema_key *key, yaml_node_t *value, v
     memcpy(frame->data, bytes.value, bytes.length);
 }
 
-static const schema_key box_keys[] = {
-    {.name = "direction", .read = schema_read_choice, .offset = offsetof(mailbox_keys, direction),
-     .arg = directions, .required = true},
-    {.name = "id", .read = read_id},
-    {.name = "reply", .read = read_reply},
-    {.name = "data", .read = read_data},
-    {.name = NULL},
+const schema_key cfg_mailbox_keys[] = {
+    {.name = "direction", .read = schema_read_choice,
+     .offset = offsetof(mailbox_keys, direction), .arg = directions, .required = true,
+     .help = "For received frames, or for frames to send."},
+    {.name = "id", .read = read_id, .type = "nodeFilter",
+     .help = "The frames that it takes. Default: all. With `reply`, one identifier."},
+    {.name = "reply", .read = read_reply, .needs = "id", .type = "{'const': 'auto'}",
+     .help = "It keeps the data frame that its host writes, and answers remote frames with it."},
+    {.name = "data", .read = read_data, .needs = "reply",
+     .type = "{'type': ['string', 'integer'], 'pattern': '^([0-9A-Fa-f]{2} *){1,8}$'}",
+     .help = "With `reply`: the data up to what the host writes."},
+    {.name = NULL,
+     .type = TYPE_IF(TYPE_NEEDS("reply"), "{'properties': {'direction': {'const': 'tx'}}}")},
 };
 
 /* ---- One mailbox ----------------------------------------------------------------------------- */
@@ -114,7 +120,7 @@ static void read_mailbox(schema *self, const schema_key *key, yaml_node_t *map, 
 {
     mailbox_keys keys = {.direction = CW_MAILBOX_RECEIVE};
 
-    schema_map(self, key->name, map, box_keys, &keys);
+    schema_map(self, key->name, map, cfg_mailbox_keys, &keys);
     keys.box.use = (cw_mailbox_use)keys.direction;
     if (keys.reply)
         complete_reply(self, map, &keys);

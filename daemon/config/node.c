@@ -4,6 +4,7 @@
  */
 #include "config/parts.h"
 
+#include "config/live.h"
 #include "config/portname.h"
 #include "config/tunnelname.h"
 #include "config/source.h"
@@ -23,209 +24,30 @@
  * all 586 frames of 4095 bytes at once, J1939's transport protocol 255. Programs that do not wait,
  * such as scanners of CANopen, write a frame for each node. */
 #define QUEUE_DEFAULT_PORT 1024u
-#define WARNING_LIMIT_DEFAULT 96u
 #define CLIENTS_DEFAULT 16u
 
 static void check_interface(schema *self, const schema_key *key, const yaml_node_t *value,
                             const char *name, const char *netns);
-static schema_reader read_guest_port, read_node_name, read_port, read_peer, read_peer_name,
-    read_netns, read_usb_name, read_usb_socket, read_mode, read_when_full, read_fd, read_exception,
-    read_wake;
-static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
-static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
-static const schema_range warning_range = {1, 255, sizeof(uint16_t)};
+static schema_reader read_peer_name, read_netns, read_usb_name, read_usb_socket;
 
-static const schema_range brp_range = {1, CFG_BRP_MAX, sizeof(uint32_t)};
-static const schema_range prop_range = {0, CFG_SEGMENT_MAX, sizeof(uint32_t)};
-static const schema_range phase_range = {1, CFG_SEGMENT_MAX, sizeof(uint32_t)};
-static const schema_range sjw_range = {1, CFG_SJW_MAX, sizeof(uint32_t)};
-
-static const schema_range tdco_range = {0, CFG_TDC_CLOCKS_MAX, sizeof(uint32_t)};
-static const schema_range tdcv_range = {1, CFG_TDC_CLOCKS_MAX, sizeof(uint32_t)};
-
-static const schema_choice kinds[] = {
-    {.name = "2.0A", .value = CFG_KIND_2_0A},
-    {.name = "2.0B-passive", .value = CFG_KIND_2_0B_PASSIVE},
-    {.name = "2.0B", .value = CFG_KIND_CLASSICAL},
-    {.name = "classical", .value = CFG_KIND_CLASSICAL},
-    {.name = "fd-tolerant", .value = CFG_KIND_FD_TOLERANT},
-    {.name = "fd", .value = CFG_KIND_FD},
+const schema_key cfg_peer_keys[] = {
+    {.name = "name", .read = read_peer_name, .required = true, .type = "interface",
+     .help = "Interface that the ECU opens."},
+    {.name = "netns", .read = read_netns, .type = "netns",
+     .help = "Network namespace that it is in, by its name in `ip netns`. Default: that of the "
+             "port."},
     {.name = NULL},
 };
 
-static const schema_choice tdc_modes[] = {
-    {.name = "off", .value = CFG_TDC_OFF},
-    {.name = "auto", .value = CFG_TDC_AUTO},
-    {.name = "manual", .value = CFG_TDC_MANUAL},
-    {.name = NULL},
-};
-
-static const schema_choice when_full_choices[] = {
-    {.name = "drop", .value = CFG_WHEN_FULL_DROP},
-    {.name = "wait", .value = CFG_WHEN_FULL_WAIT},
-    {.name = NULL},
-};
-
-/* Keys of nodes that `defaults` has, too. */
-#define RESTART_AND_MODES                                                                          \
-    {.name = "restart-ms",                                                                         \
-     .read = schema_read_uint,                                                                     \
-     .offset = offsetof(cfg_node, restart_ms),                                                     \
-     .arg = &restart_range},                                                                       \
-        {.name = "berr-reporting", .read = read_mode}, {.name = "one-shot", .read = read_mode},    \
-        {.name = "listen-only", .read = read_mode}, {.name = "loopback", .read = read_mode},       \
-        {.name = "presume-ack", .read = read_mode},                                                \
-        {.name = "restricted", .read = read_mode},                                                 \
-        {.name = "time-triggered", .read = read_mode}, {                                           \
-        .name = "lost-arbitration-reporting", .read = read_mode                                    \
-    }
-#define QUEUE                                                                                      \
-    {                                                                                              \
-        .name = "queue", .read = schema_read_uint, .offset = offsetof(cfg_node, queue),            \
-        .arg = &queue_range                                                                        \
-    }
-#define WHEN_FULL(reader)                                                                          \
-    {                                                                                              \
-        .name = "when-full", .read = (reader), .offset = offsetof(cfg_node, when_full),            \
-        .arg = when_full_choices                                                                   \
-    }
-#define ORDER                                                                                      \
-    {                                                                                              \
-        .name = "order", .read = schema_read_choice, .offset = offsetof(cfg_node, order),          \
-        .arg = cfg_orders                                                                          \
-    }
-#define WARNING_LIMIT                                                                              \
-    {                                                                                              \
-        .name = "warning-limit", .read = schema_read_uint,                                         \
-        .offset = offsetof(cfg_node, warning_limit), .arg = &warning_range                         \
-    }
-
-#define MEMBER(member) .offset = offsetof(cfg_node, member)
-/* Keys of time; node_time.c does the rest. */
-#define TIME                                                                                       \
-    {.name = "clock", .read = cfg_read_clock},                                                     \
-        {.name = "ppm", .read = cfg_read_ppm},                                                     \
-        {.name = "controller", .read = cfg_read_controller},                                       \
-        {.name = "sample-point",                                                                   \
-         .read = cfg_read_sample_point,                                                            \
-         MEMBER(time.sample_permille)},                                                            \
-        {.name = "brp", .read = schema_read_uint, MEMBER(time.bit.brp), .arg = &brp_range},        \
-        {.name = "prop-seg",                                                                       \
-         .read = schema_read_uint,                                                                 \
-         MEMBER(time.bit.prop_seg),                                                                \
-         .arg = &prop_range},                                                                      \
-        {.name = "phase-seg1",                                                                     \
-         .read = schema_read_uint,                                                                 \
-         MEMBER(time.bit.phase_seg1),                                                              \
-         .arg = &phase_range},                                                                     \
-        {.name = "phase-seg2",                                                                     \
-         .read = schema_read_uint,                                                                 \
-         MEMBER(time.bit.phase_seg2),                                                              \
-         .arg = &phase_range},                                                                     \
-        {.name = "sjw", .read = schema_read_uint, MEMBER(time.bit.sjw), .arg = &sjw_range},        \
-        {.name = "triple-sampling", .read = schema_read_bool, MEMBER(time.triple_sampling)},       \
-        {.name = "tx-delay", .read = cfg_read_edge_delays, MEMBER(time.timing.tx_delay)},          \
-        {.name = "rx-delay", .read = cfg_read_edge_delays, MEMBER(time.timing.rx_delay)},          \
-        {.name = "position", .read = cfg_read_length, MEMBER(time.position_mm)},                   \
-        {.name = "stub", .read = cfg_read_length, MEMBER(time.stub_mm)}, {                         \
-        .name = "ringing", .read = cfg_read_fine, MEMBER(time.timing.ringing)                      \
-    }
-
-#define SLEEP                                                                                      \
-    {.name = "sleep", .read = schema_read_bool, MEMBER(sleeps)},                                   \
-        {.name = "wake-filter", .read = read_wake}, {.name = "wake-time", .read = read_wake}, {    \
-        .name = "wake-on", .read = read_wake                                                       \
-    }
-
-#define FILTER                                                                                     \
-    {                                                                                              \
-        .name = "filter", .read = cfg_read_acceptance                                              \
-    }
-
-#define LOCAL_TIME                                                                                 \
-    {                                                                                              \
-        .name = "local-time", .read = cfg_read_local_time                                          \
-    }
-
-/* Keys of CAN FD; node_data.c does the rest. */
-#define FD                                                                                         \
-    {.name = "kind", .read = schema_read_choice, MEMBER(kind), .arg = kinds},                      \
-        {.name = "fd", .read = read_fd}, {.name = "protocol-exception", .read = read_exception},   \
-        {.name = "dsample-point",                                                                  \
-         .read = cfg_read_sample_point,                                                            \
-         MEMBER(time.dsample_permille)},                                                           \
-        {.name = "dbrp", .read = schema_read_uint, MEMBER(time.data.brp), .arg = &brp_range},      \
-        {.name = "dprop-seg",                                                                      \
-         .read = schema_read_uint,                                                                 \
-         MEMBER(time.data.prop_seg),                                                               \
-         .arg = &prop_range},                                                                      \
-        {.name = "dphase-seg1",                                                                    \
-         .read = schema_read_uint,                                                                 \
-         MEMBER(time.data.phase_seg1),                                                             \
-         .arg = &phase_range},                                                                     \
-        {.name = "dphase-seg2",                                                                    \
-         .read = schema_read_uint,                                                                 \
-         MEMBER(time.data.phase_seg2),                                                             \
-         .arg = &phase_range},                                                                     \
-        {.name = "dsjw", .read = schema_read_uint, MEMBER(time.data.sjw), .arg = &sjw_range},      \
-        {.name = "tdc-mode", .read = schema_read_choice, MEMBER(time.tdc), .arg = tdc_modes},      \
-        {.name = "tdco", .read = schema_read_uint, MEMBER(time.tdco), .arg = &tdco_range}, {       \
-        .name = "tdcv", .read = schema_read_uint, MEMBER(time.tdcv), .arg = &tdcv_range            \
-    }
-
-/* Keys of what comes between a host and the bus. */
-#define CONTROLLER ORDER, WARNING_LIMIT, TIME, FILTER, SLEEP, LOCAL_TIME
-
-/* The keys of `defaults`, for a cfg_node. The other keys belong to one node alone. */
-static const schema_key default_keys[] = {
-    RESTART_AND_MODES,
-    QUEUE,
-    WHEN_FULL(schema_read_choice),
-    {.name = "clients", .read = cfg_read_clients},
-    CONTROLLER,
-    FD,
-    {.name = NULL},
-};
-
-/* The keys of nodes; all that depend on `port` follow it. `port` excludes `traffic`, and `peer`,
- * `clients` and `when-full` need it. The defaults of `queue` and `when-full` depend on it. */
-static const schema_key node_keys[] = {
-    {.name = "name", .read = read_node_name, .required = true},
-    {.name = "port", .read = read_port},
-    {.name = "peer", .read = read_peer},
-    RESTART_AND_MODES,
-    QUEUE,
-    WHEN_FULL(read_when_full),
-    {.name = "clients", .read = cfg_read_port_clients},
-    CONTROLLER,
-    {.name = "schedule", .read = cfg_read_schedule},
-    FD,
-    {.name = "traffic", .read = cfg_read_traffic},
-    {.name = NULL},
-};
-
-/* The keys of all guests. Each is at the port alone, so `clients` has no meaning. */
-static const schema_key guest_keys[] = {
-    {.name = "count", .read = cfg_read_guest_count, .required = true},
-    {.name = "port", .read = read_guest_port, .required = true},
-    RESTART_AND_MODES,
-    QUEUE,
-    WHEN_FULL(schema_read_choice),
-    CONTROLLER,
-    FD,
-    {.name = NULL},
-};
-
-static const schema_key peer_keys[] = {
-    {.name = "name", .read = read_peer_name, .required = true},
-    {.name = "netns", .read = read_netns},
-    {.name = NULL},
-};
-
-static const schema_key usb_keys[] = {
-    {.name = "usb", .read = read_usb_name, .required = true},
-    {.name = "netns", .read = read_netns},
-    {.name = "socket", .read = read_usb_socket},
+const schema_key cfg_usb_keys[] = {
+    {.name = "usb", .read = read_usb_name, .required = true, .type = "interface",
+     .help = "The CAN interface that the kernel's driver makes."},
+    {.name = "netns", .read = read_netns, .type = "netns",
+     .help = "Network namespace that it is in, by its name in `ip netns`. Default: that of the "
+             "port."},
+    {.name = "socket", .read = read_usb_socket, .type = "{'type': ['string', 'number']}",
+     .help = "Where canwire-usb connects to canwired; default /run/canwire/INTERFACE.usb, with "
+             "the namespace and a dot before the interface."},
     {.name = NULL},
 };
 
@@ -237,7 +59,7 @@ void cfg_node_defaults(cfg_node *node)
         .name = (char *)no_name, /* nobody writes to it */
         .queue = QUEUE_DEFAULT,
         .clients.max = CLIENTS_DEFAULT,
-        .warning_limit = WARNING_LIMIT_DEFAULT,
+        .warning_limit = CFG_WARNING_LIMIT_DEFAULT,
         .sleep = {.filter_ticks = WAKE_FILTER_DEFAULT_TICKS},
     };
 }
@@ -268,7 +90,7 @@ static void read_node(schema *self, yaml_node_t *value, cfg_node *node)
     *node = walk->defaults;
     node->when_full = CFG_WHEN_FULL_DROP; /* without port */
     node->line = (int)value->start_mark.line + 1;
-    schema_map(self, "node", value, node_keys, node);
+    schema_map_in(self, "node", value, cfg_node_keys, CFG_IN_NODES, node);
     if (cfg_is_usb(node) && node->queue < USB_FRAMES)
         schema_complain(self, value, "queue: a port usb needs %u or more, not %u", USB_FRAMES,
                         (unsigned)node->queue);
@@ -283,7 +105,7 @@ void cfg_read_defaults(schema *self, const schema_key *key, yaml_node_t *value, 
     cfg_walk *walk = self->user;
 
     (void)object;
-    schema_map(self, key->name, value, default_keys, &walk->defaults);
+    schema_map_in(self, key->name, value, cfg_node_keys, CFG_IN_DEFAULTS, &walk->defaults);
     if (value->type != YAML_MAPPING_NODE)
         return;
     walk->default_map = value;
@@ -312,7 +134,7 @@ void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, voi
     for (; config->node_count < count; config->node_count++)
         read_node(self, schema_item(self, value, config->node_count),
                   &config->nodes[config->node_count]);
-    cfg_add_guest(self, guest_keys);
+    cfg_add_guest(self);
     cfg_complete_controllers(self, value);
     cfg_complete_time(self, value);
     cfg_check_traffic(self, value);
@@ -321,7 +143,7 @@ void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, voi
     note_answers(config);
 }
 
-static void read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg *config = cfg_of(self);
     cfg_node *node = object;
@@ -507,7 +329,7 @@ static void read_usb(schema *self, const schema_key *key, yaml_node_t *value, cf
     node->when_full = CFG_WHEN_FULL_DROP;
     if (!walk->default_order)
         node->order = CW_ORDER_FIFO;
-    schema_map(self, key->name, value, usb_keys, node);
+    schema_map(self, key->name, value, cfg_usb_keys, node);
     if (!node->peer)
         return;
     check_interface(self, key, value, node->peer, node->netns);
@@ -529,7 +351,7 @@ static void give_room(const cfg_walk *walk, cfg_node *node, cfg_when_full when_f
     node->when_full = walk->default_when_full ? walk->defaults.when_full : when_full;
 }
 
-static void read_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_walk *walk = self->user;
     cfg_node *node = object;
@@ -545,7 +367,7 @@ static void read_port(schema *self, const schema_key *key, yaml_node_t *value, v
     check_interface(self, key, value, node->port, NULL);
 }
 
-static void read_guest_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_guest_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_walk *walk = self->user;
     cfg_node *node = object;
@@ -555,7 +377,7 @@ static void read_guest_port(schema *self, const schema_key *key, yaml_node_t *va
     give_room(walk, node, CFG_WHEN_FULL_WAIT);
 }
 
-static void read_when_full(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_when_full(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_node *node = object;
 
@@ -575,7 +397,7 @@ static void check_peer(schema *self, const schema_key *key, const yaml_node_t *v
         schema_complain(self, value, "duplicate %s '%s' (also its port)", key->name, node->peer);
 }
 
-static void read_peer(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_peer(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
 
@@ -586,7 +408,7 @@ static void read_peer(schema *self, const schema_key *key, yaml_node_t *value, v
     if (value->type == YAML_SCALAR_NODE) /* short for { name: … } */
         read_peer_name(self, key, value, object);
     else
-        schema_map(self, key->name, value, peer_keys, node);
+        schema_map(self, key->name, value, cfg_peer_keys, node);
     check_peer(self, key, value, node);
 }
 
@@ -610,10 +432,10 @@ static void read_netns(schema *self, const schema_key *key, yaml_node_t *value, 
     node->netns = schema_copy(self, text);
 }
 
-static void read_mode(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_mode(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
-    uint8_t mode = cfg_mode(key->name);
+    const uint8_t mode = (uint8_t)cfg_live_of(key)->which;
     bool on;
 
     if (!schema_choose_bool(self, &on, key, value))
@@ -622,7 +444,7 @@ static void read_mode(schema *self, const schema_key *key, yaml_node_t *value, v
     node->berr_reporting = node->modes & CW_MODE_BERR_REPORTING;
 }
 
-static void read_fd(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_fd(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
     bool on;
@@ -631,7 +453,7 @@ static void read_fd(schema *self, const schema_key *key, yaml_node_t *value, voi
         node->kind = on ? CFG_KIND_FD : CFG_KIND_CLASSICAL;
 }
 
-static void read_exception(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_exception(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
     bool on;
@@ -640,7 +462,7 @@ static void read_exception(schema *self, const schema_key *key, yaml_node_t *val
         node->no_exception = !on;
 }
 
-static void read_wake(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+void cfg_read_wake(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
-    cfg_wake_read(self, key, value, &((cfg_node *)object)->sleep);
+    cfg_wake_read_into(self, key, value, &((cfg_node *)object)->sleep);
 }

@@ -68,14 +68,10 @@ void cfg_read_length(schema *self, const schema_key *key, yaml_node_t *value, vo
     }
 }
 
-static const schema_key edge_keys[] = {
-    {.name = "dominant",
-     .read = cfg_read_fine,
-     .offset = CW_DOMINANT * sizeof(cw_span),
+const schema_key cfg_edge_keys[] = {
+    {.name = "dominant", .read = cfg_read_fine, .offset = CW_DOMINANT * sizeof(cw_span),
      .required = true},
-    {.name = "recessive",
-     .read = cfg_read_fine,
-     .offset = CW_RECESSIVE * sizeof(cw_span),
+    {.name = "recessive", .read = cfg_read_fine, .offset = CW_RECESSIVE * sizeof(cw_span),
      .required = true},
     {.name = NULL},
 };
@@ -85,7 +81,7 @@ void cfg_read_edge_delays(schema *self, const schema_key *key, yaml_node_t *valu
     cw_span *delays = schema_member(key, object);
 
     if (value->type == YAML_MAPPING_NODE) {
-        schema_map(self, key->name, value, edge_keys, delays);
+        schema_map(self, key->name, value, cfg_edge_keys, delays);
         return;
     }
     cfg_read_fine(self, key, value, object);

@@ -23,19 +23,42 @@ schema_reader cfg_read_virtual;  /* virtual.c */
 /* Gives a bus in virtual time what its keys do not say. All keys of the file have been read. */
 void cfg_complete_virtual(schema *self, yaml_node_t *root, cfg *config);
 
+/* The tables of keys, for the JSON schema (daemon/schema). */
+extern const schema_key cfg_file_keys[], cfg_bus_keys[], cfg_profile_keys[],
+    cfg_profile_use_keys[], cfg_rule_keys[], cfg_expect_keys[], cfg_record_keys[], cfg_lcm_keys[],
+    cfg_virtual_keys[], cfg_usb_keys[], cfg_peer_keys[], cfg_clients_keys[], cfg_model_keys[],
+    cfg_mailbox_keys[], cfg_local_time_keys[], cfg_schedule_keys[], cfg_counter_keys[],
+    cfg_checksum_keys[];
+extern const schema_key cfg_edge_keys[]; /* two cw_span, by the level after an edge */
+
+/* Returns the keys of form i of a map, the first of which names the form, or NULL. */
+typedef const schema_key *cfg_form(size_t i, schema_key room[SCHEMA_KEYS_MAX]);
+cfg_form cfg_action_form, cfg_traffic_form;
+
+/* Return the name of a subject or a condition of expectations, or NULL; and whether a subject has a
+ * condition. */
+const char *cfg_expect_subject(size_t i);
+const char *cfg_expect_condition(size_t i);
+bool cfg_expect_has(size_t of, size_t i);
+
 schema_reader cfg_read_action;  /* `do`; object: a cw_rule whose `when` has been read */
 /* Actions that act for parts of bits, action_time.c. */
-extern const schema_key cfg_pulse_keys[], cfg_jitter_keys[];
+extern const schema_key cfg_pulse_keys[], cfg_jitter_keys[], cfg_ramp_keys[];
 /* The action `raw`, action_raw.c. */
 extern const schema_key cfg_raw_keys[];
 void cfg_complete_raw(schema *self, yaml_node_t *map, cw_rule *rule);
 
 schema_reader cfg_read_ramp; /* `ramp` of a rule that sets; object: a cw_rule */
 void cfg_complete_ramp(schema *self, yaml_node_t *map, cw_rule *rule);
-schema_reader cfg_read_retime; /* a key of time of a rule that sets */
-schema_reader cfg_read_reway;  /* ... of two delays: a text, or a map */
+/* A key of a rule that sets; its row of cfg_node_keys is in the column `live`. */
+schema_reader cfg_read_setting;
+schema_reader cfg_read_retime; /* a row of time of such a rule */
 
 void cfg_complete_retime(schema *self, yaml_node_t *map, cw_rule *rule);
+
+/* Keys of nodes, node.c; object: a cfg_node. */
+schema_reader cfg_read_node_name, cfg_read_port, cfg_read_guest_port, cfg_read_peer, cfg_read_mode,
+    cfg_read_when_full, cfg_read_fd, cfg_read_exception, cfg_read_wake;
 
 schema_reader cfg_read_traffic; /* object: a cfg_node whose port has been read */
 
@@ -50,7 +73,7 @@ schema_reader cfg_read_port_clients; /* of a node whose port has been read */
  * The others are copies of it. */
 schema_reader cfg_read_guests; /* object: the cfg */
 schema_reader cfg_read_guest_count; /* object: a cfg_node */
-void cfg_add_guest(schema *self, const schema_key *keys);
+void cfg_add_guest(schema *self);
 void cfg_copy_guests(schema *self);
 
 /* Keys of nodes about time, node_time.c; object: a cfg_node. */

@@ -59,17 +59,36 @@ typedef struct rules_owner {
 static schema_reader read_file_name, read_prefix, read_parameters, read_value, read_about,
     read_about_text, read_faults;
 
-static const schema_key item_keys[] = {
-    {.name = "file", .read = read_file_name, .required = true},
-    {.name = "with", .read = read_parameters, .offset = offsetof(item, given)},
-    {.name = "as", .read = read_prefix},
+static const schema_key about_keys[] = {
+    {.name = "name", .read = read_about_text, .type = "text",
+     .help = "What users call it."},
+    {.name = "description", .read = read_about_text, .type = "text",
+     .help = "One sentence."},
     {.name = NULL},
 };
 
-static const schema_key profile_keys[] = {
-    {.name = "profile", .read = read_about},
-    {.name = "parameters", .read = read_parameters, .offset = offsetof(profile, declared)},
-    {.name = "faults", .read = read_faults, .required = true},
+const schema_key cfg_profile_use_keys[] = {
+    {.name = "file", .read = read_file_name, .required = true, .type = "text",
+     .help = "The profile: a path relative to this file, or the name of a file beside it, in "
+             "profiles/ there, or of an installed one."},
+    {.name = "with", .read = read_parameters, .offset = offsetof(item, given),
+     .type = "parameterValues",
+     .help = "Values of the profile's parameters."},
+    {.name = "as", .read = read_prefix, .type = "name",
+     .help = "Prefix of its rules: PREFIX.RULE. Needed when a profile is loaded twice."},
+    {.name = NULL},
+};
+
+const schema_key cfg_profile_keys[] = {
+    {.name = "profile", .read = read_about, .map = about_keys,
+     .help = "About the profile."},
+    {.name = "parameters", .read = read_parameters, .offset = offsetof(profile, declared),
+     .type = "parameterValues",
+     .help = "Parameters and their defaults; without value one must be given in 'with'. In the "
+             "rules $NAME or ${NAME} stands for them, $$ for a dollar."},
+    {.name = "faults", .read = read_faults, .required = true, .map = cfg_rule_keys, .as = "rule",
+     .type = TYPE_LIST_UP_TO(1024, "@"),
+     .help = "Fault rules."},
     {.name = NULL},
 };
 
@@ -79,12 +98,6 @@ static const schema_key injected_keys[] = {
     {.name = "parameters", .read = read_parameters, .offset = offsetof(profile, declared)},
     {.name = "with", .read = read_parameters, .offset = offsetof(profile, given)},
     {.name = "faults", .read = read_faults, .required = true},
-    {.name = NULL},
-};
-
-static const schema_key about_keys[] = {
-    {.name = "name", .read = read_about_text},
-    {.name = "description", .read = read_about_text},
     {.name = NULL},
 };
 
@@ -134,7 +147,7 @@ void cfg_read_profile(schema *self, yaml_node_t *root)
 
     if (!found || (walk->any_node && !prepare_alone(self, walk->config)))
         return;
-    schema_map(self, "profile", root, walk->any_node ? profile_keys : injected_keys, found);
+    schema_map(self, "profile", root, walk->any_node ? cfg_profile_keys : injected_keys, found);
     bind(self, &found->declared, &found->given, root);
     if (!found->faults)
         return;
@@ -374,7 +387,7 @@ static void read_document(schema *config, schema *self, const item *wanted, cons
         diag_add(self->errors, 1, 1, "the file is empty; a profile needs the key faults");
     if (!found || !root || !check_profile(self, root))
         return;
-    schema_map(self, "profile", root, profile_keys, found);
+    schema_map(self, "profile", root, cfg_profile_keys, found);
     diag_file inner = diag_enter(self->errors, cfg_of(self)->file, 0);
     bind(config, &found->declared, &wanted->given, at);
     diag_enter(self->errors, inner.name, number);
@@ -417,7 +430,7 @@ static void load_item(schema *self, yaml_node_t *value, size_t number)
 
     if (!wanted)
         return;
-    schema_map(self, "profiles", value, item_keys, wanted);
+    schema_map(self, "profiles", value, cfg_profile_use_keys, wanted);
     if (wanted->file)
         load_profile(self, wanted, value, number);
 }

@@ -97,27 +97,62 @@ static const schema_range bits_range = {1, COUNTER_BITS_MAX, sizeof(uint8_t)};
 static const schema_range byte_range = {0, CW_FRAME_DATA_MAX - 1, sizeof(uint8_t)};
 static const schema_range value_range = {0, UINT32_MAX, sizeof(uint32_t)};
 
+#define PLACE "^(?:(?:[0-9]|[1-5][0-9]|6[0-3])(?:\\.[0-7])?)$"
+#define BYTE_TEXT TYPE_TEXT("^(?:0x[0-9A-Fa-f]{1,2}|[0-9]|[1-9][0-9]|1[0-9]{2}|2[0-4][0-9]|25[0-5])$")
+#define NUMBER_TEXT                                                                                \
+    TYPE_TEXT("^(?:0x[0-9A-Fa-f]{1,4}|[0-9]|[1-9][0-9]{1,3}|[1-5][0-9]{4}|6[0-4][0-9]{3}|"         \
+              "65[0-4][0-9]{2}|655[0-2][0-9]|6553[0-5])$")
+#define KIND(words) "{'properties': {'kind': {'enum': [" words "]}}, 'required': ['kind']}"
+
 #define MEMBER(m) .offset = offsetof(cfg_protect, m)
 
-static const schema_key counter_keys[] = {
-    {.name = "at", .read = read_place, MEMBER(what.counter.bit)},
-    {.name = "bits", .read = schema_read_uint, MEMBER(what.counter.bits), .arg = &bits_range},
-    {.name = "max", .read = schema_read_uint, MEMBER(what.counter.max), .arg = &value_range},
-    {.name = "start", .read = schema_read_uint, MEMBER(what.counter.start), .arg = &value_range},
+const schema_key cfg_counter_keys[] = {
+    {.name = "at", .read = read_place, MEMBER(what.counter.bit),
+     .type = "{'type': ['string', 'number'], 'pattern': '" PLACE "', 'examples': ['1.4']}",
+     .help = "Its most significant bit, BYTE.BIT as in data[BYTE.BIT]: bit 0 is the most "
+             "significant. A profile of AUTOSAR has a place of its own."},
+    {.name = "bits", .read = schema_read_uint, MEMBER(what.counter.bits), .arg = &bits_range,
+     .preset = "4",
+     .help = "How long it is."},
+    {.name = "max", .read = schema_read_uint, MEMBER(what.counter.max), .arg = &value_range,
+     .help = "After it comes 0; default: all bits 1."},
+    {.name = "start", .read = schema_read_uint, MEMBER(what.counter.start), .arg = &value_range,
+     .help = "Of the first frame; default 0, with e2e-p2 and e2e-p22 1."},
     {.name = NULL},
 };
 
-static const schema_key checksum_keys[] = {
-    {.name = "kind", .read = schema_read_choice, MEMBER(kind), .arg = kinds, .required = true},
-    {.name = "at",
-     .read = schema_read_uint,
-     MEMBER(what.checksum.at),
-     .arg = &byte_range,
-     .required = true},
-    {.name = "data-id", .read = read_id},
-    {.name = "data-id-mode", .read = schema_read_choice, MEMBER(mode), .arg = modes},
-    {.name = "data-id-nibble", .read = read_place, MEMBER(nibble)},
-    {.name = NULL},
+const schema_key cfg_checksum_keys[] = {
+    {.name = "kind", .read = schema_read_choice, MEMBER(kind), .arg = kinds, .required = true,
+     .help = "How it is computed. e2e-p1 to e2e-p22 are AUTOSAR's profiles, which have a "
+             "counter, too."},
+    {.name = "at", .read = schema_read_uint, MEMBER(what.checksum.at), .arg = &byte_range,
+     .required = true,
+     .help = "Its byte; e2e-p5 has two, the low one first."},
+    {.name = "data-id", .read = read_id,
+     .type = TYPE_ANY(NUMBER_TEXT ", " TYPE_LIST(1, 16, BYTE_TEXT)),
+     .help = "What takes part in the checksum and is not sent: of e2e-p1, e2e-p5 and e2e-p11 a "
+             "number, of e2e-p2 and e2e-p22 a list of 16 bytes, else a byte or a list of bytes."},
+    {.name = "data-id-mode", .read = schema_read_choice, MEMBER(mode), .arg = modes,
+     .preset = "both",
+     .help = "Of e2e-p1, what of the Data ID takes part; e2e-p11 has both and nibble."},
+    {.name = "data-id-nibble", .read = read_place, MEMBER(nibble),
+     .type = TYPE_TEXT(PLACE),
+     .help = "With the mode nibble: where bits 8 to 11 of the Data ID are sent. Default: the "
+             "first half of the byte behind the checksum."},
+    {.name = NULL,
+     .type = "{'allOf': ["
+             TYPE_IF(KIND("'e2e-p1', 'p1', 'e2e-p11', 'p11', 'e2e-p5', 'p5'"),
+                     "{'required': ['data-id'], 'properties': {'data-id': {'not': "
+                     "{'type': 'array'}}}}") ", "
+             TYPE_IF(KIND("'e2e-p2', 'p2', 'e2e-p22', 'p22'"),
+                     "{'required': ['data-id'], 'properties': {'data-id': "
+                     "{'type': 'array', 'minItems': 16}}}") ", "
+             TYPE_IF(KIND("'xor', 'sum', 'crc8-j1850', 'crc8-h2f'"),
+                     "{'properties': {'data-id': " TYPE_ANY("{'type': 'array'}, " BYTE_TEXT) "}}")
+             ", " TYPE_IF("{'not': " KIND("'e2e-p1', 'p1', 'e2e-p11', 'p11'") "}",
+                          "{'properties': {'data-id-mode': false, 'data-id-nibble': false}}")
+             ", " TYPE_IF(KIND("'e2e-p11', 'p11'"),
+                          "{'properties': {'data-id-mode': {'enum': ['both', 'nibble']}}}") "]}"},
 };
 
 void cfg_read_counter(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -125,7 +160,7 @@ void cfg_read_counter(schema *self, const schema_key *key, yaml_node_t *value, v
     cfg_traffic *traffic = object;
 
     traffic->protect.has_counter = true;
-    schema_map(self, key->name, value, counter_keys, &traffic->protect);
+    schema_map(self, key->name, value, cfg_counter_keys, &traffic->protect);
 }
 
 void cfg_read_checksum(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -133,7 +168,7 @@ void cfg_read_checksum(schema *self, const schema_key *key, yaml_node_t *value, 
     cfg_traffic *traffic = object;
 
     traffic->protect.has_checksum = true;
-    schema_map(self, key->name, value, checksum_keys, &traffic->protect);
+    schema_map(self, key->name, value, cfg_checksum_keys, &traffic->protect);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */

@@ -37,12 +37,20 @@ static const struct {
 
 #define MEMBER(member) .offset = offsetof(cfg_record, member)
 
-static const schema_key record_keys[] = {
-    {.name = "file", .read = read_file, .required = true},
-    {.name = "format", .read = schema_read_choice, MEMBER(format), .arg = formats},
-    {.name = "size", .read = read_size, MEMBER(size)},
-    {.name = "files", .read = schema_read_uint, MEMBER(files), .arg = &files_range},
-    {.name = NULL},
+const schema_key cfg_record_keys[] = {
+    {.name = "file", .read = read_file, .required = true, .type = "text",
+     .help = "Relative to this file; the directory must exist."},
+    {.name = "format", .read = schema_read_choice, MEMBER(format), .arg = formats,
+     .help = "Default: by the end of the name (.log, .candump, .pcapng, .vcd)."},
+    {.name = "size", .read = read_size, MEMBER(size),
+     .type = "{'type': ['string', 'integer'], 'pattern': "
+             "'^(0|[1-9][0-9]{0,8})(|kB|MB|GB|KiB|MiB|GiB)$'}", .preset = "100MB",
+     .help = "When a file has reached it, the next is begun: 64kB to 1000GB."},
+    {.name = "files", .read = schema_read_uint, MEMBER(files), .arg = &files_range, .preset = "5",
+     .help = "That are kept."},
+    {.name = NULL,
+     .type = "{'if': " TYPE_NEEDS("format") ", 'then': true, 'else': {'properties': {'file': "
+             "{'pattern': '.\\.(log|candump|pcapng|vcd)$'}}}}"},
 };
 
 void cfg_record_default(cfg_record *record)
@@ -165,7 +173,7 @@ static void read_size(schema *self, const schema_key *key, yaml_node_t *value, v
 static void read_record(schema *self, yaml_node_t *value, cfg_record *record)
 {
     cfg_record_default(record);
-    schema_map(self, "record", value, record_keys, record);
+    schema_map(self, "record", value, cfg_record_keys, record);
     if (value->type != YAML_MAPPING_NODE || schema_find(self, value, "format"))
         return;
     if (record->file && !cfg_record_format_of_file(&record->format, record->file))

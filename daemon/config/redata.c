@@ -10,30 +10,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#define SEGMENTS                                                                                   \
-    (CFG_DATA_BRP | CFG_DATA_PROP_SEG | CFG_DATA_PHASE_SEG1 | CFG_DATA_PHASE_SEG2)
-
-static const char *const tdc_names[] = {
-    [CFG_TDC_OFF] = "off",
-    [CFG_TDC_AUTO] = "auto",
-    [CFG_TDC_MANUAL] = "manual",
-};
-
-const char *cfg_tdc_name(cfg_tdc tdc)
-{
-    return tdc_names[tdc];
-}
-
-bool cfg_parse_tdc(cfg_tdc *out, const char *text)
-{
-    for (cfg_tdc tdc = CFG_TDC_OFF; tdc <= CFG_TDC_MANUAL; tdc++)
-        if (strcmp(tdc_names[tdc], text) == 0) {
-            *out = tdc;
-            return true;
-        }
-    return false;
-}
-
 static cfg_tdc wish_of(cw_tdc_mode mode)
 {
     if (mode == CW_TDC_OFF)
@@ -41,13 +17,13 @@ static cfg_tdc wish_of(cw_tdc_mode mode)
     return mode == CW_TDC_AUTO ? CFG_TDC_AUTO : CFG_TDC_MANUAL;
 }
 
-cfg_redata cfg_data_present(const cfg_node_time *time)
+void cfg_data_present(cfg_retime *out, const cfg_node_time *time)
 {
     const cw_tdc tdc = cfg_data_timing(time).tdc;
-    return (cfg_redata){.bit = time->data,
-                        .tdc = wish_of(tdc.mode),
-                        .tdco = tdc.tdco,
-                        .tdcv = tdc.tdcv};
+    out->phase[1].bit = time->data;
+    out->tdc = wish_of(tdc.mode);
+    out->tdco = tdc.tdco;
+    out->tdcv = tdc.tdcv;
 }
 
 /* Returns false, for the caller to return. */
@@ -58,21 +34,6 @@ static bool refuse(char *problem, size_t size, const char *why)
 }
 
 /* ---- Segments -------------------------------------------------------------------------------- */
-
-static void take(uint32_t *out, uint32_t value, bool given)
-{
-    if (given)
-        *out = value;
-}
-
-static void take_segments(bit_timing *bit, const bit_timing *change, unsigned given)
-{
-    take(&bit->brp, change->brp, given & CFG_DATA_BRP);
-    take(&bit->prop_seg, change->prop_seg, given & CFG_DATA_PROP_SEG);
-    take(&bit->phase_seg1, change->phase_seg1, given & CFG_DATA_PHASE_SEG1);
-    take(&bit->phase_seg2, change->phase_seg2, given & CFG_DATA_PHASE_SEG2);
-    take(&bit->sjw, change->sjw, given & CFG_DATA_SJW);
-}
 
 /* Finds the arbitration phase once more when that gives it another prescaler, common to both
  * phases. Returns true when it has changed. */
@@ -89,23 +50,24 @@ static bool find_common(cfg_node_time *time, const cfg *config)
 }
 
 static bool change_segments(cfg_node_time *time, char *problem, size_t size, const cfg *config,
-                            const cfg_redata *change, unsigned given, bool found_anew)
+                            const cfg_retime *change, bool found_anew)
 {
+    const unsigned given = change->given >> RETIME_PHASE_KEYS;
     const bool other_clock = time->data.clock_hz != time->bit.clock_hz;
-    const bool finds = (given & CFG_DATA_SAMPLE_POINT) ||
-                       (found_anew && !(given & SEGMENTS) && (time->data_found || other_clock));
+    const bool finds = (given & RETIME_BIT(RETIME_SAMPLE_POINT)) ||
+                       (found_anew && !(given & RETIME_SEGMENTS) && (time->data_found || other_clock));
     char wrong[TIMING_PROBLEM_MAX];
-    if ((given & SEGMENTS) && (given & CFG_DATA_SAMPLE_POINT))
+    if ((given & RETIME_SEGMENTS) && (given & RETIME_BIT(RETIME_SAMPLE_POINT)))
         return refuse(problem, size,
                       "dsample-point: the segments say where it is; use one or the other");
     time->data.clock_hz = time->bit.clock_hz;
     if (finds)
         time->data.sjw = 0;
-    if (given & CFG_DATA_SAMPLE_POINT)
-        time->dsample_permille = change->sample_permille;
-    if (given & SEGMENTS)
+    if (given & RETIME_BIT(RETIME_SAMPLE_POINT))
+        time->dsample_permille = change->phase[1].sample_permille;
+    if (given & RETIME_SEGMENTS)
         time->data_found = false;
-    take_segments(&time->data, &change->bit, given);
+    cfg_take_segments(&time->data, &change->phase[1].bit, given);
     if (finds ? cfg_find_data(time, wrong, config) : cfg_fit_data(time, wrong))
         return true;
     (void)snprintf(problem, size, "data phase: %s", wrong);
@@ -114,18 +76,20 @@ static bool change_segments(cfg_node_time *time, char *problem, size_t size, con
 
 /* ---- Compensation ---------------------------------------------------------------------------- */
 
-static bool change_tdc(cfg_node_time *time, char *problem, size_t size, const cfg_redata *change,
-                       unsigned given)
+static bool change_tdc(cfg_node_time *time, char *problem, size_t size, const cfg_retime *change)
 {
+    const unsigned given = change->given;
     const uint64_t most = CW_TDC_BITS_MAX * timing_bit_clocks(&time->data);
-    if (given & CFG_DATA_TDC_MODE)
+    if (given & RETIME_BIT(RETIME_TDC_MODE))
         time->tdc = change->tdc;
-    take(&time->tdco, change->tdco, given & CFG_DATA_TDCO);
-    take(&time->tdcv, change->tdcv, given & CFG_DATA_TDCV);
+    if (given & RETIME_BIT(RETIME_TDCO))
+        time->tdco = change->tdco;
+    if (given & RETIME_BIT(RETIME_TDCV))
+        time->tdcv = change->tdcv;
     const cw_tdc tdc = cfg_data_timing(time).tdc;
-    if ((given & CFG_DATA_TDCO) && tdc.mode == CW_TDC_OFF)
+    if ((given & RETIME_BIT(RETIME_TDCO)) && tdc.mode == CW_TDC_OFF)
         return refuse(problem, size, "tdco: tdc-mode is off; auto or manual is needed");
-    if ((given & CFG_DATA_TDCV) && tdc.mode != CW_TDC_MANUAL)
+    if ((given & RETIME_BIT(RETIME_TDCV)) && tdc.mode != CW_TDC_MANUAL)
         return refuse(problem, size, "tdcv: only tdc-mode manual has it; auto measures it");
     if (tdc.mode == CW_TDC_MANUAL && tdc.tdcv == 0)
         return refuse(problem, size,
@@ -138,13 +102,13 @@ static bool change_tdc(cfg_node_time *time, char *problem, size_t size, const cf
 }
 
 bool cfg_change_data(cfg_node_time *time, char *problem, size_t size, bool *bit_changes,
-                     const cfg *config, const cfg_redata *change, unsigned given, bool found_anew)
+                     const cfg *config, const cfg_retime *change, bool found_anew)
 {
     *bit_changes = false;
-    if (!change_segments(time, problem, size, config, change, given, found_anew) ||
-        !change_tdc(time, problem, size, change, given))
+    if (!change_segments(time, problem, size, config, change, found_anew) ||
+        !change_tdc(time, problem, size, change))
         return false;
-    if (given & CFG_DATA_SAMPLE_POINT)
+    if (change->given & RETIME_BIT(RETIME_DSAMPLE_POINT))
         *bit_changes = find_common(time, config);
     return true;
 }

@@ -5,8 +5,9 @@
  */
 #include "config/retime.h"
 
-#include "base/schema.h"
+#include "config/live.h"
 #include "config/phases.h"
+#include "config/redata.h"
 
 #include <inttypes.h>
 #include <stdarg.h>
@@ -16,77 +17,16 @@
 #define CLOCK_MAX_HZ 1000000000u
 #define PPM_MAX 100000u
 
-#define BIT(key) (1u << (key))
-#define SEGMENTS                                                                                   \
-    (BIT(RETIME_BRP) | BIT(RETIME_PROP_SEG) | BIT(RETIME_PHASE_SEG1) | BIT(RETIME_PHASE_SEG2))
-#define DATA_MASK (BIT(RETIME_TDCV + 1) - BIT(RETIME_DBRP))
+#define BIT(key) RETIME_BIT(key)
+#define SEGMENTS RETIME_SEGMENTS
+#define DATA_MASK (BIT(RETIME_TDCV + 1) - BIT(RETIME_DSAMPLE_POINT))
 
-/* A key whose value is a number of quanta or clocks. */
-typedef struct number {
-    uint32_t min;
-    uint32_t max;
-    size_t offset; /* in a cfg_retime */
-} number;
-
-static const char *const names[RETIME_KEYS] = {
-    [RETIME_CLOCK] = "clock",
-    [RETIME_PPM] = "ppm",
-    [RETIME_SAMPLE_POINT] = "sample-point",
-    [RETIME_BRP] = "brp",
-    [RETIME_PROP_SEG] = "prop-seg",
-    [RETIME_PHASE_SEG1] = "phase-seg1",
-    [RETIME_PHASE_SEG2] = "phase-seg2",
-    [RETIME_SJW] = "sjw",
-    [RETIME_TRIPLE_SAMPLING] = "triple-sampling",
-    [RETIME_DBRP] = "dbrp",
-    [RETIME_DPROP_SEG] = "dprop-seg",
-    [RETIME_DPHASE_SEG1] = "dphase-seg1",
-    [RETIME_DPHASE_SEG2] = "dphase-seg2",
-    [RETIME_DSJW] = "dsjw",
-    [RETIME_DSAMPLE_POINT] = "dsample-point",
-    [RETIME_TDC_MODE] = "tdc-mode",
-    [RETIME_TDCO] = "tdco",
-    [RETIME_TDCV] = "tdcv",
-    [RETIME_TX_DELAY] = "tx-delay",
-    [RETIME_RX_DELAY] = "rx-delay",
-    [RETIME_POSITION] = "position",
-    [RETIME_STUB] = "stub",
-    [RETIME_RINGING] = "ringing",
-};
-
-/* The settings of keys of the place. */
-static const unsigned ways[RETIME_KEYS] = {
-    [RETIME_TX_DELAY] = CW_SET_TX_DELAY, [RETIME_RX_DELAY] = CW_SET_RX_DELAY,
-    [RETIME_POSITION] = CW_SET_PLACE,    [RETIME_STUB] = CW_SET_STUB,
-    [RETIME_RINGING] = CW_SET_RINGING,
-};
-
-static const number numbers[RETIME_KEYS] = {
-    [RETIME_BRP] = {1, CFG_BRP_MAX, offsetof(cfg_retime, bit.brp)},
-    [RETIME_PROP_SEG] = {0, CFG_SEGMENT_MAX, offsetof(cfg_retime, bit.prop_seg)},
-    [RETIME_PHASE_SEG1] = {1, CFG_SEGMENT_MAX, offsetof(cfg_retime, bit.phase_seg1)},
-    [RETIME_PHASE_SEG2] = {1, CFG_SEGMENT_MAX, offsetof(cfg_retime, bit.phase_seg2)},
-    [RETIME_SJW] = {1, CFG_SJW_MAX, offsetof(cfg_retime, bit.sjw)},
-    [RETIME_DBRP] = {1, CFG_BRP_MAX, offsetof(cfg_retime, data.bit.brp)},
-    [RETIME_DPROP_SEG] = {0, CFG_SEGMENT_MAX, offsetof(cfg_retime, data.bit.prop_seg)},
-    [RETIME_DPHASE_SEG1] = {1, CFG_SEGMENT_MAX, offsetof(cfg_retime, data.bit.phase_seg1)},
-    [RETIME_DPHASE_SEG2] = {1, CFG_SEGMENT_MAX, offsetof(cfg_retime, data.bit.phase_seg2)},
-    [RETIME_DSJW] = {1, CFG_SJW_MAX, offsetof(cfg_retime, data.bit.sjw)},
-    [RETIME_TDCO] = {0, CFG_TDC_CLOCKS_MAX, offsetof(cfg_retime, data.tdco)},
-    [RETIME_TDCV] = {1, CFG_TDC_CLOCKS_MAX, offsetof(cfg_retime, data.tdcv)},
-};
-
-const char *cfg_retime_name(retime_key key)
+const schema_key *cfg_retime_row(retime_key key)
 {
-    return names[key];
-}
-
-retime_key cfg_retime_find(const char *name)
-{
-    retime_key key = 0;
-    while (key < RETIME_KEYS && strcmp(names[key], name) != 0)
-        key++;
-    return key;
+    const schema_key *row = cfg_node_keys;
+    while (!cfg_is_retime(row) || cfg_live_of(row)->time != key)
+        row++;
+    return row;
 }
 
 /* Returns false, for the caller to return. */
@@ -117,166 +57,165 @@ bool cfg_parse_ppm(int32_t *ppm, const char *text)
     return true;
 }
 
-static bool put_clock(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], const char *text)
+/* Each puts the value of a key into its member, and returns what is wrong and the place of that. */
+typedef bool value_putter(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
+                          const char *text);
+
+static bool put_clock(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
+                      const char *text)
 {
     uint64_t hz;
     const char *wrong = text_parse_frequency(&hz, text);
     if (wrong)
-        return refuse(problem, "clock: '%.40s': %s", text, wrong);
+        return refuse(problem, "%s: '%.40s': %s", key->name, text, wrong);
     if (!cfg_clock_valid(hz))
-        return refuse(problem, "clock: expected " CFG_CLOCK_RANGE ", not '%.40s'", text);
-    change->bit.clock_hz = (uint32_t)hz;
+        return refuse(problem, "%s: expected " CFG_CLOCK_RANGE ", not '%.40s'", key->name, text);
+    *(uint32_t *)member = (uint32_t)hz;
     return true;
 }
 
-static bool put_ppm(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], const char *text)
-{
-    return cfg_parse_ppm(&change->ppm, text) ||
-           refuse(problem, "ppm: expected " CFG_PPM_RANGE ", not '%.40s'", text);
-}
-
-static bool put_sample_point(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime_key key,
-                             const char *text)
-{
-    const char *wrong = text_parse_sample_point(key == RETIME_SAMPLE_POINT
-                                                    ? &change->sample_permille
-                                                    : &change->data.sample_permille,
-                                                text);
-    return !wrong || refuse(problem, "%s: '%.40s': %s", names[key], text, wrong);
-}
-
-static bool put_tdc_mode(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], const char *text)
-{
-    return cfg_parse_tdc(&change->data.tdc, text) ||
-           refuse(problem, "tdc-mode: expected one of off, auto, manual, not '%.40s'", text);
-}
-
-static bool put_number(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime_key key,
-                       const char *text)
-{
-    const number *n = &numbers[key];
-    uint64_t value;
-    if (text_parse_uint(&value, text) || value < n->min || value > n->max)
-        return refuse(problem, "%s: expected a decimal integer %" PRIu32 "..%" PRIu32
-                      ", not '%.40s'", names[key], n->min, n->max, text);
-    *(uint32_t *)(void *)((char *)change + n->offset) = (uint32_t)value;
-    return true;
-}
-
-static bool put_triple(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], const char *text)
-{
-    return schema_parse_bool(&change->triple_sampling, text) ||
-           refuse(problem, "triple-sampling: expected one of on, off, yes, no, true, false, not "
-                  "'%.40s'", text);
-}
-
-static bool put_way(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime_key key,
+static bool put_ppm(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                     const char *text)
 {
-    cfg_way *way = &change->way;
-    const bool length = key == RETIME_POSITION || key == RETIME_STUB;
-    bool right;
-    if (length)
-        right = cfg_parse_way(key == RETIME_STUB ? &way->stub_mm : &way->position_mm, text);
-    else if (key == RETIME_RINGING)
-        right = cfg_parse_delay(&way->ringing, text);
-    else
-        right = cfg_parse_delays(key == RETIME_TX_DELAY ? way->tx_delay : way->rx_delay, text);
-    const char *range = length ? CFG_LENGTH_RANGE
-                               : key == RETIME_RINGING ? CFG_DELAY_RANGE : CFG_DELAYS_RANGE;
-    return right ||
-           refuse(problem, "%s: expected %s, not '%.40s'", names[key], range, text);
+    return cfg_parse_ppm(member, text) ||
+           refuse(problem, "%s: expected " CFG_PPM_RANGE ", not '%.40s'", key->name, text);
 }
 
-static bool put_value(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime_key key,
+static bool put_sample_point(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
+                             const char *text)
+{
+    const char *wrong = text_parse_sample_point(member, text);
+    return !wrong || refuse(problem, "%s: '%.40s': %s", key->name, text, wrong);
+}
+
+static bool put_clocks(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
+                       const char *text)
+{
+    const schema_range *range = key->arg;
+    uint64_t value;
+    if (text_parse_uint(&value, text) || value < range->min || value > range->max)
+        return refuse(problem, "%s: expected a decimal integer %" PRIu64 "..%" PRIu64
+                      ", not '%.40s'", key->name, range->min, range->max, text);
+    *(uint32_t *)member = (uint32_t)value;
+    return true;
+}
+
+static bool put_switch(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
+                       const char *text)
+{
+    return schema_parse_bool(member, text) ||
+           refuse(problem, "%s: expected one of on, off, yes, no, true, false, not '%.40s'",
+                  key->name, text);
+}
+
+static bool put_tdc_mode(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
+                         const char *text)
+{
+    for (const schema_choice *mode = cfg_tdc_modes; mode->name; mode++)
+        if (strcmp(mode->name, text) == 0) {
+            *(cfg_tdc *)member = (cfg_tdc)mode->value;
+            return true;
+        }
+    return refuse(problem, "%s: expected one of off, auto, manual, not '%.40s'", key->name, text);
+}
+
+static bool put_delays(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
+                       const char *text)
+{
+    return cfg_parse_delays(member, text) ||
+           refuse(problem, "%s: expected " CFG_DELAYS_RANGE ", not '%.40s'", key->name, text);
+}
+
+static bool put_delay(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                       const char *text)
 {
-    switch (key) {
-    case RETIME_CLOCK:
-        return put_clock(change, problem, text);
-    case RETIME_PPM:
-        return put_ppm(change, problem, text);
-    case RETIME_SAMPLE_POINT:
-    case RETIME_DSAMPLE_POINT:
-        return put_sample_point(change, problem, key, text);
-    case RETIME_TDC_MODE:
-        return put_tdc_mode(change, problem, text);
-    case RETIME_TRIPLE_SAMPLING:
-        return put_triple(change, problem, text);
-    case RETIME_BRP:
-    case RETIME_PROP_SEG:
-    case RETIME_PHASE_SEG1:
-    case RETIME_PHASE_SEG2:
-    case RETIME_SJW:
-    case RETIME_DBRP:
-    case RETIME_DPROP_SEG:
-    case RETIME_DPHASE_SEG1:
-    case RETIME_DPHASE_SEG2:
-    case RETIME_DSJW:
-    case RETIME_TDCO:
-    case RETIME_TDCV:
-        return put_number(change, problem, key, text);
-    case RETIME_TX_DELAY:
-    case RETIME_RX_DELAY:
-    case RETIME_POSITION:
-    case RETIME_STUB:
-    case RETIME_RINGING:
-        return put_way(change, problem, key, text);
-    case RETIME_KEYS:
-        break;
-    }
-    return refuse(problem, "there is no such key");
+    return cfg_parse_delay(member, text) ||
+           refuse(problem, "%s: expected " CFG_DELAY_RANGE ", not '%.40s'", key->name, text);
 }
+
+static bool put_length(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
+                       const char *text)
+{
+    return cfg_parse_way(member, text) ||
+           refuse(problem, "%s: expected " CFG_LENGTH_RANGE ", not '%.40s'", key->name, text);
+}
+
+/* Each prints what one of the former reads. */
+typedef void value_printer(char text[TIME_TEXT_MAX], const void *member);
+
+static void print_clocks(char text[TIME_TEXT_MAX], const void *member)
+{
+    (void)snprintf(text, TIME_TEXT_MAX, "%" PRIu32, *(const uint32_t *)member);
+}
+
+static void print_ppm(char text[TIME_TEXT_MAX], const void *member)
+{
+    (void)snprintf(text, TIME_TEXT_MAX, "%" PRId32, *(const int32_t *)member);
+}
+
+static void print_sample_point(char text[TIME_TEXT_MAX], const void *member)
+{
+    (void)snprintf(text, TIME_TEXT_MAX, "0.%03u", (unsigned)*(const uint16_t *)member);
+}
+
+static void print_switch(char text[TIME_TEXT_MAX], const void *member)
+{
+    (void)snprintf(text, TIME_TEXT_MAX, "%s", *(const bool *)member ? "on" : "off");
+}
+
+static void print_tdc_mode(char text[TIME_TEXT_MAX], const void *member)
+{
+    const schema_choice *mode = cfg_tdc_modes;
+    while (mode->value != *(const cfg_tdc *)member)
+        mode++;
+    (void)snprintf(text, TIME_TEXT_MAX, "%s", mode->name);
+}
+
+static void print_delays(char text[TIME_TEXT_MAX], const void *member)
+{
+    cfg_print_delays(text, member);
+}
+
+static void print_delay(char text[TIME_TEXT_MAX], const void *member)
+{
+    cfg_print_delay(text, member);
+}
+
+static void print_length(char text[TIME_TEXT_MAX], const void *member)
+{
+    (void)snprintf(text, TIME_TEXT_MAX, "%" PRIu64 "mm", *(const uint64_t *)member);
+}
+
+static const struct {
+    value_putter *put;
+    value_printer *print;
+} values_of[] = {
+    [CFG_LIVE_CLOCK] = {put_clock, print_clocks},
+    [CFG_LIVE_PPM] = {put_ppm, print_ppm},
+    [CFG_LIVE_SAMPLE] = {put_sample_point, print_sample_point},
+    [CFG_LIVE_CLOCKS] = {put_clocks, print_clocks},
+    [CFG_LIVE_SWITCH] = {put_switch, print_switch},
+    [CFG_LIVE_TDC] = {put_tdc_mode, print_tdc_mode},
+    [CFG_LIVE_DELAYS] = {put_delays, print_delays},
+    [CFG_LIVE_DELAY] = {put_delay, print_delay},
+    [CFG_LIVE_LENGTH] = {put_length, print_length},
+};
 
 bool cfg_retime_put(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime_key key,
                     const char *text)
 {
-    if (!put_value(change, problem, key, text))
+    const schema_key *row = cfg_retime_row(key);
+    const cfg_live *live = cfg_live_of(row);
+    if (!values_of[live->kind].put((char *)change + live->offset, problem, row, text))
         return false;
     change->given |= BIT(key);
     return true;
 }
 
-static const char *print_one(char text[TIME_TEXT_MAX], const cfg_retime *values, retime_key key)
-{
-    uint32_t value = values->bit.clock_hz;
-    if (key == RETIME_TRIPLE_SAMPLING)
-        return values->triple_sampling ? "on" : "off";
-    if (key == RETIME_TDC_MODE)
-        return cfg_tdc_name(values->data.tdc);
-    if (numbers[key].max > 0)
-        memcpy(&value, (const char *)values + numbers[key].offset, sizeof value);
-    if (key == RETIME_PPM)
-        (void)snprintf(text, TIME_TEXT_MAX, "%" PRId32, values->ppm);
-    else if (key == RETIME_SAMPLE_POINT)
-        (void)snprintf(text, TIME_TEXT_MAX, "0.%03u", (unsigned)values->sample_permille);
-    else if (key == RETIME_DSAMPLE_POINT)
-        (void)snprintf(text, TIME_TEXT_MAX, "0.%03u", (unsigned)values->data.sample_permille);
-    else
-        (void)snprintf(text, TIME_TEXT_MAX, "%" PRIu32, value);
-    return text;
-}
-
-static void print_way(char text[TIME_TEXT_MAX], const cfg_way *way, retime_key key)
-{
-    const uint64_t mm = key == RETIME_STUB ? way->stub_mm : way->position_mm;
-    if (key == RETIME_RINGING)
-        cfg_print_delay(text, &way->ringing);
-    else if (key == RETIME_POSITION || key == RETIME_STUB)
-        (void)snprintf(text, TIME_TEXT_MAX, "%" PRIu64 "mm", mm);
-    else
-        cfg_print_delays(text, key == RETIME_TX_DELAY ? way->tx_delay : way->rx_delay);
-}
-
 void cfg_retime_print(char text[TIME_TEXT_MAX], const cfg_retime *values, retime_key key)
 {
-    if (ways[key]) {
-        print_way(text, &values->way, key);
-        return;
-    }
-    const char *printed = print_one(text, values, key);
-    if (printed != text)
-        (void)snprintf(text, TIME_TEXT_MAX, "%s", printed);
+    const cfg_live *live = cfg_live_of(cfg_retime_row(key));
+    values_of[live->kind].print(text, (const char *)values + live->offset);
 }
 
 /* ---- A change -------------------------------------------------------------------------------- */
@@ -304,14 +243,14 @@ static unsigned present_way(const cw_node_timing *t, const cfg_node_time *time)
 }
 
 /* Returns the keys of the data phase that mean anything. */
-static unsigned present_data(const cfg_redata *data)
+static unsigned present_data(const cfg_retime *values)
 {
     unsigned given = DATA_MASK & ~BIT(RETIME_DSAMPLE_POINT);
-    if (data->bit.clock_hz == 0)
+    if (values->phase[1].bit.clock_hz == 0)
         return 0;
-    if (data->tdc == CFG_TDC_OFF)
+    if (values->tdc == CFG_TDC_OFF)
         given &= ~BIT(RETIME_TDCO);
-    if (data->tdc != CFG_TDC_MANUAL)
+    if (values->tdc != CFG_TDC_MANUAL)
         given &= ~BIT(RETIME_TDCV);
     return given;
 }
@@ -328,24 +267,25 @@ static cfg_way way_of(const cfg_node_time *time)
 
 cfg_retime cfg_retime_present(const cfg_node_time *time)
 {
-    const cfg_redata data = cfg_data_present(time);
     const unsigned known = time->bit.clock_hz ? SEGMENTS | BIT(RETIME_SJW) | BIT(RETIME_CLOCK) : 0;
-    const unsigned always = BIT(RETIME_PPM) | BIT(RETIME_TRIPLE_SAMPLING);
-    const unsigned way = present_way(&time->timing, time);
-    return (cfg_retime){.given = known | always | way | present_data(&data),
-                        .way = way_of(time),
-                        .data = data,
-                        .bit = time->bit,
-                        .ppm = time->ppm,
-                        .triple_sampling = time->triple_sampling};
+    cfg_retime values = {.way = way_of(time),
+                         .phase[0].bit = time->bit,
+                         .ppm = time->ppm,
+                         .triple_sampling = time->triple_sampling};
+    cfg_data_present(&values, time);
+    values.given = known | BIT(RETIME_PPM) | BIT(RETIME_TRIPLE_SAMPLING) |
+                   present_way(&time->timing, time) | present_data(&values);
+    return values;
 }
 
-static void take_numbers(bit_timing *bit, const cfg_retime *change)
+void cfg_take_segments(bit_timing *bit, const bit_timing *change, unsigned given)
 {
-    for (retime_key key = RETIME_BRP; key <= RETIME_SJW; key++)
-        if (change->given & BIT(key))
-            memcpy((char *)bit + (numbers[key].offset - offsetof(cfg_retime, bit)),
-                   (const char *)change + numbers[key].offset, sizeof(uint32_t));
+    for (retime_key key = RETIME_BRP; key <= RETIME_SJW; key++) {
+        const size_t offset = cfg_live_of(cfg_retime_row(key))->offset -
+                              offsetof(cfg_retime, phase[0].bit);
+        if (given & BIT(key))
+            memcpy((char *)bit + offset, (const char *)change + offset, sizeof(uint32_t));
+    }
 }
 
 /* Returns the first key of the segments that is missing. */
@@ -354,7 +294,7 @@ static const char *first_missing(unsigned given)
     retime_key key = RETIME_BRP;
     while (given & BIT(key))
         key++;
-    return names[key];
+    return cfg_retime_row(key)->name;
 }
 
 static bool keys_agree(char problem[RETIME_PROBLEM_MAX], unsigned given, bool clock_known)
@@ -380,16 +320,16 @@ static bool change_bit(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], co
                        (!clock_known && (given & BIT(RETIME_CLOCK)) && !(given & SEGMENTS));
     char wrong[TIMING_PROBLEM_MAX];
     if (given & BIT(RETIME_CLOCK))
-        time->bit.clock_hz = change->bit.clock_hz;
+        time->bit.clock_hz = change->phase[0].bit.clock_hz;
     else if (!clock_known && (finds || (given & SEGMENTS)))
         time->bit.clock_hz = CFG_CLOCK_DEFAULT_HZ;
     if (finds || (!clock_known && (given & SEGMENTS)))
         time->bit.sjw = 0;
     if (given & SEGMENTS)
         time->found = false;
-    take_numbers(&time->bit, change);
+    cfg_take_segments(&time->bit, &change->phase[0].bit, given);
     if (given & BIT(RETIME_SAMPLE_POINT))
-        time->sample_permille = change->sample_permille;
+        time->sample_permille = change->phase[0].sample_permille;
     if (finds ? !cfg_find_segments(time, wrong, config) : !cfg_fit_segments(time, wrong))
         return refuse(problem, "%s", wrong);
     if (finds || (given & (BIT(RETIME_BRP) | BIT(RETIME_CLOCK) | BIT(RETIME_PPM))))
@@ -402,10 +342,10 @@ static bool change_bit(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], co
 static bool refuse_data(char problem[RETIME_PROBLEM_MAX], const cfg *config, unsigned node,
                      unsigned given)
 {
-    retime_key key = RETIME_DBRP;
+    retime_key key = RETIME_DSAMPLE_POINT;
     while (!(given & BIT(key)))
         key++;
-    return refuse(problem, "%s: %s", names[key],
+    return refuse(problem, "%s: %s", cfg_retime_row(key)->name,
                   cfg_knows_fd(config, &config->nodes[node])
                       ? "the bus has no data rate; bus: { dbitrate } gives it one"
                       : "only a node of kind fd has a data phase");
@@ -423,8 +363,8 @@ static bool change_data(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], c
         return !given || refuse_data(problem, config, node, given);
     if (!given && !(*which & CW_SET_QUANTUM))
         return true;
-    if (!cfg_change_data(time, problem, RETIME_PROBLEM_MAX, &bit_changes, config, &change->data,
-                         given >> RETIME_DBRP, found_anew))
+    if (!cfg_change_data(time, problem, RETIME_PROBLEM_MAX, &bit_changes, config, change,
+                         found_anew))
         return false;
     *which |= CW_SET_QUANTUM | CW_SET_DATA | (bit_changes ? CW_SET_SEGMENTS : 0);
     return true;
@@ -465,8 +405,8 @@ static bool bus_takes(const cfg *config, unsigned node, const cw_settings *setti
 static unsigned ways_given(const cfg_retime *change)
 {
     unsigned given = 0;
-    for (retime_key key = 0; key < RETIME_KEYS; key++)
-        given |= change->given & BIT(key) ? ways[key] : 0;
+    for (retime_key key = RETIME_TX_DELAY; key < RETIME_KEYS; key++)
+        given |= change->given & BIT(key) ? cfg_live_of(cfg_retime_row(key))->which : 0;
     return given;
 }
 

@@ -8,32 +8,32 @@
 #ifndef CANWIRE_CONFIG_RETIME_H
 #define CANWIRE_CONFIG_RETIME_H
 
+#include "base/schema.h"
 #include "config/config.h"
-#include "config/redata.h"
 #include "config/reway.h"
 
 #define RETIME_PROBLEM_MAX 240
 
-/* The keys in the order of the documentation. */
+/* The keys. Those of the phases of a bit come first; each has the same ones in the same order. */
 typedef enum retime_key {
-    RETIME_CLOCK = 0,
-    RETIME_PPM,
-    RETIME_SAMPLE_POINT,
+    RETIME_SAMPLE_POINT = 0,
     RETIME_BRP,
     RETIME_PROP_SEG,
     RETIME_PHASE_SEG1,
     RETIME_PHASE_SEG2,
     RETIME_SJW,
-    RETIME_TRIPLE_SAMPLING,
-    RETIME_DBRP, /* the data phase, in the order of CFG_DATA_* */
+    RETIME_DSAMPLE_POINT,
+    RETIME_DBRP,
     RETIME_DPROP_SEG,
     RETIME_DPHASE_SEG1,
     RETIME_DPHASE_SEG2,
     RETIME_DSJW,
-    RETIME_DSAMPLE_POINT,
     RETIME_TDC_MODE,
     RETIME_TDCO,
     RETIME_TDCV,
+    RETIME_CLOCK,
+    RETIME_PPM,
+    RETIME_TRIPLE_SAMPLING,
     RETIME_TX_DELAY,
     RETIME_RX_DELAY,
     RETIME_POSITION,
@@ -42,22 +42,34 @@ typedef enum retime_key {
     RETIME_KEYS
 } retime_key;
 
+#define RETIME_BIT(key) (1u << (key))
+
+/* The keys of the first phase; those of the phase behind it are as many bits further on. */
+#define RETIME_PHASE_KEYS RETIME_DSAMPLE_POINT
+#define RETIME_SEGMENTS                                                                            \
+    (RETIME_BIT(RETIME_BRP) | RETIME_BIT(RETIME_PROP_SEG) | RETIME_BIT(RETIME_PHASE_SEG1) |        \
+     RETIME_BIT(RETIME_PHASE_SEG2))
+
+/* One phase: of all bits, or of those at the data rate. */
+typedef struct cfg_rephase {
+    bit_timing bit;
+    uint16_t sample_permille;
+} cfg_rephase;
+
 /* Values of some keys. */
 typedef struct cfg_retime {
-    uint32_t given; /* 1u << retime_key */
-    bit_timing bit;
+    uint32_t given; /* RETIME_BIT() */
+    cfg_rephase phase[2];
     int32_t ppm;
-    uint16_t sample_permille;
     bool triple_sampling;
-    cfg_redata data;
+    cfg_tdc tdc;
+    uint32_t tdco; /* clocks, as the next one */
+    uint32_t tdcv;
     cfg_way way;
 } cfg_retime;
 
-/* Returns the name of a key, as in a configuration. */
-const char *cfg_retime_name(retime_key key);
-
-/* Returns RETIME_KEYS for a name that no key has. */
-retime_key cfg_retime_find(const char *name);
+/* Returns the row of a key in cfg_node_keys, with its name. */
+const schema_key *cfg_retime_row(retime_key key);
 
 /* Adds the value of a key. A wrong one returns false; the message then has the key and what is
  * allowed, and *change stays as it is. */
@@ -78,6 +90,12 @@ cfg_retime cfg_retime_present(const cfg_node_time *time);
  * undefined. */
 bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_PROBLEM_MAX],
                      const cfg *config, unsigned node, const cfg_retime *change);
+
+/* Takes the segments of a phase over that are given, in the bits of the first phase. */
+void cfg_take_segments(bit_timing *bit, const bit_timing *change, unsigned given);
+
+/* The modes of compensation, but for that which the rate gives. */
+extern const schema_choice cfg_tdc_modes[];
 
 /* ---- For the reader of configurations -------------------------------------------------------- */
 

@@ -43,27 +43,45 @@ static const schema_choice directions[] = {
     {.name = NULL},
 };
 
-static const schema_key rig_keys[] = {
-    {.name = "buses", .read = read_buses, .required = true},
-    {.name = "gateways", .read = read_gateways},
+#define MEMBER(m) .offset = offsetof(rig_rule, m)
+
+static const schema_key rule_keys[] = {
+    {.name = "filter", .read = read_filter, .type = TYPE_SOME(8, "{'type': ['string', 'integer']}"),
+     .help = "Frames as candump's filters name them; by default all."},
+    {.name = "id", .read = read_id,
+     .type = "{'type': ['string', 'integer'], 'pattern': "
+             "'^([0-7][0-9A-Fa-f]{2}|[01][0-9A-Fa-f]{7})$'}",
+     .help = "The new identifier, 3 digits or 8."},
+    {.name = "delay", .read = read_delay, MEMBER(delay), .type = "realTime",
+     .help = "From the reception to the other node; default 0."},
+    {.name = "queue", .read = schema_read_uint, MEMBER(queue), .arg = &queue_range,
+     .type = "{'type': ['string', 'integer'], 'pattern': "
+             "'^([1-9][0-9]{0,2}|10[01][0-9]|102[0-4])$'}",
+     .help = "Frames that wait for the end of their delay; default 16."},
+    {.name = "direction", .read = schema_read_choice, MEMBER(direction), .arg = directions,
+     .help = "Default both."},
     {.name = NULL},
 };
 
 static const schema_key gateway_keys[] = {
-    {.name = "name", .read = read_name, .required = true},
-    {.name = "between", .read = read_between, .required = true},
-    {.name = "rules", .read = read_rules, .required = true},
+    {.name = "name", .read = read_name, .required = true,
+     .type = "{'type': 'string', 'pattern': '^[A-Za-z0-9_.-]{1,32}$'}",
+     .help = "Its name in statistics."},
+    {.name = "between", .read = read_between, .required = true,
+     .type = TYPE_LIST(2, 2, "{'type': 'string', 'pattern': '^[^:]*:.'}"),
+     .help = "Its nodes, of two buses, as BUS:NODE. They have no port."},
+    {.name = "rules", .read = read_rules, .required = true, .map = rule_keys, .as = "rule",
+     .type = TYPE_LIST(1, 64, "@"),
+     .help = "The first rule that matches a frame decides; other frames stay."},
     {.name = NULL},
 };
 
-#define MEMBER(m) .offset = offsetof(rig_rule, m)
-
-static const schema_key rule_keys[] = {
-    {.name = "filter", .read = read_filter},
-    {.name = "id", .read = read_id},
-    {.name = "delay", .read = read_delay, MEMBER(delay)},
-    {.name = "queue", .read = schema_read_uint, MEMBER(queue), .arg = &queue_range},
-    {.name = "direction", .read = schema_read_choice, MEMBER(direction), .arg = directions},
+const schema_key rig_file_keys[] = {
+    {.name = "buses", .read = read_buses, .required = true, .type = TYPE_LIST(1, 16, TYPE_STRING),
+     .help = "Files with the configurations of the buses."},
+    {.name = "gateways", .read = read_gateways, .map = gateway_keys, .as = "gateway",
+     .type = TYPE_LIST_UP_TO(64, "@"),
+     .help = "What carries frames from bus to bus."},
     {.name = NULL},
 };
 
@@ -316,7 +334,7 @@ static bool read_root(rig_owner *owner, rig_walk *walk, yaml_document_t *documen
     yaml_node_t *root = yaml_document_get_root_node(document);
 
     if (root)
-        schema_map(&self, "rig", root, rig_keys, &owner->rig);
+        schema_map(&self, "rig", root, rig_file_keys, &owner->rig);
     else
         diag_add(found, 1, 1, "the file is empty; a rig needs the key buses");
     if (found->errors == 0)

@@ -5,6 +5,7 @@
 #ifndef CANWIRE_CONFIG_RIG_H
 #define CANWIRE_CONFIG_RIG_H
 
+#include "base/schema.h"
 #include "config/config.h"
 
 #define RIG_BUSES_MAX 16u
@@ -87,5 +88,8 @@ void rig_free(rig *self);
 /* Returns the rule that decides about a frame with that can_id, which end `end` has received, or
  * NULL: the frame stays. */
 const rig_rule *rig_find_rule(const rig_gateway *gateway, unsigned end, const cw_frame *frame);
+
+/* The keys of the file. */
+extern const schema_key rig_file_keys[];
 
 #endif

@@ -14,58 +14,87 @@ static void complete_trigger(schema *self, const yaml_node_t *map, cw_rule *rule
 static const schema_range number_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range positive_range = {1, UINT32_MAX, sizeof(uint32_t)};
 
-/* The names have been read before: rules may refer to later ones. */
-static const schema_key rule_keys[] = {
-    {.name = "name", .read = read_nothing, .required = true},
-    {.name = "when", .read = read_when},
-    {.name = "do", .read = cfg_read_action, .required = true},
-    {.name = NULL},
-};
-
 static const schema_choice rates[] = {
     {.name = "nominal", .value = CW_RATE_NOMINAL},
     {.name = "data", .value = CW_RATE_DATA},
     {.name = NULL},
 };
 
-static const schema_key when_keys[] = {
-    {.name = "frame", .read = cfg_read_filters},
-    {.name = "data", .read = cfg_read_data},
-    {.name = "rate", .read = cfg_read_rate, .offset = offsetof(cw_rule, rate), .arg = rates},
-    {.name = "from", .read = cfg_read_node_set, .offset = offsetof(cw_rule, from)},
-    {.name = "state", .read = read_states},
-    {.name = "time", .read = read_window},
-    {.name = "period", .read = cfg_read_period, .offset = offsetof(cw_rule, again_ticks)},
-    {.name = "after", .read = read_after},
-    {.name = "skip",
-     .read = schema_read_uint,
-     .offset = offsetof(cw_rule, skip),
-     .arg = &number_range},
-    {.name = "every",
-     .read = schema_read_uint,
-     .offset = offsetof(cw_rule, every),
-     .arg = &positive_range},
-    {.name = "count",
-     .read = schema_read_uint,
-     .offset = offsetof(cw_rule, count),
-     .arg = &positive_range},
-    {.name = "hold-off", .read = cfg_read_bits, .offset = offsetof(cw_rule, hold_off)},
-    {.name = "probability", .read = cfg_read_fraction, .offset = offsetof(cw_rule, probability)},
-    {.name = "manual", .read = schema_read_bool, .offset = offsetof(cw_rule, manual)},
+static const schema_key after_keys[] = {
+    {.name = "rule", .read = read_after_rule, .required = true,
+     .type = TYPE_TEXT("^(?:[A-Za-z0-9_.-]+)$"),
+     .help = "A rule of this file, or one that runs."},
+    {.name = "delay", .read = cfg_read_bits, .offset = offsetof(cw_rule, after_delay),
+     .preset = "0",
+     .help = "Between its hit and this rule."},
     {.name = NULL},
 };
 
-static const schema_key after_keys[] = {
-    {.name = "rule", .read = read_after_rule, .required = true},
-    {.name = "delay", .read = cfg_read_bits, .offset = offsetof(cw_rule, after_delay)},
+static const schema_key when_keys[] = {
+    {.name = "frame", .read = cfg_read_filters,
+     .type = TYPE_ANY(TYPE_REF("filter") ", " TYPE_LIST(1, 8, TYPE_OPEN(TYPE_REF("filter")))),
+     .help = "Frames that match one of these filters. #MASK: error frames of these classes "
+             "(linux/can/error.h), seen by 'from'."},
+    {.name = "data", .read = cfg_read_data,
+     .help = "Data bytes from the first on, up to 64; '.' or 'x' for any digit. Shorter frames "
+             "do not match."},
+    {.name = "rate", .read = cfg_read_rate, .offset = offsetof(cw_rule, rate), .arg = rates,
+     .type = TYPE_CHOICE,
+     .help = "data: CAN FD frames with BRS, or errors that are found at the data rate; nominal: "
+             "all others. Default: both."},
+    {.name = "from", .read = cfg_read_node_set, .offset = offsetof(cw_rule, from),
+     .help = "Transmitters; for error frames: who sees the error. Default: any node."},
+    {.name = "state", .read = read_states,
+     .type = "{'type': 'object', 'minProperties': 1, 'propertyNames': "
+             "{'pattern': '^[A-Za-z0-9_.-]+$|\\$'}, 'additionalProperties': "
+             TYPE_SOME(4, TYPE_OPEN(TYPE_REF("state"))) "}",
+     .help = "All these nodes are in one of the states; the same states for all."},
+    {.name = "time", .read = read_window, .type = "window",
+     .help = "Bus time, half open: 2s..5s, 2s.., ..5s; 2s: from then on, or, without a condition "
+             "on frames, the moment."},
+    {.name = "period", .read = cfg_read_period, .offset = offsetof(cw_rule, again_ticks),
+     .help = "A rule that acts at its time acts again after each period, up to the end of its "
+             "window."},
+    {.name = "after", .read = read_after, .map = after_keys,
+     .help = "Each hit of another rule arms this one for one hit."},
+    {.name = "skip", .read = schema_read_uint, .offset = offsetof(cw_rule, skip),
+     .arg = &number_range,
+     .preset = "0",
+     .help = "Matches that are passed over first."},
+    {.name = "every", .read = schema_read_uint, .offset = offsetof(cw_rule, every),
+     .arg = &positive_range,
+     .preset = "1",
+     .help = "Then the next and each so many-th match is taken."},
+    {.name = "count", .read = schema_read_uint, .offset = offsetof(cw_rule, count),
+     .arg = &positive_range,
+     .help = "The rule ends after so many hits; default: never."},
+    {.name = "hold-off", .read = cfg_read_bits, .offset = offsetof(cw_rule, hold_off),
+     .preset = "0",
+     .help = "After a hit no match counts for this time."},
+    {.name = "probability", .read = cfg_read_fraction, .offset = offsetof(cw_rule, probability),
+     .preset = "1",
+     .help = "Drawn for each match."},
+    {.name = "manual", .read = schema_read_bool, .offset = offsetof(cw_rule, manual),
+     .preset = "false",
+     .help = "Armed by hand (canwire fire), for one hit each time."},
     {.name = NULL},
+};
+
+/* The names have been read before: rules may refer to later ones. */
+const schema_key cfg_rule_keys[] = {
+    {.name = "name", .read = read_nothing, .required = true,
+     .type = TYPE_TEXT("^(?:[A-Za-z0-9_.-]{1,63})$"),
+     .help = "Distinct; with the seed it gives the rule's random stream."},
+    {.name = "when", .read = read_when, .map = when_keys, .as = "when"},
+    {.name = "do", .read = cfg_read_action, .required = true, .type = "do"},
+    {.name = NULL, .open = true},
 };
 
 static const schema_key name_key = {.name = "name"};
 
 static void read_rule(schema *self, yaml_node_t *value, cw_rule *rule)
 {
-    schema_map(self, "rule", value, rule_keys, rule);
+    schema_map(self, "rule", value, cfg_rule_keys, rule);
     if (value->type != YAML_MAPPING_NODE)
         return;
     complete_trigger(self, value, rule);

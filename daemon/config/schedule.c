@@ -44,14 +44,23 @@ typedef struct local_time {
     unsigned moment; /* a word of moments */
 } local_time;
 
-static const schema_key local_keys[] = {
-    {.name = "unit", .read = read_unit, .offset = offsetof(local_time, time.unit)},
+const schema_key cfg_local_time_keys[] = {
+    {.name = "unit", .read = read_unit, .offset = offsetof(local_time, time.unit), .type = "span",
+     .preset = "1us",
+     .help = "Time of one count, 13ns to 1s."},
     {.name = "bits", .read = schema_read_uint, .offset = offsetof(local_time, time.bits),
-     .arg = &bits_range},
+     .arg = &bits_range,
+     .preset = "16",
+     .help = "Its width; it wraps to 0."},
     {.name = "capture", .read = schema_read_choice, .offset = offsetof(local_time, moment),
-     .arg = moments},
+     .arg = moments,
+     .preset = "sof",
+     .help = "The bit of frames at whose sample point it is captured: SOF, or the last one of "
+             "EOF."},
     {.name = "start", .read = schema_read_uint, .offset = offsetof(local_time, time.start),
-     .arg = &start_range},
+     .arg = &start_range,
+     .preset = "0",
+     .help = "Its value at bus time 0."},
     {.name = NULL},
 };
 
@@ -69,7 +78,7 @@ void cfg_read_local_time(schema *self, const schema_key *key, yaml_node_t *value
     cfg_node *node = object;
     local_time read = {.time = {.unit = UNIT_DEFAULT, .bits = CW_LOCAL_BITS_MIN}};
     const size_t errors = self->errors->errors;
-    schema_map(self, key->name, value, local_keys, &read);
+    schema_map(self, key->name, value, cfg_local_time_keys, &read);
     if (self->errors->errors != errors)
         read.time.unit = UNIT_DEFAULT;
     else if ((uint64_t)read.time.start >> read.time.bits)
@@ -90,16 +99,25 @@ typedef struct trigger {
 } trigger;
 
 static const schema_key trigger_keys[] = {
-    {.name = "at", .read = read_units, .offset = offsetof(trigger, time.at), .required = true},
-    {.name = "slot", .read = read_slot, .offset = offsetof(trigger, time.slot), .required = true},
+    {.name = "at", .read = read_units, .offset = offsetof(trigger, time.at), .required = true,
+     .type = TYPE_ANY(TYPE_INTEGER(0, 4294967295) ", " TYPE_REF("time")),
+     .help = "Local time after the capture of the reference message; a time is rounded down."},
+    {.name = "slot", .read = read_slot, .offset = offsetof(trigger, time.slot), .required = true,
+     .type = TYPE_ANY(TYPE_INTEGER(0, 4294967295) ", " TYPE_REF("time")),
+     .help = "The frame begins before so much local time has passed, or is given up."},
     {.name = "cycle", .read = schema_read_uint, .offset = offsetof(trigger, time.cycle),
-     .arg = &cycle_range},
+     .arg = &cycle_range,
+     .help = "The first basic cycle in which it acts. Without cycle and repeat it acts in all of "
+             "them."},
     {.name = "repeat", .read = schema_read_uint, .offset = offsetof(trigger, time.repeat),
-     .arg = &repeat_range},
+     .arg = &repeat_range,
+     .help = "... and in each of so many after it. Default: once in the matrix."},
     {.name = "send", .read = cfg_read_frame, .offset = offsetof(trigger, time.frame),
      .required = true},
     {.name = "window", .read = schema_read_choice, .offset = offsetof(trigger, window),
-     .arg = windows},
+     .arg = windows,
+     .preset = "exclusive",
+     .help = "Whether other nodes have a trigger at the same time; for expectations."},
     {.name = NULL},
 };
 
@@ -265,11 +283,18 @@ static void read_triggers(schema *self, const schema_key *key, yaml_node_t *valu
 /* ---- Schedules ------------------------------------------------------------------------------- */
 
 #define MEMBER(member) .offset = offsetof(cfg_node, schedule.member)
-static const schema_key schedule_keys[] = {
-    {.name = "reference", .read = read_reference, MEMBER(reference), .required = true},
-    {.name = "cycles", .read = schema_read_uint, MEMBER(cycles), .arg = &cycles_range},
-    {.name = "cycle-byte", .read = schema_read_uint, MEMBER(cycle_byte), .arg = &byte_range},
-    {.name = "triggers", .read = read_triggers},
+const schema_key cfg_schedule_keys[] = {
+    {.name = "reference", .read = read_reference, MEMBER(reference), .required = true,
+     .type = "nodeFilter",
+     .help = "The frames that begin a basic cycle."},
+    {.name = "cycles", .read = schema_read_uint, MEMBER(cycles), .arg = &cycles_range,
+     .preset = "1",
+     .help = "Basic cycles of the matrix."},
+    {.name = "cycle-byte", .read = schema_read_uint, MEMBER(cycle_byte), .arg = &byte_range,
+     .help = "Data byte of reference messages with the number of the cycle. Without it nodes "
+             "count."},
+    {.name = "triggers", .read = read_triggers, .map = trigger_keys,
+     .type = TYPE_LIST_UP_TO(255, "@")},
     {.name = NULL},
 };
 
@@ -288,7 +313,7 @@ void cfg_read_schedule(schema *self, const schema_key *key, yaml_node_t *value, 
     node->schedule = (cfg_schedule){.cycles = 1, .cycle_byte = CFG_NO_CYCLE_BYTE,
                                     .place = {(int)value->start_mark.line + 1,
                                               (int)value->start_mark.column + 1}};
-    schema_map(self, key->name, value, schedule_keys, node);
+    schema_map(self, key->name, value, cfg_schedule_keys, node);
     if (node->local.bits == 0)
         schema_complain(self, value, "%s: the node needs local-time, the clock of its triggers",
                         key->name);

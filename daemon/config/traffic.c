@@ -40,34 +40,64 @@ static schema_reader read_speed;
 #define MEMBER(m) .offset = offsetof(cfg_traffic, m)
 
 static const schema_key send_keys[] = {
-    {.name = "send", .read = cfg_read_frame, MEMBER(frame)},
-    {.name = "every", .read = read_every, MEMBER(every)},
-    {.name = "offset", .read = cfg_read_time, MEMBER(offset)},
-    {.name = "jitter", .read = cfg_read_time, MEMBER(jitter)},
-    {.name = "count", .read = schema_read_uint, MEMBER(count), .arg = &count_range},
-    {.name = "counter", .read = cfg_read_counter},
-    {.name = "checksum", .read = cfg_read_checksum},
-    {.name = NULL},
+    {.name = "send", .read = cfg_read_frame, MEMBER(frame),
+     .help = "The frame."},
+    {.name = "every", .read = read_every, MEMBER(every), .type = "span",
+     .help = "Again after this time; without: once."},
+    {.name = "offset", .read = cfg_read_time, MEMBER(offset), .preset = "0",
+     .help = "Of the first one."},
+    {.name = "jitter", .read = cfg_read_time, MEMBER(jitter), .preset = "0",
+     .help = "Each one comes later by a random time of 0 up to this, at most 'every'; drawn from "
+             "the seed."},
+    {.name = "count", .read = schema_read_uint, MEMBER(count), .arg = &count_range,
+     .help = "How many; default: without end."},
+    {.name = "counter", .read = cfg_read_counter, .map = cfg_counter_keys},
+    {.name = "checksum", .read = cfg_read_checksum, .map = cfg_checksum_keys},
+    {.name = NULL,
+     .type = "{'if': {'required': ['count'], 'properties': {'count': {'minimum': 2}}}, 'then': "
+             TYPE_NEEDS("every") "}"},
 };
 
 static const schema_key replay_keys[] = {
-    {.name = "replay", .read = read_file},
-    {.name = "only", .read = read_filters},
-    {.name = "interface", .read = read_channel},
-    {.name = "format", .read = schema_read_choice, MEMBER(format), .arg = formats},
-    {.name = "speed", .read = read_speed, .arg = speeds},
-    {.name = "offset", .read = cfg_read_time, MEMBER(offset)},
-    {.name = "count", .read = schema_read_uint, MEMBER(count), .arg = &count_range},
-    {.name = "loop", .read = schema_read_bool, MEMBER(loop)},
-    {.name = "gap", .read = cfg_read_span, MEMBER(gap)},
-    {.name = NULL},
+    {.name = "replay", .read = read_file, .type = "text",
+     .help = "A recording: candump (with or without -L), Vector ASC, pcapng or pcap; relative to "
+             "this file."},
+    {.name = "only", .read = read_filters, .type = TYPE_SOME(8, TYPE_REF("frameFilter")),
+     .help = "Only frames that match one of these filters."},
+    {.name = "interface", .read = read_channel, .type = TYPE_TEXT("^.{1,31}$"),
+     .help = "Only this interface or channel of the recording."},
+    {.name = "format", .read = schema_read_choice, MEMBER(format), .arg = formats,
+     .help = "What the recording is; default: by what is in it. candump-delta is candump -t d, "
+             "which cannot be told from -t z."},
+    {.name = "speed", .read = read_speed, .arg = speeds, .type = "{'enum': ['original', 'max']}",
+     .help = "original: with the times of the recording (default); max: whenever the node has "
+             "nothing else to send."},
+    {.name = "offset", .read = cfg_read_time, MEMBER(offset), .preset = "0",
+     .help = "Of the first entry of the recording."},
+    {.name = "count", .read = schema_read_uint, MEMBER(count), .arg = &count_range,
+     .help = "How often; default: once."},
+    {.name = "loop", .read = schema_read_bool, MEMBER(loop),
+     .help = "Again and again without end."},
+    {.name = "gap", .read = cfg_read_span, MEMBER(gap),
+     .help = "From the last entry to the first one when it is repeated; default 1ms."},
+    {.name = NULL,
+     .type = "{'allOf': ["
+             TYPE_IF("{'required': ['loop'], "
+                     "'properties': {'loop': {'enum': [true, 'on', 'yes']}}}",
+                     "{'not': " TYPE_NEEDS("count") "}") ", "
+             TYPE_IF("{'required': ['speed'], 'properties': {'speed': {'const': 'max'}}}",
+                     "{'not': " TYPE_NEEDS("gap") "}") "]}"},
 };
 
 static const schema_key reply_keys[] = {
-    {.name = "reply", .read = cfg_read_frame, MEMBER(frame)},
-    {.name = "to", .read = read_filters},
-    {.name = "delay", .read = read_delay, MEMBER(delay)},
-    {.name = "count", .read = schema_read_uint, MEMBER(count), .arg = &replies_range},
+    {.name = "reply", .read = cfg_read_frame, MEMBER(frame),
+     .help = "The answer."},
+    {.name = "to", .read = read_filters, .type = TYPE_SOME(8, TYPE_REF("frameFilter")),
+     .help = "What is answered; default: the remote frame of the answer's identifier."},
+    {.name = "delay", .read = read_delay, MEMBER(delay), .type = "time", .preset = "0",
+     .help = "Between the frame and the answer."},
+    {.name = "count", .read = schema_read_uint, MEMBER(count), .arg = &replies_range,
+     .help = "How many; default: without end."},
     {.name = NULL},
 };
 
@@ -87,6 +117,12 @@ static const struct {
 };
 
 #define KINDS (sizeof kinds / sizeof kinds[0])
+
+const schema_key *cfg_traffic_form(size_t i, schema_key room[SCHEMA_KEYS_MAX])
+{
+    (void)room;
+    return i < KINDS ? kinds[i].keys : NULL;
+}
 
 bool cfg_traffic_is_endless(const cfg_traffic *traffic)
 {

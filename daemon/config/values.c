@@ -11,32 +11,11 @@
 
 #define STATES_MAX ((size_t)CW_STATE_COUNT)
 
-static const schema_choice modes[] = {
-    {.name = "one-shot", .value = CW_MODE_ONE_SHOT},
-    {.name = "listen-only", .value = CW_MODE_LISTEN_ONLY},
-    {.name = "loopback", .value = CW_MODE_LOOPBACK},
-    {.name = "presume-ack", .value = CW_MODE_PRESUME_ACK},
-    {.name = "berr-reporting", .value = CW_MODE_BERR_REPORTING},
-    {.name = "lost-arbitration-reporting", .value = CW_MODE_LOST_ARBITRATION_REPORTING},
-    {.name = "restricted", .value = CW_MODE_RESTRICTED},
-    {.name = "time-triggered", .value = CW_MODE_TIME_TRIGGERED},
-    {.name = NULL},
-};
-
 const schema_choice cfg_orders[] = {
     {.name = "priority", .value = CW_ORDER_PRIORITY},
     {.name = "fifo", .value = CW_ORDER_FIFO},
     {.name = NULL},
 };
-
-uint8_t cfg_mode(const char *name)
-{
-    const schema_choice *mode = modes;
-
-    while (strcmp(mode->name, name) != 0)
-        mode++;
-    return (uint8_t)mode->value;
-}
 
 /* ---- Names and times ------------------------------------------------------------------------- */
 

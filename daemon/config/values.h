@@ -76,9 +76,6 @@ void cfg_warn_rounded(schema *self, const schema_key *key, const yaml_node_t *va
 /* The words of `order`. */
 extern const schema_choice cfg_orders[];
 
-/* Returns the CW_MODE_* of a key such as one-shot. */
-uint8_t cfg_mode(const char *name);
-
 /* Returns the map of a node: an item of the list `nodes`, or `guests` for the first guest. */
 yaml_node_t *cfg_node_map(schema *self, yaml_node_t *nodes, size_t i);
 

@@ -14,13 +14,16 @@ static schema_reader read_socket;
 
 static const schema_range programs_range = {1, CFG_PROGRAMS_MAX, sizeof(uint8_t)};
 
-static const schema_key virtual_keys[] = {
-    {.name = "programs",
-     .read = schema_read_uint,
-     .offset = offsetof(cfg, virtual_time.programs),
-     .arg = &programs_range},
-    {.name = "until", .read = cfg_read_ticks_min, .offset = offsetof(cfg, virtual_time.until)},
-    {.name = "socket", .read = read_socket},
+const schema_key cfg_virtual_keys[] = {
+    {.name = "programs", .read = schema_read_uint,
+     .offset = offsetof(cfg, virtual_time.programs), .arg = &programs_range,
+     .preset = "1",
+     .help = "How many programs of canwire run --virtual must be there before time begins."},
+    {.name = "until", .read = cfg_read_ticks_min, .offset = offsetof(cfg, virtual_time.until),
+     .help = "Bus time at which time stands still: the run is over."},
+    {.name = "socket", .read = read_socket, .type = "text",
+     .help = "Path of the socket at which programs join virtual time, relative to this file; "
+             "default: that of control with .time behind it."},
     {.name = NULL},
 };
 
@@ -38,7 +41,7 @@ void cfg_read_virtual(schema *self, const schema_key *key, yaml_node_t *value, v
     config->virtual_time.place = cfg_place_of(value);
     if (config->pacing != CFG_PACING_VIRTUAL)
         schema_complain(self, value, "%s: only a bus with 'pacing: virtual' has it", key->name);
-    schema_map(self, key->name, value, virtual_keys, config);
+    schema_map(self, key->name, value, cfg_virtual_keys, config);
 }
 
 /* Returns true for a path that a socket can have. */

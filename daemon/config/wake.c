@@ -5,31 +5,23 @@
 #include "config/wake.h"
 
 #include "base/number.h"
+#include "config/live.h"
 #include "config/values.h"
 #include "trace/frametext.h"
 
 #include <string.h>
 
-static const char *const names[CFG_WAKE_KEYS] = {"wake-filter", "wake-time", "wake-on"};
-static const unsigned sets[CFG_WAKE_KEYS] = {CW_SET_WAKE_FILTER, CW_SET_WAKE_TIME, CW_SET_WAKE_ON};
-
-cfg_wake_key cfg_wake_find(const char *name)
+/* Returns the time of a key. */
+static uint64_t *time_of(cw_sleep_settings *settings, const schema_key *key)
 {
-    cfg_wake_key key = 0;
+    const size_t offset = cfg_live_of(key)->offset - offsetof(cw_settings, sleep);
 
-    while (key < CFG_WAKE_KEYS && strcmp(names[key], name) != 0)
-        key++;
-    return key;
+    return (uint64_t *)(void *)((char *)settings + offset);
 }
 
-const char *cfg_wake_name(cfg_wake_key key)
+static bool is_time(const schema_key *key)
 {
-    return names[key];
-}
-
-unsigned cfg_wake_set(cfg_wake_key key)
-{
-    return sets[key];
+    return cfg_live_of(key)->kind == CFG_LIVE_WAKE_TIME;
 }
 
 /* A time of the transceiver knows no bits. */
@@ -60,13 +52,9 @@ static const char *parse_frames(cw_sleep_settings *out, const char *text)
     return problem;
 }
 
-const char *cfg_wake_parse(cw_sleep_settings *out, cfg_wake_key key, const char *text)
+const char *cfg_wake_parse(cw_sleep_settings *out, const schema_key *key, const char *text)
 {
-    if (key == CFG_WAKE_FILTER)
-        return parse_time(&out->filter_ticks, text);
-    if (key == CFG_WAKE_TIME)
-        return parse_time(&out->wake_ticks, text);
-    return parse_frames(out, text);
+    return is_time(key) ? parse_time(time_of(out, key), text) : parse_frames(out, text);
 }
 
 static void print_frames(char out[WAKE_TEXT_MAX], const cw_sleep_settings *s)
@@ -82,30 +70,29 @@ static void print_frames(char out[WAKE_TEXT_MAX], const cw_sleep_settings *s)
     }
 }
 
-void cfg_wake_print(char out[WAKE_TEXT_MAX], const cw_sleep_settings *s, cfg_wake_key key)
+void cfg_wake_print(char out[WAKE_TEXT_MAX], const cw_sleep_settings *settings,
+                    const schema_key *key)
 {
-    if (key == CFG_WAKE_FILTER)
-        text_print_span(out, s->filter_ticks);
-    else if (key == CFG_WAKE_TIME)
-        text_print_span(out, s->wake_ticks);
+    cw_sleep_settings copy = *settings;
+
+    if (is_time(key))
+        text_print_span(out, *time_of(&copy, key));
     else
-        print_frames(out, s);
+        print_frames(out, settings);
 }
 
 /* Reads a list of filters, each of which may be several. */
-void cfg_wake_read(schema *self, const schema_key *key, yaml_node_t *value,
-                   cw_sleep_settings *out)
+void cfg_wake_read_into(schema *self, const schema_key *key, yaml_node_t *value,
+                        cw_sleep_settings *out)
 {
-    const cfg_wake_key wake = cfg_wake_find(key->name);
-
-    if (wake == CFG_WAKE_ON && value->type == YAML_SEQUENCE_NODE) {
+    if (!is_time(key) && value->type == YAML_SEQUENCE_NODE) {
         out->frame_count = (uint8_t)cfg_read_filter_list(self, key, value, out->frames, 0,
                                                          CW_WAKE_FILTERS_MAX);
         return;
     }
-    const char *text = schema_text(self, key, value, wake == CFG_WAKE_ON
-                                                         ? "a frame filter such as 123, or off"
-                                                         : "a time from 0 to 1s, such as 5us");
+    const char *text = schema_text(self, key, value, is_time(key)
+                                                         ? "a time from 0 to 1s, such as 5us"
+                                                         : "a frame filter such as 123, or off");
     if (text)
-        schema_problem(self, key, value, cfg_wake_parse(out, wake, text));
+        schema_problem(self, key, value, cfg_wake_parse(out, key, text));
 }

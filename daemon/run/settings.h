@@ -2,8 +2,7 @@
  *
  * settings.h - the settings of a node that can change while the bus runs, as JSON.
  *
- * Keys are those of a node in the configuration: modes, restart-ms, queue, order, warning-limit,
- * and those of its bit timing (config/retime.h).
+ * Keys are those of a node in the configuration that change (config/live.h).
  */
 #ifndef CANWIRE_RUN_SETTINGS_H
 #define CANWIRE_RUN_SETTINGS_H

@@ -12,7 +12,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 CANWIRE = pathlib.Path(os.environ.get("CANWIRE", ROOT / "build/release/canwire"))
-SCHEMA = json.loads((ROOT / "config/schema/canwire.schema.json").read_text())["$defs"]
+SCHEMA = json.loads((CANWIRE.parent / "schema/canwire.schema.json").read_text())["$defs"]
 PAGES = ["canwire.1", "canwire.yaml.5", "canwire-campaign.7", "canwire-faults.7", "canwire-lcm.7",
          "canwire-operation.7", "canwire-restbus.1", "canwire-run.7", "canwired.8", "canwire-usb.8"]
 WIDE = "width=500"
@@ -155,12 +155,10 @@ def test_completion_of_the_other_programs(tmp_path, program):
 def keys_of(schema):
     """Returns all keys below, without those of fault rules."""
     name = schema.get("$ref", "").removeprefix("#/$defs/")
-    if name in ("rules", "traffic", "recording", "expectation", "nodeDefaults"):
+    if name in ("rule", "traffic", "recording", "expectation", "nodeDefaults"):
         return
     if name:
-        schema = SCHEMA
-        for step in name.split("/"):
-            schema = schema[int(step) if isinstance(schema, list) else step]
+        schema = SCHEMA[name]
     for key, value in schema.get("properties", {}).items():
         yield key
         yield from keys_of(value)

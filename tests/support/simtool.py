@@ -15,6 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 CANWIRE = str((ROOT / os.environ.get("CANWIRE", "build/release/canwire")).resolve())
 CANWIRED = str(Path(CANWIRE).with_name("canwired"))
+SCHEMAS = Path(CANWIRE).with_name("schema")  # of the same build
 TIMEOUT_S = 600
 
 

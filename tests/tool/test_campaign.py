@@ -15,10 +15,10 @@ import pytest
 import yaml
 
 import test_schema
-from simtool import CANWIRE, ROOT, TIMEOUT_S, canwire, run, sim
+from simtool import CANWIRE, SCHEMAS, TIMEOUT_S, canwire, run, sim
 
 VALIDATOR = test_schema.Validator(
-    json.loads((ROOT / "config/schema/canwire-campaign.schema.json").read_text()))
+    json.loads((SCHEMAS / "canwire-campaign.schema.json").read_text()))
 BUS = """# a comment stays
 bus: { name: powertrain, bitrate: 500000 }
 nodes:

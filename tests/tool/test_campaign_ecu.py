@@ -18,10 +18,10 @@ import pytest
 import yaml
 
 from compiled import compiled
-from simtool import CANWIRE, ROOT, TIMEOUT_S, canwire, run
+from simtool import CANWIRE, ROOT, SCHEMAS, TIMEOUT_S, canwire, run
 from test_record import wait_until
 
-SCHEMA = json.loads((ROOT / "config/schema/canwire-campaign.schema.json").read_text())
+SCHEMA = json.loads((SCHEMAS / "canwire-campaign.schema.json").read_text())
 BUS = """bus: { name: powertrain, bitrate: 500000 }
 nodes:
   - name: engine

@@ -11,9 +11,9 @@ import jsonschema
 import pytest
 import yaml
 
-from simtool import CANWIRE, ROOT, TIMEOUT_S, canwire, run
+from simtool import CANWIRE, ROOT, SCHEMAS, TIMEOUT_S, canwire, run
 
-SCHEMA = json.loads((ROOT / "config/schema/canwire-campaign.schema.json").read_text())
+SCHEMA = json.loads((SCHEMAS / "canwire-campaign.schema.json").read_text())
 SOURCE = str(ROOT / "lib/python/src")
 BUS = """bus: { name: powertrain, bitrate: 500000 }
 nodes:

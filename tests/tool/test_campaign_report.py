@@ -18,9 +18,9 @@ import pytest
 import yaml
 
 import test_schema
-from simtool import CANWIRE, ROOT, canwire, run, sim
+from simtool import CANWIRE, ROOT, SCHEMAS, canwire, run, sim
 
-SCHEMA = json.loads((ROOT / "config/schema/canwire-campaign.schema.json").read_text())
+SCHEMA = json.loads((SCHEMAS / "canwire-campaign.schema.json").read_text())
 VALIDATOR = test_schema.Validator(SCHEMA)
 # Bit errors at one node, once or often. Of 300 hits the engine becomes bus-off. A dropped frame is
 # not seen by any controller.

@@ -12,10 +12,10 @@ import pytest
 import yaml
 
 import test_schema
-from simtool import CANWIRE, ROOT, TIMEOUT_S
+from simtool import CANWIRE, SCHEMAS, TIMEOUT_S
 from test_campaign import BUS
 
-SCHEMA = json.loads((ROOT / "config/schema/canwire-campaign.schema.json").read_text())
+SCHEMA = json.loads((SCHEMAS / "canwire-campaign.schema.json").read_text())
 VALIDATOR = test_schema.Validator(SCHEMA)
 INLINE = """scenario:
   bus: { name: b, bitrate: 500000 }

@@ -9,11 +9,11 @@ import jsonschema
 import pytest
 import yaml
 
-from simtool import ROOT, canwire, sim
+from simtool import ROOT, SCHEMAS, canwire, sim
 
 pytestmark = pytest.mark.strangers
 
-SCHEMA = json.loads((ROOT / "config/schema/canwire-rig.schema.json").read_text())
+SCHEMA = json.loads((SCHEMAS / "canwire-rig.schema.json").read_text())
 EXAMPLE = ROOT / "config/rig/rig.yaml"
 BODY = """bus: { name: body, bitrate: 125000 }
 nodes:

@@ -21,13 +21,13 @@ import pytest
 import yaml
 
 from depth import DEEP
-from simtool import CANWIRE, ROOT, TIMEOUT_S
+from simtool import CANWIRE, ROOT, SCHEMAS, TIMEOUT_S
 
 CONFIG = ROOT / "tests/config"
 GOOD = sorted([*CONFIG.glob("good/*.yaml"), *CONFIG.glob("profiles/[nt]*.yaml"),
                *ROOT.glob("config/profiles/*.yaml"), *ROOT.glob("config/*.yaml")])
 BAD = sorted(CONFIG.glob("bad/*.yaml"))
-SCHEMA = json.loads((ROOT / "config/schema/canwire.schema.json").read_text())
+SCHEMA = json.loads((SCHEMAS / "canwire.schema.json").read_text())
 MUTANTS_MAX = 150 if DEEP else 40  # of one file; drawn with a fixed seed
 DEPTH_MAX = 40
 
@@ -318,7 +318,7 @@ def keys_of(schema):
 def test_keys_of_json_follow_one_rule():
     """Those of a configuration as there, with hyphens; all others with underscores (control.md)."""
     configured = set().union(*(keys_of(json.loads(path.read_text()))
-                               for path in ROOT.glob("config/schema/*.json")))
+                               for path in SCHEMAS.glob("*.json")))
     sources = "".join(path.read_text() for path in ROOT.glob("daemon/**/*.[ch]")
                       if path.name != "timing_table.c")  # it has the words of `ip link`
     found = set(re.findall(r'\bput(?:_[a-z]+)*\([^"();]*?"([\w-]+)"', sources)) | \
