@@ -6,49 +6,61 @@
 #include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
+#include "config/live.h"
 
+#include <stdio.h>
 #include <string.h>
 
 static const char usage[] = "canwire set BUS NODE KEY=VALUE...";
 
-static const char help[] =
+#define HELP_MAX 8192u
+#define KEY_WIDTH 26 /* of the longest key */
+#define LINE_MAX_WIDTH 100u
+
+static const char intro[] =
     "Changes settings of a node at once; the configuration's file stays as it is. Keys are those "
     "of\n"
     "the configuration, as in `ip link set ... type can`:\n"
-    "\n"
-    "  loopback, listen-only, one-shot, berr-reporting, presume-ack, restricted,\n"
-    "  time-triggered, lost-arbitration-reporting                     on or off\n"
-    "  restart-ms       0 to 4294967295; 0: never by itself\n"
-    "  queue            1 to 4096 frames\n"
-    "  order            priority or fifo\n"
-    "  warning-limit    1 to 255\n"
-    "  sleep            on or off\n"
-    "  wake-filter, wake-time\n"
-    "                   0 to 1s, such as 5us: of the dominant phase that wakes the node, and from\n"
-    "                   then until it integrates\n"
-    "  wake-on          frames that wake it instead, such as 123,500:7F0; or off\n"
-    "  ppm              -100000 to 100000, error of the clock in millionths\n"
-    "  clock            100kHz to 1GHz\n"
-    "  sample-point     10% to 99.9%; finds the segments, as in the configuration\n"
-    "  brp, prop-seg, phase-seg1, phase-seg2, sjw                     as the controller allows\n"
-    "  triple-sampling  on or off\n"
-    "\n"
-    "  dbrp, dprop-seg, dphase-seg1, dphase-seg2, dsjw, dsample-point\n"
-    "                   the same of the data phase; only where the node has one (CAN FD)\n"
-    "  tdc-mode         off, auto or manual\n"
-    "  tdco, tdcv       0, or 1, to 65535 clocks; tdcv only with tdc-mode manual\n"
-    "\n"
-    "  tx-delay, rx-delay\n"
-    "                   0 to 10ms, such as 120ns; or 120ns/180ns: of edges to dominant, and to\n"
-    "                   recessive\n"
-    "  position, stub   0 to 10km, such as 12m\n"
-    "  ringing          0 to 10ms, at most 16 bits\n"
-    "\n"
-    "A bit timing changes from the node's next bit on. Delays and places change for the edges\n"
-    "that come from now on: one that is under way arrives as it would have. A\n"
-    "sample-point finds the data phase anew, too. when-full, controller, kind and all other keys\n"
-    "change in the configuration, see `canwire reload`.\n"
     "\n";
+
+static const char outro[] =
+    "\n"
+    "A bit timing changes from the node's next bit on, that of the data phase only where the node\n"
+    "has one (CAN FD). Delays and places change for the edges that come from now on: one that is\n"
+    "under way arrives as it would have. A sample-point finds the data phase anew, too. when-full,\n"
+    "controller, kind and all other keys change in the configuration, see `canwire reload`.\n"
+    "\n";
+
+/* Prints a key of a node, its values and what it is, in lines of a list. */
+static void print_key(FILE *out, const schema_key *key)
+{
+    char range[LINE_MAX_WIDTH], text[512];
+    cfg_print_range(range, sizeof range, key);
+    (void)snprintf(text, sizeof text, "%s. %s", range, key->help);
+    size_t column = (size_t)fprintf(out, "  %-*s ", KEY_WIDTH, key->name);
+    char *rest = text;
+    for (char *word; (word = strsep(&rest, " ")) != NULL;) {
+        if (column + 1 + strlen(word) > LINE_MAX_WIDTH)
+            column = (size_t)fprintf(out, "\n  %-*s ", KEY_WIDTH, "") - 1;
+        column += (size_t)fprintf(out, " %s", word);
+    }
+    (void)fputc('\n', out);
+}
+
+/* Puts the help of all keys that change while a node is in use, from their table. */
+static const char *print_help(char text[HELP_MAX])
+{
+    FILE *out = fmemopen(text, HELP_MAX, "w");
+    if (!out)
+        return intro;
+    (void)fputs(intro, out);
+    for (const schema_key *key = cfg_node_keys; key->name; key++)
+        if (cfg_is_live(key))
+            print_key(out, key);
+    (void)fputs(outro, out);
+    (void)fclose(out);
+    return text;
+}
 
 /* Puts KEY=VALUE into an object. */
 static bool put_setting(json_t *settings, char *word)
@@ -73,7 +85,8 @@ static bool is_swapped(const char *node)
 int cli_set(int argc, char **argv)
 {
     int first = 0;
-    const command c = {.usage = usage, .help = help, .words_min = 3, .words_max = -1};
+    char text[HELP_MAX];
+    const command c = {.usage = usage, .help = print_help(text), .words_min = 3, .words_max = -1};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;

@@ -94,7 +94,7 @@ const schema_choice cfg_tdc_modes[] = {
     {                                                                                              \
         .name = (key), .read = cfg_read_wake, .type = "time",                                      \
         LIVE(.kind = CFG_LIVE_WAKE_TIME, .which = (set),                                           \
-             .offset = offsetof(cw_settings, sleep.member), .range = "0 to 1s, such as 5us"),      \
+             .offset = offsetof(cw_settings, sleep.member), .range = "a time such as 5us"),      \
         .preset = (standard), .help = (told)                                                       \
     }
 #define DELAYS_RANGE "0 to 10ms, such as 120ns; or 120ns/180ns: to dominant, and to recessive"
@@ -200,7 +200,7 @@ const schema_key cfg_node_keys[] = {
           .range = "frames such as 123,500:7F0; or off"),
      .help = "Frames that wake the node instead, 8 at most (partial networking)."},
     {.name = "clock", .read = cfg_read_clock, .type = "clock",
-     TIME(CLOCK, CLOCK, phase[0].bit.clock_hz, CFG_CLOCK_RANGE), .preset = "80MHz",
+     TIME(CLOCK, CLOCK, phase[0].bit.clock_hz, "such as 16MHz"), .preset = "80MHz",
      .help = "Frequency of the controller's clock, 100kHz to 1GHz."},
     {.name = "ppm", .read = cfg_read_ppm, .type = "ppm",
      TIME(PPM, PPM, ppm, "-100000 to 100000"), .preset = "0",

@@ -145,24 +145,21 @@ _canwire_argument() {
     esac
 }
 
+# Lines KEY RANGE. SENTENCE of the settings of a node; some go on in further lines.
+_canwire_setting_lines() {
+    "$tool" set --help 2>/dev/null | sed -n 's/^  \([a-z][a-z0-9-]*\)  */\1 /p'
+}
+
 # KEY=VALUE; bash may have taken it apart at the '='.
 _canwire_settings() {
     local key=${COMP_WORDS[COMP_CWORD - 1]}
     if [[ $current == = || $key == = ]]; then
         [[ $current == = ]] && current= || key=${COMP_WORDS[COMP_CWORD - 2]}
-        case $key in
-        order) _canwire_words "priority fifo" ;;
-        restart-ms | queue | warning-limit | wake-*) COMPREPLY=() ;;
-        *) _canwire_words "on off" ;;
-        esac
+        _canwire_words "$(_canwire_setting_lines | sed -n "s/^$key \([a-z, ]*\)[.].*/\1/p" |
+            sed 's/,\| or / /g')"
     else
         compopt -o nospace 2>/dev/null
-        _canwire_words "loopback= listen-only= one-shot= berr-reporting= presume-ack= restricted= \
-            time-triggered= lost-arbitration-reporting= restart-ms= queue= order= \
-            warning-limit= sleep= wake-filter= wake-time= wake-on= clock= ppm= \
-            sample-point= brp= prop-seg= phase-seg1= phase-seg2= sjw= triple-sampling= dbrp= \
-            dprop-seg= dphase-seg1= dphase-seg2= dsjw= dsample-point= tdc-mode= tdco= tdcv= \
-            tx-delay= rx-delay= position= stub= ringing="
+        _canwire_words "$(_canwire_setting_lines | sed 's/ .*/=/')"
     fi
 }
 

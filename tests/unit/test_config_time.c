@@ -207,10 +207,10 @@ static void another_data_phase_leaves_the_grid_and_the_same_one_comes_back(void 
     for (size_t i = 0; i < COUNT(cases); i++) {
         set(bus, config, cases[i].key, cases[i].away);
         if (cw_bus_is_on_grid(bus))
-            fail_msg("%s=%s", cfg_retime_name(cases[i].key), cases[i].away);
+            fail_msg("%s=%s", cfg_retime_row(cases[i].key)->name, cases[i].away);
         set(bus, config, cases[i].key, cases[i].back);
         if (!cw_bus_is_on_grid(bus))
-            fail_msg("%s=%s", cfg_retime_name(cases[i].key), cases[i].back);
+            fail_msg("%s=%s", cfg_retime_row(cases[i].key)->name, cases[i].back);
     }
     free(memory);
     cfg_free(config);
