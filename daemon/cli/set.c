@@ -27,8 +27,9 @@ static const char outro[] =
     "\n"
     "A bit timing changes from the node's next bit on, that of the data phase only where the node\n"
     "has one (CAN FD). Delays and places change for the edges that come from now on: one that is\n"
-    "under way arrives as it would have. A sample-point finds the data phase anew, too. when-full,\n"
-    "controller, kind and all other keys change in the configuration, see `canwire reload`.\n"
+    "under way arrives as it would have. A sample-point finds the data phase anew, too. All other\n"
+    "keys, such as when-full, controller and kind, change in the configuration, see `canwire\n"
+    "reload`.\n"
     "\n";
 
 /* Prints a key of a node, its values and what it is, in lines of a list. */

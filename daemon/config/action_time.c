@@ -174,7 +174,7 @@ void cfg_read_retime(schema *self, const schema_key *key, yaml_node_t *value, vo
         return;
     }
     const char *text = schema_text(self, key, value, "a text or a number");
-    if (text && !cfg_retime_put(&change, problem, live->time, text))
+    if (text && !cfg_retime_put(&change, problem, key, text))
         schema_complain(self, value, "%s", problem);
 }
 
@@ -195,9 +195,10 @@ static cfg_retime changes_of(schema *self, const yaml_node_t *map)
     cfg_retime change = {.given = 0};
 
     for (retime_key key = 0; key < RETIME_KEYS; key++) {
-        const yaml_node_t *value = schema_find(self, map, cfg_retime_row(key)->name);
+        const schema_key *row = cfg_retime_row(key);
+        const yaml_node_t *value = schema_find(self, map, row->name);
         if (value && value->type == YAML_SCALAR_NODE && !schema_is_open(self, value))
-            (void)cfg_retime_put(&change, problem, key, (const char *)value->data.scalar.value);
+            (void)cfg_retime_put(&change, problem, row, (const char *)value->data.scalar.value);
         if (!value || value->type != YAML_MAPPING_NODE)
             continue;
         put_delays(self, key == RETIME_TX_DELAY ? change.way.tx_delay : change.way.rx_delay, value);

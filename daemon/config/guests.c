@@ -45,7 +45,7 @@ static char *name_guest(schema *self, unsigned number)
     return schema_copy(self, name);
 }
 
-void cfg_add_guest(schema *self)
+void cfg_add_guest(schema *self, const schema_key *keys)
 {
     cfg_walk *walk = self->user;
     cfg *config = cfg_of(self);
@@ -55,7 +55,7 @@ void cfg_add_guest(schema *self)
         return;
     *first = walk->defaults;
     first->line = (int)walk->guests->start_mark.line + 1;
-    schema_map_in(self, "guests", walk->guests, cfg_node_keys, CFG_IN_GUESTS, first);
+    schema_map_in(self, "guests", walk->guests, keys, CFG_IN_GUESTS, first);
     config->guest_count = first->guest;
     first->guest = 1;
     first->name = name_guest(self, 1);

@@ -83,14 +83,14 @@ static void name_peer(schema *self, const yaml_node_t *value, cfg_node *node)
     }
 }
 
-static void read_node(schema *self, yaml_node_t *value, cfg_node *node)
+static void read_node(schema *self, const schema_key *nodes, yaml_node_t *value, cfg_node *node)
 {
     cfg_walk *walk = self->user;
 
     *node = walk->defaults;
     node->when_full = CFG_WHEN_FULL_DROP; /* without port */
     node->line = (int)value->start_mark.line + 1;
-    schema_map_in(self, "node", value, cfg_node_keys, CFG_IN_NODES, node);
+    schema_map_in(self, "node", value, nodes->map, nodes->within, node);
     if (cfg_is_usb(node) && node->queue < USB_FRAMES)
         schema_complain(self, value, "queue: a port usb needs %u or more, not %u", USB_FRAMES,
                         (unsigned)node->queue);
@@ -105,7 +105,7 @@ void cfg_read_defaults(schema *self, const schema_key *key, yaml_node_t *value, 
     cfg_walk *walk = self->user;
 
     (void)object;
-    schema_map_in(self, key->name, value, cfg_node_keys, CFG_IN_DEFAULTS, &walk->defaults);
+    schema_map_in(self, key->name, value, key->map, key->within, &walk->defaults);
     if (value->type != YAML_MAPPING_NODE)
         return;
     walk->default_map = value;
@@ -132,9 +132,9 @@ void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, voi
     if (!config->nodes)
         return;
     for (; config->node_count < count; config->node_count++)
-        read_node(self, schema_item(self, value, config->node_count),
+        read_node(self, key, schema_item(self, value, config->node_count),
                   &config->nodes[config->node_count]);
-    cfg_add_guest(self);
+    cfg_add_guest(self, key->map);
     cfg_complete_controllers(self, value);
     cfg_complete_time(self, value);
     cfg_check_traffic(self, value);

@@ -45,7 +45,7 @@ static const schema_choice when_full_choices[] = {
     {.name = NULL},
 };
 
-const schema_choice cfg_tdc_modes[] = {
+static const schema_choice tdc_modes[] = {
     {.name = "off", .value = CFG_TDC_OFF},
     {.name = "auto", .value = CFG_TDC_AUTO},
     {.name = "manual", .value = CFG_TDC_MANUAL},
@@ -213,7 +213,7 @@ const schema_key cfg_node_keys[] = {
      TIME(SWITCH, TRIPLE_SAMPLING, triple_sampling, NULL), .preset = "false",
      .help = "The majority of three samples counts."},
     PHASE("d", D, " of the data phase", phase[1], data, dsample_permille),
-    {.name = "tdc-mode", .read = schema_read_choice, MEMBER(time.tdc), .arg = cfg_tdc_modes,
+    {.name = "tdc-mode", .read = schema_read_choice, MEMBER(time.tdc), .arg = tdc_modes,
      TIME(TDC, TDC_MODE, tdc, NULL),
      .help = "Transmitter delay compensation. Default: as Linux, auto with a dbrp of 1 or 2, else "
              "off."},
@@ -268,6 +268,14 @@ const schema_key *cfg_find_node_key(const char *name)
         if (strcmp(key->name, name) == 0)
             return key;
     return NULL;
+}
+
+const schema_key *cfg_retime_row(retime_key key)
+{
+    const schema_key *row = cfg_node_keys;
+    while (!cfg_is_retime(row) || cfg_live_of(row)->time != key)
+        row++;
+    return row;
 }
 
 void cfg_put_number(cw_settings *settings, const schema_key *key, uint64_t number)

@@ -73,7 +73,7 @@ schema_reader cfg_read_port_clients; /* of a node whose port has been read */
  * The others are copies of it. */
 schema_reader cfg_read_guests; /* object: the cfg */
 schema_reader cfg_read_guest_count; /* object: a cfg_node */
-void cfg_add_guest(schema *self);
+void cfg_add_guest(schema *self, const schema_key *keys);
 void cfg_copy_guests(schema *self);
 
 /* Keys of nodes about time, node_time.c; object: a cfg_node. */

@@ -4,6 +4,8 @@
  */
 #include "config/phases.h"
 
+#include "config/retime.h"
+
 #include "timing/request.h"
 
 /* ---- Segments -------------------------------------------------------------------------------- */
@@ -158,4 +160,27 @@ cw_data_timing cfg_data_timing(const cfg_node_time *time)
         .data_brp = data->brp,
         .tdc = tdc_of(time),
     };
+}
+
+cw_bit_timing cfg_bit_timing(const cfg_node_time *time, cw_span nominal)
+{
+    const bit_timing *bit = &time->bit;
+    return (cw_bit_timing){
+        .quantum = bit->clock_hz ? cw_quantum(bit->clock_hz, bit->brp, time->ppm)
+                                 : cfg_drifted(nominal, time->ppm),
+        .prop_seg = (uint16_t)bit->prop_seg,
+        .phase_seg1 = (uint16_t)bit->phase_seg1,
+        .phase_seg2 = (uint16_t)bit->phase_seg2,
+        .sjw = (uint16_t)bit->sjw,
+        .triple_sampling = time->triple_sampling,
+    };
+}
+
+void cfg_take_segments(bit_timing *bit, const bit_timing *change, unsigned given)
+{
+    bit->brp = given & RETIME_BIT(RETIME_BRP) ? change->brp : bit->brp;
+    bit->prop_seg = given & RETIME_BIT(RETIME_PROP_SEG) ? change->prop_seg : bit->prop_seg;
+    bit->phase_seg1 = given & RETIME_BIT(RETIME_PHASE_SEG1) ? change->phase_seg1 : bit->phase_seg1;
+    bit->phase_seg2 = given & RETIME_BIT(RETIME_PHASE_SEG2) ? change->phase_seg2 : bit->phase_seg2;
+    bit->sjw = given & RETIME_BIT(RETIME_SJW) ? change->sjw : bit->sjw;
 }

@@ -98,7 +98,8 @@ static const schema_range byte_range = {0, CW_FRAME_DATA_MAX - 1, sizeof(uint8_t
 static const schema_range value_range = {0, UINT32_MAX, sizeof(uint32_t)};
 
 #define PLACE "^(?:(?:[0-9]|[1-5][0-9]|6[0-3])(?:\\.[0-7])?)$"
-#define BYTE_TEXT TYPE_TEXT("^(?:0x[0-9A-Fa-f]{1,2}|[0-9]|[1-9][0-9]|1[0-9]{2}|2[0-4][0-9]|25[0-5])$")
+#define BYTE_TEXT                                                                                  \
+    TYPE_TEXT("^(?:0x[0-9A-Fa-f]{1,2}|[0-9]|[1-9][0-9]|1[0-9]{2}|2[0-4][0-9]|25[0-5])$")
 #define NUMBER_TEXT                                                                                \
     TYPE_TEXT("^(?:0x[0-9A-Fa-f]{1,4}|[0-9]|[1-9][0-9]{1,3}|[1-5][0-9]{4}|6[0-4][0-9]{3}|"         \
               "65[0-4][0-9]{2}|655[0-2][0-9]|6553[0-5])$")

@@ -55,7 +55,8 @@ static bool change_segments(cfg_node_time *time, char *problem, size_t size, con
     const unsigned given = change->given >> RETIME_PHASE_KEYS;
     const bool other_clock = time->data.clock_hz != time->bit.clock_hz;
     const bool finds = (given & RETIME_BIT(RETIME_SAMPLE_POINT)) ||
-                       (found_anew && !(given & RETIME_SEGMENTS) && (time->data_found || other_clock));
+                       (found_anew && !(given & RETIME_SEGMENTS) &&
+                        (time->data_found || other_clock));
     char wrong[TIMING_PROBLEM_MAX];
     if ((given & RETIME_SEGMENTS) && (given & RETIME_BIT(RETIME_SAMPLE_POINT)))
         return refuse(problem, size,

@@ -68,16 +68,16 @@ typedef struct cfg_retime {
     cfg_way way;
 } cfg_retime;
 
-/* Returns the row of a key in cfg_node_keys, with its name. */
+/* Returns the row of a key in cfg_node_keys, with its name (node_keys.c). */
 const schema_key *cfg_retime_row(retime_key key);
 
 /* Adds the value of a key. A wrong one returns false; the message then has the key and what is
  * allowed, and *change stays as it is. */
-bool cfg_retime_put(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], retime_key key,
+bool cfg_retime_put(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                     const char *text);
 
 /* Prints the value of a key in the form that cfg_retime_put() reads. */
-void cfg_retime_print(char text[TIME_TEXT_MAX], const cfg_retime *values, retime_key key);
+void cfg_retime_print(char text[TIME_TEXT_MAX], const cfg_retime *values, const schema_key *key);
 
 /* Returns the values of all keys that a node has at present. Those of its place that are 0 are left
  * out. */
@@ -93,9 +93,6 @@ bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_P
 
 /* Takes the segments of a phase over that are given, in the bits of the first phase. */
 void cfg_take_segments(bit_timing *bit, const bit_timing *change, unsigned given);
-
-/* The modes of compensation, but for that which the rate gives. */
-extern const schema_choice cfg_tdc_modes[];
 
 /* ---- For the reader of configurations -------------------------------------------------------- */
 

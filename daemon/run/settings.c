@@ -127,7 +127,7 @@ static const char *as_text(char room[TIME_TEXT_MAX], const json_t *value)
 static bool set_time(cfg_retime *time, char *error, const schema_key *key, const json_t *value)
 {
     char room[TIME_TEXT_MAX], problem[RETIME_PROBLEM_MAX];
-    if (cfg_retime_put(time, problem, cfg_live_of(key)->time, as_text(room, value)))
+    if (cfg_retime_put(time, problem, key, as_text(room, value)))
         return true;
     (void)snprintf(error, SETTINGS_ERROR_MAX, "%s", problem);
     return false;
@@ -210,7 +210,7 @@ static void put_wake(json_t *object, const schema_key *key, const cw_settings *s
 static void put_retime(json_t *object, const schema_key *key, const cfg_retime *time)
 {
     char text[TIME_TEXT_MAX];
-    cfg_retime_print(text, time, cfg_live_of(key)->time);
+    cfg_retime_print(text, time, key);
     put_text(object, key->name, text);
 }
 

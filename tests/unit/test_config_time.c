@@ -177,7 +177,7 @@ static void set(cw_bus *bus, cfg *config, retime_key key, const char *text)
     char problem[RETIME_PROBLEM_MAX] = "";
     cfg_node_time time = {.used = false};
 
-    if (!cfg_retime_put(&change, problem, key, text) ||
+    if (!cfg_retime_put(&change, problem, cfg_retime_row(key), text) ||
         !cfg_retime_node(&time, &settings, problem, config, 1, &change))
         fail_msg("%s", problem);
     assert_int_equal(cw_node_set(bus, 1, &settings), CW_OK);
@@ -235,8 +235,8 @@ static void present_values_can_be_set_again(void **state)
         if (!(present.given >> key & 1u))
             continue;
         of_data += key >= RETIME_DBRP && key <= RETIME_TDCV;
-        cfg_retime_print(text, &present, key);
-        assert_true(cfg_retime_put(&again, problem, key, text));
+        cfg_retime_print(text, &present, cfg_retime_row(key));
+        assert_true(cfg_retime_put(&again, problem, cfg_retime_row(key), text));
     }
     assert_int_equal(of_data, 8); /* all but the sample point */
     assert_int_equal(again.given, present.given);
