@@ -2,6 +2,7 @@
  *
  * main.c - canwired: one bus, or the buses of a rig, in the foreground.
  */
+#include "base/counted.h"
 #include "base/jsonput.h"
 #include "base/log.h"
 #include "base/plain.h"
@@ -110,9 +111,9 @@ static void log_gateways(process *p)
             const rig_end *from = &gateway->ends[end];
             uint64_t lost = gateways_lost(engine_group_gateways(p->host.group), g, end);
             if (lost > p->lost[g][end])
-                log_warning("gateway %s: %" PRIu64 " frames from %s:%s lost, the queue of their "
-                            "rule is full", gateway->name, lost - p->lost[g][end], from->bus_name,
-                            from->name);
+                log_warning("gateway %s: %s from %s:%s lost, the queue of their rule is full",
+                            gateway->name, counted(lost - p->lost[g][end], "frame").text,
+                            from->bus_name, from->name);
             p->lost[g][end] = lost;
         }
 }
@@ -137,10 +138,11 @@ static size_t add_bus(char line[STATUS_BYTES], size_t used, const cfg *config,
     (void)sinks_print(files, sizeof files / buses, &status->sinks);
     if (buses == 1)
         return add_status(line, used,
-                          "%s: %zu nodes at %u bit/s, load %u.%u %%, %" PRIu64 " frames, %" PRIu64
-                          " error frames%s%s%s%s", config->bus_name, config->node_count,
-                          config->bitrate_bps, bus->load_permille / 10u, bus->load_permille % 10u,
-                          bus->frames, bus->error_frames, status->trouble, files,
+                          "%s: %s at %u bit/s, load %u.%u %%, %s, %s%s%s%s%s", config->bus_name,
+                          counted(config->node_count, "node").text, config->bitrate_bps,
+                          bus->load_permille / 10u, bus->load_permille % 10u,
+                          counted(bus->frames, "frame").text,
+                          counted(bus->error_frames, "error frame").text, status->trouble, files,
                           *status->lost_rules ? "; " : "", status->lost_rules);
     return add_status(line, used, "%s%s: load %u.%u %%%s%s%s%s%s", used > 0 ? "; " : "",
                       config->bus_name, bus->load_permille / 10u, bus->load_permille % 10u,
@@ -325,13 +327,13 @@ static void log_start(const process *p)
 {
     for (size_t i = 0; i < p->host.count; i++) {
         const cfg *config = service_config(p->host.buses[i]);
-        log_info("%s: %zu nodes at %u bit/s, %s", config->bus_name, config->node_count,
-                 config->bitrate_bps, cfg_has_fd(config) ? "CAN FD" : "classical CAN");
+        log_info("%s: %s at %u bit/s, %s", config->bus_name,
+                 counted(config->node_count, "node").text, config->bitrate_bps,
+                 cfg_has_fd(config) ? "CAN FD" : "classical CAN");
     }
     if (p->host.rig)
-        log_info("%s: %zu %s, %zu %s", p->host.rig->file, p->host.rig->bus_count,
-                 p->host.rig->bus_count == 1 ? "bus" : "buses", p->host.rig->gateway_count,
-                 p->host.rig->gateway_count == 1 ? "gateway" : "gateways");
+        log_info("%s: %s, %s", p->host.rig->file, counted(p->host.rig->bus_count, "bus").text,
+                 counted(p->host.rig->gateway_count, "gateway").text);
 }
 
 static bool run(process *p, const options *o)

@@ -7,6 +7,7 @@
  */
 #include "base/log.h"
 
+#include "base/counted.h"
 #include "base/plain.h"
 
 #include <errno.h>
@@ -107,7 +108,8 @@ static void report_lost(void)
     message m = {.priority = WARNING};
     if (lost == 0)
         return;
-    (void)snprintf(m.text, sizeof m.text, "%u messages lost, the journal did not take them", lost);
+    (void)snprintf(m.text, sizeof m.text, "%s lost, the journal did not take %s",
+                   counted(lost, "message").text, lost == 1 ? "it" : "them");
     if (send_record(&m) != 0)
         atomic_fetch_add(&state.lost, lost);
 }

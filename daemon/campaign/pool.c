@@ -4,6 +4,7 @@
  */
 #include "campaign/pool.h"
 
+#include "base/counted.h"
 #include "base/stopped.h"
 #include "base/wall.h"
 #include "campaign/pool_worker.h"
@@ -454,8 +455,8 @@ bool pool_run(const pool_work *work)
 
 void pool_tell_few(const char *command, unsigned jobs, int error)
 {
-    fprintf(stderr, "%s: %u process%s at a time, as no more can be made: %s\n", command, jobs,
-            jobs == 1 ? "" : "es", strerror(error));
+    fprintf(stderr, "%s: %s at a time, as no more can be made: %s\n", command,
+            counted(jobs, "process").text, strerror(error));
 }
 
 unsigned pool_jobs_default(void)

@@ -4,6 +4,7 @@
  */
 #include "campaign/shard.h"
 
+#include "base/counted.h"
 #include "base/number.h"
 
 #include <inttypes.h>
@@ -85,9 +86,8 @@ static bool read_array(source *s, char problem[SHARD_PROBLEM_MAX])
         return false;
     if (s->from <= 1 && max >= s->from && max - s->from + 1 == count && count > 1)
         return true;
-    return refuse(problem, "%s to %s are %" PRIu64 " to %" PRIu64 ", with %" PRIu64
-                  " task%s: that may be a part of an array", least, most, s->from, max, count,
-                  count == 1 ? "" : "s");
+    return refuse(problem, "%s to %s are %" PRIu64 " to %" PRIu64 ", with %s: that may be a part of an "
+                  "array", least, most, s->from, max, counted(count, "task").text);
 }
 
 static bool read_source(shard *out, source s, char problem[SHARD_PROBLEM_MAX])

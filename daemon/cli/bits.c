@@ -2,6 +2,7 @@
  *
  * bits.c - `canwire bits`: the wire bits of a frame, annotated by field.
  */
+#include "base/counted.h"
 #include "base/plain.h"
 #include "canwire.h"
 #include "cli/cli.h"
@@ -535,7 +536,7 @@ static void print_dlc(const cw_frame *frame)
 {
     unsigned length = cw_frame_length(frame);
 
-    printf("dlc         %u: %u data byte%s\n", frame->dlc, length, length == 1 ? "" : "s");
+    printf("dlc         %u: %s\n", frame->dlc, counted(length, "data byte").text);
 }
 
 /* The bits of a frame by kind. */
@@ -592,13 +593,13 @@ static void print_rate_switch(const cw_bits *bits, const counts *found)
 static void print_fd_parts(const cw_bits *bits, const counts *found)
 {
     if (!(bits->format & CW_BITS_NON_ISO)) {
-        printf("stuff count %u: %u stuff bit%s before it, modulo 8\n", found->stuff % 8,
-               found->stuff, found->stuff == 1 ? "" : "s");
+        printf("stuff count %u: %s before it, modulo 8\n", found->stuff % 8,
+               counted(found->stuff, "stuff bit").text);
     }
     printf("crc         %0*" PRIX32 " (CRC-%u)\n", (int)(found->crc + 3) / 4, bits->crc,
            found->crc);
-    printf("bits        %u from SOF to EOF, %u of them stuff bit%s, %u fixed stuff bits\n",
-           (unsigned)bits->length, found->stuff, found->stuff == 1 ? "" : "s", found->fixed);
+    printf("bits        %u from SOF to EOF, %u of them stuff %s, %u fixed stuff bits\n",
+           (unsigned)bits->length, found->stuff, found->stuff == 1 ? "bit" : "bits", found->fixed);
 }
 
 static void print_summary(const cw_frame *frame, const cw_bits *bits)
@@ -611,8 +612,8 @@ static void print_summary(const cw_frame *frame, const cw_bits *bits)
         print_fd_parts(bits, &found);
     } else {
         printf("crc         %04X\n", (unsigned)bits->crc);
-        printf("bits        %u from SOF to EOF, %u of them stuff bit%s\n",
-               (unsigned)bits->length, found.stuff, found.stuff == 1 ? "" : "s");
+        printf("bits        %u from SOF to EOF, %u of them stuff %s\n",
+               (unsigned)bits->length, found.stuff, found.stuff == 1 ? "bit" : "bits");
     }
     if (found.fast > 0) {
         print_rate_switch(bits, &found);

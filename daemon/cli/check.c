@@ -2,6 +2,7 @@
  *
  * check.c - canwire check: validates a configuration or a fault profile, or lists its ports.
  */
+#include "base/counted.h"
 #include "cli/cli.h"
 
 #include "base/plain.h"
@@ -90,23 +91,16 @@ static void print_ports(const cfg *config)
             puts(config->nodes[i].port);
 }
 
-static const char *plural(uint64_t count)
-{
-    return count == 1 ? "" : "s";
-}
-
 static void print_summary(const cfg *config)
 {
     printf("%s: ok (bus %s, %" PRIu32 " bit/s, ", config->file, config->bus_name,
            config->bitrate_bps);
     if (config->dbitrate_bps > 0)
         printf("data %" PRIu32 " bit/s, ", config->dbitrate_bps);
-    printf("%s, %zu node%s, %zu rule%s", cfg_has_fd(config) ? "CAN FD" : "classical CAN",
-           config->node_count, plural(config->node_count), config->rule_count,
-           plural(config->rule_count));
+    printf("%s, %s, %s", cfg_has_fd(config) ? "CAN FD" : "classical CAN",
+           counted(config->node_count, "node").text, counted(config->rule_count, "rule").text);
     if (config->expect_count > 0)
-        printf(", %zu expectation%s for canwire sim", config->expect_count,
-               plural(config->expect_count));
+        printf(", %s for canwire sim", counted(config->expect_count, "expectation").text);
     puts(")");
 }
 
@@ -120,8 +114,8 @@ static bool check_replay(const cfg_node *node, const cfg_traffic *traffic)
         plain_print(stderr, "%s\n", note);
         return false;
     }
-    printf("%s: %s: %" PRIu64 " frame%s to replay\n", node->name, traffic->file, frames,
-           plural(frames));
+    printf("%s: %s: %s to replay\n", node->name, traffic->file,
+           counted(frames, "frame").text);
     if (note[0] != '\0')
         printf("%s: %s\n", node->name, note);
     return true;
@@ -139,7 +133,7 @@ static bool check_replays(const cfg *config)
 
 static void print_profile(const char *file, size_t rules)
 {
-    printf("%s: ok (fault profile, %zu rule%s)\n", file, rules, plural(rules));
+    printf("%s: ok (fault profile, %s)\n", file, counted(rules, "rule").text);
 }
 
 /* Checks the files of a bus, and reports. */
@@ -171,9 +165,8 @@ static int check_rig(const char *file, bool ports)
     for (size_t i = 0; i < found->gateway_count; i++)
         rules += found->gateways[i].rule_count;
     if (good && !ports)
-        printf("%s: ok (rig, %zu bus%s, %zu gateway%s, %zu rule%s)\n", file, found->bus_count,
-               found->bus_count == 1 ? "" : "es", found->gateway_count,
-               plural(found->gateway_count), rules, plural(rules));
+        printf("%s: ok (rig, %s, %s, %s)\n", file, counted(found->bus_count, "bus").text,
+               counted(found->gateway_count, "gateway").text, counted(rules, "rule").text);
     rig_free(found);
     return good ? CLI_OK : CLI_BAD_INPUT;
 }

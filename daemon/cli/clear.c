@@ -2,6 +2,7 @@
  *
  * clear.c - canwire clear and canwire fire: ends a fault rule, or lets a manual one act.
  */
+#include "base/counted.h"
 #include "base/jsonput.h"
 #include "cli/client.h"
 #include "cli/command.h"
@@ -23,7 +24,7 @@ static int clear_many(const char *bus, json_t *request)
     if (!reply)
         return CLI_BAD_INPUT;
     json_decref(reply);
-    printf("%zu rule%s cleared\n", count, count == 1 ? "" : "s");
+    printf("%s cleared\n", counted(count, "rule").text);
     return CLI_OK;
 }
 

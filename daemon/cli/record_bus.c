@@ -8,6 +8,7 @@
  */
 #include "cli/record_bus.h"
 
+#include "base/counted.h"
 #include "base/jsonput.h"
 #include "base/plain.h"
 #include "base/thread.h"
@@ -160,8 +161,9 @@ static void tell_left_out(recording *r)
     recorder_stats stats;
     recorder_get_stats(r->recorder, &stats);
     if (stats.lost > r->told && stats.entries > r->entries) {
-        plain_print(stderr, "%s: %s: %" PRIu64 " entries left out, the reader is too slow\n",
-                    r->order->tool, r->order->what.file, stats.lost - r->told);
+        plain_print(stderr, "%s: %s: %s left out, the reader is too slow\n",
+                    r->order->tool, r->order->what.file,
+                    counted(stats.lost - r->told, "entry").text);
         r->told = stats.lost;
     }
     r->entries = stats.entries;
@@ -246,8 +248,8 @@ static void tell_end(const recording *r, bool written)
     recorder_get_stats(r->recorder, &stats);
     if (r->order->quiet && written && r->lost + stats.lost == 0)
         return;
-    plain_print(stderr, "%s: %s: %" PRIu64 " entries, %" PRIu64 " bytes", r->order->tool, file,
-                stats.entries, stats.bytes);
+    plain_print(stderr, "%s: %s: %s, %s", r->order->tool, file,
+                counted(stats.entries, "entry").text, counted(stats.bytes, "byte").text);
     if (r->lost + stats.lost > 0)
         plain_print(stderr, ", %" PRIu64 " lost", r->lost + stats.lost);
     fputc('\n', stderr);

@@ -4,6 +4,7 @@
  */
 #include "cli/status_check.h"
 
+#include "base/counted.h"
 #include "base/number.h"
 #include "base/plain.h"
 
@@ -236,9 +237,9 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
         raise_to(c, CHECK_UNKNOWN);
         return;
     }
-    add(&c->text, "%s%s: load %" PRIu64 ".%" PRIu64 " %%, %zu nodes, %zu sinks",
-        c->text ? "; " : "", text_of(now, "name"), load / 10, load % 10, json_array_size(nodes),
-        json_array_size(sinks));
+    add(&c->text, "%s%s: load %" PRIu64 ".%" PRIu64 " %%, %s, %s", c->text ? "; " : "",
+        text_of(now, "name"), load / 10, load % 10, counted(json_array_size(nodes), "node").text,
+        counted(json_array_size(sinks), "sink").text);
     raise_to(c, reached(load, c->limits.load_permille[CHECK_WARNING],
                         c->limits.load_permille[CHECK_CRITICAL]));
     add_figure(c, text_of(now, "name"), load);

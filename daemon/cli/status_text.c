@@ -2,6 +2,7 @@
  *
  * status_text.c - the status of a bus as text, in the layout of `ip -details -statistics link`.
  */
+#include "base/counted.h"
 #include "serve/status.h"
 
 #include "base/decimal.h"
@@ -386,8 +387,8 @@ static void print_loopless(FILE *out, const json_t *node)
 {
     intmax_t frames = number(json_object_get(node, "interface"), "loopless");
     if (frames > 0)
-        fprintf(out, "    %jd frames sent without loopback have not reached the bus: use vxcan\n",
-                frames);
+        fprintf(out, "    %s sent without loopback %s not reached the bus: use vxcan\n",
+                counted((uint64_t)frames, "frame").text, frames == 1 ? "has" : "have");
 }
 
 /* Prints failed reads; frames may wait there unread. */
@@ -395,8 +396,8 @@ static void print_read_failed(FILE *out, const json_t *node)
 {
     intmax_t times = number(json_object_get(node, "interface"), "read_failed");
     if (times > 0)
-        fprintf(out, "    the port could not be read %jd time%s, see the log\n", times,
-                times == 1 ? "" : "s");
+        fprintf(out, "    the port could not be read %s, see the log\n",
+                counted((uint64_t)times, "time").text);
 }
 
 /* Prints pauses in which programs wait for room in the queue instead of losing frames. */
@@ -405,8 +406,8 @@ static void print_push_back(FILE *out, const json_t *node)
     bool now = json_is_true(json_object_get(node, "pushing_back"));
     intmax_t times = number(json_object_get(node, "interface"), "pushed_back");
     if (times > 0)
-        fprintf(out, "    queue full, the ECU has had to wait %jd time%s%s\n", times,
-                times == 1 ? "" : "s", now ? ", and does now" : "");
+        fprintf(out, "    queue full, the ECU has had to wait %s%s\n",
+                counted((uint64_t)times, "time").text, now ? ", and does now" : "");
 }
 
 /* Prints how programs share a port, where that is not as on a vcan. Prints what came to the port

@@ -2,6 +2,7 @@
  *
  * action_time.c - the actions that act for parts of bits: pulses, jitter, clocks that drift.
  */
+#include "base/counted.h"
 #include "config/live.h"
 #include "config/parts.h"
 #include "config/retime.h"
@@ -84,8 +85,8 @@ static void check_bits(schema *self, const schema_key *key, const yaml_node_t *v
 
     if (walk->any_node || most == 0 || most > INT32_MAX || span / bits <= (cw_span)most * CW_TICK)
         return;
-    schema_complain(self, value, "%s: at most %u bit%s, %" PRIu64 " ns at this bit rate", key->name,
-                    bits, bits == 1 ? "" : "s", text_ticks_ns(cw_rate_ticks(rate, bits)));
+    schema_complain(self, value, "%s: at most %s, %" PRIu64 " ns at this bit rate", key->name,
+                    counted(bits, "bit").text, text_ticks_ns(cw_rate_ticks(rate, bits)));
 }
 
 static void read_jitter(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -2,6 +2,7 @@
  *
  * pairs.c - what the nodes of a configuration leave each other: clocks, places, number (T10).
  */
+#include "base/counted.h"
 #include "config/parts.h"
 
 #include "base/decimal.h"
@@ -126,7 +127,7 @@ static const char *others(schema *self, size_t count)
 {
     if (count <= 1)
         return "";
-    return schema_print(self, "; so it is with %zu more pair%s", count - 1, count == 2 ? "" : "s");
+    return schema_print(self, "; so it is with %s", counted(count - 1, "more pair").text);
 }
 
 static void warn_of_clocks(schema *self, yaml_node_t *nodes, const worst *w)

@@ -4,6 +4,7 @@
  */
 #include "config/values.h"
 
+#include "base/counted.h"
 #include "base/nearest.h"
 
 #include <inttypes.h>
@@ -97,9 +98,8 @@ void cfg_warn_rounded(schema *self, const schema_key *key, const yaml_node_t *va
     text_print_span(bit, cw_rate_ticks(rate, 1));
     text_print_span(whole, cw_rate_ticks(rate, bits));
     schema_warn(self, value,
-                "%s: no whole number of bits of %s, at which it acts: it is rounded up to %" PRIu64
-                " bit%s, %s",
-                key->name, bit, bits, bits == 1 ? "" : "s", whole);
+                "%s: no whole number of bits of %s, at which it acts: it is rounded up to %s, %s",
+                key->name, bit, counted(bits, "bit").text, whole);
 }
 
 void cfg_read_bits(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -2,6 +2,7 @@
  *
  * go_over.c - changes the running bus to another configuration.
  */
+#include "base/counted.h"
 #include "engine/core.h"
 
 #include "base/log.h"
@@ -81,7 +82,8 @@ static void go_over(engine *e)
     engine_watch_door(e);
     engine_carry_links_over(e, r);
     log_warnings(e->config->warnings);
-    log_info("%s: configuration reloaded, %zu nodes", e->config->bus_name, e->config->node_count);
+    log_info("%s: configuration reloaded, %s", e->config->bus_name,
+             counted(e->config->node_count, "node").text);
     if (e->group_calls)
         e->group_calls->moved(e, r->from);
     if (e->changed)

@@ -7,6 +7,7 @@
  * to the next moment at which something happens, or at which one of them wakes up. So what the bus
  * does is a function of what the programs do.
  */
+#include "base/counted.h"
 #include "engine/core.h"
 
 #include "base/log.h"
@@ -39,8 +40,7 @@ static void on_change(void *user)
     v->unread = true;
     if (!v->begun && v->turns->count >= e->config->virtual_time.programs) {
         v->begun = true;
-        log_info("virtual time begins with %u %s", v->turns->count,
-                 v->turns->count == 1 ? "program" : "programs");
+        log_info("virtual time begins with %s", counted(v->turns->count, "program").text);
     }
     if (v->turns->count > 0)
         v->left_ns = v->now_ns;

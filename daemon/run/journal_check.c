@@ -4,6 +4,7 @@
  */
 #include "run/journal_check.h"
 
+#include "base/counted.h"
 #include "base/number.h"
 #include "run/journal_read.h"
 
@@ -108,15 +109,15 @@ static void print_summary(const checker *c, bool good, FILE *out)
     char time[TIME_TEXT_MAX];
     text_print_seconds(time, c->tick);
     fprintf(out,
-            "%s: %s (bus %s, canwire %s, begun %s: %" PRIu64 " lines, %" PRIu64
-            " inputs, 0 s to %s s, %s",
+            "%s: %s (bus %s, canwire %s, begun %s: %s, %s, 0 s to %s s, %s",
             c->file, good ? "ok" : "not whole", journal_bus(c->reader), journal_writer(c->reader),
-            journal_started(c->reader), c->lines, c->inputs, time,
+            journal_started(c->reader), counted(c->lines, "line").text,
+            counted(c->inputs, "input").text, time,
             c->ended ? "ended" : "without its end");
     if (c->gaps > 0)
-        fprintf(out, ", %" PRIu64 " gap%s", c->gaps, c->gaps == 1 ? "" : "s");
+        fprintf(out, ", %s", counted(c->gaps, "gap").text);
     if (c->damages > 0)
-        fprintf(out, ", damaged at %" PRIu64 " place%s", c->damages, c->damages == 1 ? "" : "s");
+        fprintf(out, ", damaged at %s", counted(c->damages, "place").text);
     if (journal_version(c->reader) < 2)
         fputs("; it has no checksums, so not all damage is found", out);
     fputs(")\n", out);

@@ -8,6 +8,7 @@
 
 #include "base/arena.h"
 #include "base/buffer.h"
+#include "base/counted.h"
 #include "base/nearest.h"
 #include "base/number.h"
 #include "config/values.h"
@@ -490,7 +491,8 @@ static bool check_number(journal_reader *r, journal_entry *entry)
     if (again)
         return wrong(r, "n", "damaged: line number %" PRIu64 " has been there before", number);
     return missing == 0 || known || reported_later ||
-           wrong(r, "n", "damaged: %" PRIu64 " lines before this one are missing", missing);
+           wrong(r, "n", "damaged: %s before this one %s missing",
+                 counted(missing, "line").text, missing == 1 ? "is" : "are");
 }
 
 /* Notes the bus of a configuration. Returns false after a complaint. */

@@ -8,6 +8,7 @@
  */
 #include "run/release.h"
 
+#include "base/counted.h"
 #include "run/replay.h"
 #include "trace/frametext.h"
 
@@ -210,10 +211,9 @@ static void report_wait(const release_plan *plan, source *s)
         return;
     text_print_span(late, s->late_most);
     (void)snprintf(text, sizeof text,
-                   "%s: %" PRIu64 " frame%s waited for room in the queue of %s and came up to %s "
-                   "late (queue: %u)",
-                   s->traffic->file, s->late_frames, s->late_frames == 1 ? "" : "s", node->name,
-                   late, node->queue);
+                   "%s: %s waited for room in the queue of %s and came up to %s late (queue: %u)",
+                   s->traffic->file, counted(s->late_frames, "frame").text, node->name, late,
+                   node->queue);
     plan->report(plan->user, false, text);
     s->late_frames = 0;
 }

@@ -4,6 +4,7 @@
  */
 #include "serve/kept.h"
 
+#include "base/counted.h"
 #include "base/folder.h"
 #include "base/jsonput.h"
 #include "base/log.h"
@@ -138,8 +139,9 @@ static void move_away(const kept *k, const char *why)
 static void print_note(kept *k)
 {
     const size_t count = json_array_size(k->lost);
-    int used = snprintf(k->note, sizeof k->note, "%zu injected rule%s lost with the crash at %s",
-                        count, count == 1 ? " was" : "s were", k->crashed);
+    int used = snprintf(k->note, sizeof k->note, "%s %s lost with the crash at %s",
+                        counted(count, "injected rule").text, count == 1 ? "was" : "were",
+                        k->crashed);
     for (size_t i = 0; i < count && used > 0 && (size_t)used < sizeof k->note; i++)
         used += snprintf(k->note + used, sizeof k->note - (size_t)used, "%s%s", i > 0 ? ", " : ": ",
                          json_string_value(json_array_get(k->lost, i)));
@@ -239,7 +241,8 @@ static void apply_entry(inputs *in, json_t *entry)
 void kept_apply(kept *k, inputs *in)
 {
     if (json_array_size(k->passing) > 0) {
-        log_info("reload: %zu injected rules are gone", json_array_size(k->passing));
+        log_info("reload: %s %s gone", counted(json_array_size(k->passing), "injected rule").text,
+                 json_array_size(k->passing) == 1 ? "is" : "are");
         (void)json_array_clear(k->passing);
         (void)kept_save(k);
     }

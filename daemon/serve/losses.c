@@ -44,9 +44,20 @@ static const char *const texts[LOSS_KINDS] = {
     [LOSS_GAVE_WAY] = "connections ended for new ones, since they had said nothing",
 };
 
-const char *losses_text(loss_kind kind)
+/* Those of a single one, where they differ. */
+static const char *const single_texts[LOSS_KINDS] = {
+    [LOSS_ERROR_FRAMES] = "error frame left out",
+    [LOSS_MALFORMED] = "message that is no frame",
+    [LOSS_REFUSED] = "connection refused",
+    [LOSS_RESTARTS] = "restart",
+    [LOSS_MISSING] = "packet of the tunnel that has not come, or not yet",
+    [LOSS_STRANGERS] = "packet or connection of others than the peer",
+    [LOSS_GAVE_WAY] = "connection ended for a new one, since it had said nothing",
+};
+
+const char *losses_text(loss_kind kind, uint64_t count)
 {
-    return texts[kind];
+    return count == 1 && single_texts[kind] ? single_texts[kind] : texts[kind];
 }
 
 static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
@@ -155,7 +166,8 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
         char remedy[REMEDY_BYTES];
         print_remedy(remedy, kind, node, beyond);
         int length = snprintf(line + used, LINE_BYTES - used, "%s%" PRIu64 " %s%s",
-                              used > begin ? "; " : "", added, losses_text(kind), remedy);
+                              used > begin ? "; " : "", added,
+                              losses_text(kind, added), remedy);
         used += length > 0 ? (size_t)length : 0;
     }
     log_node_warning(node->name, "%s", line);

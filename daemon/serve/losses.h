@@ -48,7 +48,7 @@ typedef struct losses {
 void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX]);
 
 /* Returns the text behind the number of a loss, or of going bus-off or restarting. */
-const char *losses_text(loss_kind kind);
+const char *losses_text(loss_kind kind, uint64_t count);
 
 /* Returns true when a line about losses of these kinds is due; called each second. Losses that go
  * on have a line after 1, 2, 4 and more seconds, at last one a minute, with all of that time. A

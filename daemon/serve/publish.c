@@ -4,6 +4,7 @@
  */
 #include "serve/publish.h"
 
+#include "base/counted.h"
 #include "base/log.h"
 #include "base/number.h"
 #include "base/thread.h"
@@ -192,7 +193,8 @@ static void note_sent(publisher *p, outage *o, bool good)
     if (!good || o->lost == 0)
         return;
     if (o->warned)
-        log_info("LCM at %s works again, %" PRIu64 " messages were lost", p->url, o->lost);
+        log_info("LCM at %s works again, %s %s lost", p->url,
+                 counted(o->lost, "message").text, o->lost == 1 ? "was" : "were");
     o->lost = 0;
     o->warned = false;
 }
@@ -324,10 +326,12 @@ void publisher_stop(publisher *p)
     (void)pthread_mutex_lock(&p->lock);
     unsigned left = p->count;
     (void)pthread_mutex_unlock(&p->lock);
+    const char *verb = left == 1 ? "is" : "are";
     if (!ended)
-        log_warning("LCM at %s does not answer: the last %u messages are lost", p->url, left);
+        log_warning("LCM at %s does not answer: the last %s %s lost", p->url,
+                    counted(left, "message").text, verb);
     else if (left > 0)
-        log_info("LCM at %s: the last %u messages are lost", p->url, left);
+        log_info("LCM at %s: the last %s %s lost", p->url, counted(left, "message").text, verb);
     if (ended)
         free_publisher(p);
 }

@@ -7,6 +7,7 @@
  */
 #include "serve/recordings.h"
 
+#include "base/counted.h"
 #include "base/jsonput.h"
 #include "base/log.h"
 #include "base/thread.h"
@@ -142,11 +143,11 @@ static void log_lost(entry *e)
     const uint64_t headless = stats.headless - e->headless_reported;
     const uint64_t slow = stats.lost - e->lost_reported - headless;
     if (slow > 0)
-        log_warning("record %s: %" PRIu64 " entries left out, the disk is too slow", e->what.file,
-                    slow);
+        log_warning("record %s: %s left out, the disk is too slow", e->what.file,
+                    counted(slow, "entry").text);
     if (headless > 0)
-        log_warning("record %s: %" PRIu64 " entries left out, until the file had its begin again",
-                    e->what.file, headless);
+        log_warning("record %s: %s left out, until the file had its begin again",
+                    e->what.file, counted(headless, "entry").text);
     e->lost_reported = stats.lost;
     e->headless_reported = stats.headless;
 }

@@ -4,6 +4,7 @@
  */
 #include "serve/service.h"
 
+#include "base/counted.h"
 #include "base/jsonput.h"
 #include "base/log.h"
 #include "base/unit.h"
@@ -521,9 +522,9 @@ void service_report_end(service *s)
     losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond, true);
     (void)engine_check_books(s->engine);
     cw_bus_get_stats(engine_bus(s->engine), &stats);
-    log_info("stopped: %" PRIu64 " frames, %" PRIu64 " error frames, %" PRIu32
-             " frames not sent, %" PRIu64 " dropped",
-             stats.frames, stats.error_frames, stats.pending, count_dropped(s));
+    log_info("stopped: %s, %s, %s not sent, %" PRIu64 " dropped",
+             counted(stats.frames, "frame").text, counted(stats.error_frames, "error frame").text,
+             counted(stats.pending, "frame").text, count_dropped(s));
     (void)log_enter(NULL);
 }
 

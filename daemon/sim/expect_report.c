@@ -4,6 +4,7 @@
  */
 #include "sim/expect_report.h"
 
+#include "base/counted.h"
 #include "base/plain.h"
 #include "base/xmltext.h"
 #include "canwire.h"
@@ -55,8 +56,8 @@ void expect_report_text(FILE *out, const expect_report *report)
         plain_print(out, "%s %s%swanted %s, got %s\n", o->met ? "ok    " : "FAILED",
                     named ? o->name : "", named ? ": " : "", o->wanted, o->got);
     }
-    fprintf(out, "%zu expectation%s, %zu met, %zu failed\n", report->count,
-            report->count == 1 ? "" : "s", report->count - report->failed, report->failed);
+    fprintf(out, "%s, %zu met, %zu failed\n", counted(report->count, "expectation").text,
+            report->count - report->failed, report->failed);
 }
 
 /* ---- JUnit XML ------------------------------------------------------------------------------- */

@@ -4,6 +4,7 @@
  */
 #include "sim/losses.h"
 
+#include "base/counted.h"
 #include "base/plain.h"
 #include "config/doubts.h"
 
@@ -245,11 +246,11 @@ static void print_words(void *user, const loss_words *w)
     if (w->is_rule && p->rules <= RULES_TOLD)
         plain_print(p->out, "rule %s: %s%s%s\n", w->name, w->why, more, w->help);
     else if (!w->is_rule && w->ids[0])
-        plain_print(p->out, "dropped: %s: %" PRIu64 " frame%s, %s (%s)%s%s\n", w->name, w->frames,
-                    w->frames == 1 ? "" : "s", w->why, w->ids, more, w->help);
+        plain_print(p->out, "dropped: %s: %s, %s (%s)%s%s\n", w->name,
+                    counted(w->frames, "frame").text, w->why, w->ids, more, w->help);
     else if (!w->is_rule)
-        plain_print(p->out, "%s: %s: %" PRIu64 " frame%s%s%s\n", w->why, w->name, w->frames,
-                    w->frames == 1 ? "" : "s", more, w->help);
+        plain_print(p->out, "%s: %s: %s%s%s\n", w->why, w->name,
+                    counted(w->frames, "frame").text, more, w->help);
 }
 
 void losses_print(const losses *all, const cw_bus *bus, const char *before, FILE *out)

@@ -61,7 +61,7 @@ def running(folder, text, instance):
     with log.open("w") as errors:
         with subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=folder, stderr=errors,
                               env=environment(instance)) as process:
-            wait_until(lambda: "nodes at" in log.read_text() or process.poll() is not None, "it")
+            wait_until(lambda: " bit/s, " in log.read_text() or process.poll() is not None, "it")
             try:
                 yield log.read_text(), process.pid
             finally:

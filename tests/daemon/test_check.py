@@ -38,7 +38,7 @@ class Bus:
         with log.open("w") as errors:
             self.process = subprocess.Popen([CANWIRED, "-c", "day.yaml", *words], cwd=self.folder,
                                             stderr=errors)
-        wait_until(lambda: "nodes at" in log.read_text(), "the bus")
+        wait_until(lambda: " bit/s, " in log.read_text(), "the bus")
 
     def check(self, *words):
         """Returns exit status and line; nothing else is said."""
@@ -66,7 +66,7 @@ def test_a_bus_that_is_well(bus):
     for words in ([], ["day"], ["./day.sock"]):
         status, line = bus.check(*words)
         assert status == OK
-        assert re.fullmatch(r"CANWIRE OK - day: load \d\.\d %, 3 nodes, 1 sinks "
+        assert re.fullmatch(r"CANWIRE OK - day: load \d\.\d %, 3 nodes, 1 sink "
                             r"\| day_load=\d\.\d%;;;0;100", line)
 
 

@@ -27,7 +27,7 @@ def running(folder, *words):
     with log.open("w") as errors:
         with subprocess.Popen([CANWIRED, "-c", "bus.yaml", *words], cwd=folder, stderr=errors,
                               env=dict(os.environ, **SANITIZERS)) as process:
-            wait_until(lambda: "nodes at" in log.read_text(), "the bus")
+            wait_until(lambda: " bit/s, " in log.read_text(), "the bus")
             try:
                 yield told
             finally:

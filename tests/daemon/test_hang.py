@@ -58,7 +58,7 @@ class Bus:
         with self.log.open("w") as log:
             self.process = subprocess.Popen(
                 [CANWIRED, "-c", "disk/bus.yaml", *words], cwd=folder, stderr=log, env=environment)
-        wait_until(lambda: "nodes at" in self.log.read_text() or self.process.poll() is not None,
+        wait_until(lambda: " bit/s, " in self.log.read_text() or self.process.poll() is not None,
                    "the bus")
         self.engine, self.dash = self.connect("engine"), self.connect("dash")
         self.next = 0

@@ -40,7 +40,7 @@ class Bus:
         with self.log.open("w") as log:
             self.process = subprocess.Popen([CANWIRED, "-c", "day.yaml"], cwd=self.folder,
                                             stderr=log)
-        wait_until(lambda: "nodes at" in self.log.read_text(), "the bus")
+        wait_until(lambda: " bit/s, " in self.log.read_text(), "the bus")
 
     def crash(self):
         self.process.kill()
@@ -92,7 +92,7 @@ def test_a_crash_loses_injected_rules_and_says_which(bus):
 def test_rules_that_go_by_request_are_not_lost(bus):
     bus.inject("a")
     bus.canwire("reload", "./day.sock")
-    wait_until(lambda: "reload: 1 injected rules are gone" in bus.log.read_text(), "the reload")
+    wait_until(lambda: "reload: 1 injected rule is gone" in bus.log.read_text(), "the reload")
     bus.inject("a")
     bus.stop()
     assert not bus.rules.exists()

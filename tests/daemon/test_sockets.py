@@ -62,7 +62,7 @@ def fixture_start(tmp_path):
 
 
 def is_up(log):
-    return "nodes at" in log.read_text()
+    return " bit/s, " in log.read_text()
 
 
 def settle(process, log):

@@ -258,7 +258,7 @@ def test_sixty_four_ports(vcan, canwired, can_socket):
 def ends_clearly(daemon, words):
     """Waits until it runs, or ends with these words; returns True when it ran."""
     def runs():
-        return " nodes at " in daemon.errors.read_text()
+        return " bit/s, " in daemon.errors.read_text()
 
     wait_until(lambda: runs() or daemon.process.poll() is not None, "READY=1")
     if daemon.process.poll() is None:

@@ -129,7 +129,7 @@ def run_bus_with_journal(folder):
         process = subprocess.Popen([CANWIRED, "-c", "bus.yaml", "--journal", "day.journal"],
                                    cwd=folder, stderr=errors)
     try:
-        wait_until(lambda: "nodes at" in log.read_text(), "the bus")
+        wait_until(lambda: " bit/s, " in log.read_text(), "the bus")
         stop_canwired(process, log)
     finally:
         kill_all([process])
@@ -371,7 +371,7 @@ def running(folder, *words, config="bus.yaml"):
     with log.open("w") as errors:
         process = subprocess.Popen([CANWIRED, "-c", config, *words], cwd=folder, stderr=errors)
     try:
-        wait_until(lambda: "nodes at" in log.read_text() or process.poll() is not None, "the bus")
+        wait_until(lambda: " bit/s, " in log.read_text() or process.poll() is not None, "the bus")
         assert process.poll() is None, log.read_text()
         yield log
         stop_canwired(process, log)

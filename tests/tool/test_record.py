@@ -56,7 +56,7 @@ class Bus:
         self.log = folder / "stderr"
         with self.log.open("w") as errors:
             self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=folder, stderr=errors)
-        wait_until(lambda: "nodes at" in self.log.read_text() or self.process.poll() is not None,
+        wait_until(lambda: " bit/s, " in self.log.read_text() or self.process.poll() is not None,
                    "the bus")
 
     def write(self, records):

@@ -322,7 +322,7 @@ def test_one_to_a_file_and_one_to_the_terminal(write, tmp_path):
 
 def test_a_summary_when_nothing_else_is_wanted(write):
     out = sim(write(SMALL)).stdout
-    assert "small" in out and "1 frames" in out
+    assert "small" in out and "1 frame," in out
     assert [line.split()[0] for line in out.splitlines()[-2:]] == ["a", "b"]
 
 

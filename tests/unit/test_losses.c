@@ -18,10 +18,10 @@ static void each_loss_has_a_text_of_its_own(void **state)
 {
     (void)state;
     for (unsigned kind = 0; kind < LOSS_KINDS; kind++) {
-        const char *text = losses_text((loss_kind)kind);
+        const char *text = losses_text((loss_kind)kind, 2);
         assert_non_null(text);
         for (unsigned other = 0; other < kind; other++)
-            assert_string_not_equal(text, losses_text((loss_kind)other));
+            assert_string_not_equal(text, losses_text((loss_kind)other, 2));
     }
 }
 
@@ -29,8 +29,8 @@ static void a_drop_on_the_way_to_the_host_is_told_apart(void **state)
 {
     (void)state;
     for (unsigned why = 0; why < CW_DROP_COUNT; why++) {
-        const char *onto = losses_text((loss_kind)why);
-        const char *host = losses_text((loss_kind)(LOSS_RECEIVED + why));
+        const char *onto = losses_text((loss_kind)why, 2);
+        const char *host = losses_text((loss_kind)(LOSS_RECEIVED + why), 2);
         assert_memory_equal(onto, "dropped, ", strlen("dropped, "));
         assert_string_equal(strstr(host, "dropped, "), onto);
     }

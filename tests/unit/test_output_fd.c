@@ -279,7 +279,7 @@ static void the_summary_has_a_line_about_it(void **state)
     char *text = summary_of(&r);
 
     (void)state;
-    assert_non_null(strstr(text, "\nCAN FD: 1 frames; "));
+    assert_non_null(strstr(text, "\nCAN FD: 1 frame; "));
     assert_non_null(strstr(text, " data bits, load "));
     free(text);
     free(r.memory);

@@ -4,6 +4,7 @@
  */
 #include "cli/campaign/estimate.h"
 
+#include "base/counted.h"
 #include "base/plain.h"
 #include "base/wall.h"
 #include "campaign/runner.h"
@@ -112,8 +113,8 @@ static void print(const estimate *e, bool known, unsigned jobs)
         printf("row %" PRIu64 " ends the process that runs it\n", e->lost);
     if (known && !e->timeout) {
         const double each = (double)e->ns / (double)e->taken;
-        printf("about %.3g s in %u process%s, %.3g us a row\n",
-               each * (double)c->rows / jobs / 1e9, jobs, jobs == 1 ? "" : "es", each / 1e3);
+        printf("about %.3g s in %s, %.3g us a row\n", each * (double)c->rows / jobs / 1e9,
+               counted(jobs, "process").text, each / 1e3);
     }
 }
 

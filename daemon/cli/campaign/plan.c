@@ -2,6 +2,7 @@
  *
  * plan.c - `canwire campaign plan` and `show`: what a campaign will do.
  */
+#include "base/counted.h"
 #include "cli/campaign/parts.h"
 
 #include "base/plain.h"
@@ -32,15 +33,15 @@ static void print_factors(const campaign *c)
         [SAMPLE_RANDOM] = "at random",
         [SAMPLE_LOW_DISCREPANCY] = "of low discrepancy",
     };
-    printf("%" PRIu64 " rows: %s", c->rows, samples[c->sample]);
+    printf("%s: %s", counted(c->rows, "row").text, samples[c->sample]);
     if (c->pruned > 0)
-        printf("; %" PRIu64 " rows are pruned", c->pruned);
+        printf("; %s %s pruned", counted(c->pruned, "row").text, c->pruned == 1 ? "is" : "are");
     puts("");
     for (size_t i = 0; i < c->factor_count; i++) {
         const factor *f = &c->factors[i];
         const bool drawn = f->kind == FACTOR_UNIFORM || f->kind == FACTOR_NORMAL;
-        plain_print(stdout, "  %s: %" PRIu64 " %s%s", f->name, f->count,
-                    drawn ? "draws" : "value", drawn || f->count == 1 ? "" : "s");
+        plain_print(stdout, "  %s: %s", f->name,
+                    counted(f->count, drawn ? "draw" : "value").text);
         if (f->pruned > 0)
             printf(", %" PRIu64 " pruned", f->pruned);
         puts("");
@@ -78,8 +79,8 @@ static void print_real_time(const campaign *c, unsigned processes)
 {
     const double each = (double)c->until_time.ns / 1e9;
     if (c->until_time.ns > 0)
-        printf("%.3g s in %u process%s, %.3g s a row, and the time until the programs are ready\n",
-               each * (double)c->rows / processes, processes, processes == 1 ? "" : "es", each);
+        printf("%.3g s in %s, %.3g s a row, and the time until the programs are ready\n",
+               each * (double)c->rows / processes, counted(processes, "process").text, each);
     else
         puts("a row takes until its programs end");
 }

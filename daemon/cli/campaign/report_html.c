@@ -2,6 +2,7 @@
  *
  * report_html.c - a report as a page of HTML that needs no other file and no script.
  */
+#include "base/counted.h"
 #include "cli/campaign/report_view.h"
 
 #include "base/decimal.h"
@@ -52,9 +53,9 @@ static void write_head(FILE *out, const report_view *v)
     xml_text(out, r->source.file);
     fprintf(out, "</title>\n%s</head>\n<body>\n<h1>", style);
     xml_text(out, r->source.file);
-    fprintf(out, "</h1>\n<p>%" PRIu64 " %s, %zu factor%s.", r->rows,
-            r->source.is_campaign ? "rows" : "seeds", r->factor_count,
-            r->factor_count == 1 ? "" : "s");
+    fprintf(out, "</h1>\n<p>%s, %s.",
+            counted(r->rows, r->source.is_campaign ? "row" : "seed").text,
+            counted(r->factor_count, "factor").text);
     if (missing) {
         fputs(" <strong>", out);
         xml_text(out, missing);
@@ -96,7 +97,7 @@ static void write_latency(FILE *out, const report_view *v)
 {
     const latency *l = &v->report->latency;
     fprintf(out, "<h2>Detection latency</h2>\n<p>From the first hit of a fault to the first error:"
-            " %" PRIu64 " rows.</p>\n", l->rows);
+            " %s.</p>\n", counted(l->rows, "row").text);
     if (l->rows == 0)
         return;
     fputs("<table>\n", out);

@@ -4,6 +4,7 @@
  */
 #include "cli/campaign/report_map.h"
 
+#include "base/counted.h"
 #include "base/xmltext.h"
 
 #include <inttypes.h>
@@ -98,8 +99,8 @@ static void write_title(FILE *out, const heat_map *h, const char *name, const cl
     report_print_share(text, report_measure_share(h->view, h->measure, c));
     fputs(" title=\"", out);
     xml_value(out, name);
-    fprintf(out, ": %" PRIu64 " rows; %s %" PRIu64 ", %s", class_counts_all(c), h->measure->name,
-            h->measure->count(c), text);
+    fprintf(out, ": %s; %s %" PRIu64 ", %s", counted(class_counts_all(c), "row").text,
+            h->measure->name, h->measure->count(c), text);
     for (unsigned i = 0; i < CLASS_COUNT; i++)
         if (c->of[i] > 0)
             fprintf(out, "; %s %" PRIu64, class_name((row_class)i), c->of[i]);
@@ -191,8 +192,8 @@ static void write_map(FILE *out, const heat_map *h)
     write_left_off(out, &h->rows);
     write_left_off(out, &h->columns);
     if (other > 0)
-        fprintf(out, "<p>%" PRIu64 " rows have further pairs of values, which are not told apart."
-                "</p>\n", other);
+        fprintf(out, "<p>%s %s further pairs of values, which are not told apart.</p>\n",
+                counted(other, "row").text, other == 1 ? "has" : "have");
     free(name);
 }
 

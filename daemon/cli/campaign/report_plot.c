@@ -4,6 +4,7 @@
  */
 #include "cli/campaign/report_plot.h"
 
+#include "base/counted.h"
 #include "base/decimal.h"
 #include "base/xmltext.h"
 
@@ -149,8 +150,8 @@ void plot_latency(FILE *out, const latency *l)
         const double height = (HEIGHT - 20) * (double)bins[i] / (double)most;
         if (bins[i] > 0)
             fprintf(out, "<rect x=\"%.2f\" y=\"%.2f\" width=\"%.2f\" height=\"%.2f\" "
-                    "fill=\"#4d7a9a\"><title>%" PRIu64 " rows</title></rect>\n", i * step,
-                    HEIGHT - height, step - 1, height, bins[i]);
+                    "fill=\"#4d7a9a\"><title>%s</title></rect>\n", i * step,
+                    HEIGHT - height, step - 1, height, counted(bins[i], "row").text);
     }
     write_limit(out, l, first, step);
     write_time(out, 0, l->min_ns, "start", HEIGHT + 15);

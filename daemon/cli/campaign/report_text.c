@@ -2,6 +2,7 @@
  *
  * report_text.c - a report as text for people.
  */
+#include "base/counted.h"
 #include "cli/campaign/report_view.h"
 
 #include "base/decimal.h"
@@ -28,9 +29,9 @@ static void write_head(FILE *out, const report_view *v)
 {
     const report *r = v->report;
     char *missing = report_missing_text(r);
-    plain_print(out, "%s: %" PRIu64 " %s, %zu factor%s\n", r->source.file, r->rows,
-                r->source.is_campaign ? "rows" : "seeds", r->factor_count,
-                r->factor_count == 1 ? "" : "s");
+    plain_print(out, "%s: %s, %s\n", r->source.file,
+                counted(r->rows, r->source.is_campaign ? "row" : "seed").text,
+                counted(r->factor_count, "factor").text);
     if (missing)
         plain_print(out, "%s\n", missing);
     free(missing);
@@ -92,7 +93,8 @@ static void write_limit(FILE *out, const report_view *v)
 static void write_latency(FILE *out, const report_view *v)
 {
     const latency *l = &v->report->latency;
-    fprintf(out, "\nfrom the first hit of a fault to the first error: %" PRIu64 " rows", l->rows);
+    fprintf(out, "\nfrom the first hit of a fault to the first error: %s",
+            counted(l->rows, "row").text);
     if (l->rows > 0) {
         fputs(";", out);
         write_ms(out, "min", l->min_ns);
@@ -168,8 +170,8 @@ static void write_worst_pairs(FILE *out, const report_view *v)
     for (size_t i = 0; i < count; i++)
         write_worst_pair(out, v->report, m, &list[i]);
     if (cut > 0)
-        fprintf(out, "%zu pair%s of factors %s more pairs of values than are told apart\n", cut,
-                cut == 1 ? "" : "s", cut == 1 ? "has" : "have");
+        fprintf(out, "%s of factors %s more pairs of values than are told apart\n",
+                counted(cut, "pair").text, cut == 1 ? "has" : "have");
 }
 
 /* ---- Coverage -------------------------------------------------------------------------------- */
@@ -197,8 +199,7 @@ static void write_pairs(FILE *out, const report *r)
         }
     }
     if (shown > PAIRS_SHOWN)
-        fprintf(out, "  and %u further pair%s of factors\n", shown - PAIRS_SHOWN,
-                shown - PAIRS_SHOWN == 1 ? "" : "s");
+        fprintf(out, "  and %s of factors\n", counted(shown - PAIRS_SHOWN, "further pair").text);
 }
 
 static void write_coverage(FILE *out, const report *r)
@@ -226,12 +227,10 @@ static void write_scenario(FILE *out, const shortest *s, size_t i)
 {
     const shortest_scenario *one = &s->list[i];
     char *name = report_scenario_name(s, i);
-    plain_print(out, "  %s: %zu rule%s, %zu entr%s of traffic", name, one->found.rules,
-                one->found.rules == 1 ? "" : "s", one->found.traffic,
-                one->found.traffic == 1 ? "y" : "ies");
+    plain_print(out, "  %s: %s, %s of traffic", name,
+                counted(one->found.rules, "rule").text, counted(one->found.traffic, "entry").text);
     if (one->found.text.count > 0)
-        fprintf(out, ", %zu bus%s", one->found.text.count,
-                one->found.text.count == 1 ? "" : "es");
+        fprintf(out, ", %s", counted(one->found.text.count, "bus").text);
     if (one->found.has_until)
         fprintf(out, ", %s ms", decimal(one->found.until_ns, 6).text);
     char *why = report_scenario_why(one);

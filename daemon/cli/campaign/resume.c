@@ -4,6 +4,7 @@
  */
 #include "cli/campaign/resume.h"
 
+#include "base/counted.h"
 #include "base/plain.h"
 
 #include <errno.h>
@@ -165,8 +166,8 @@ static const resume_row *last_of(const resume *r)
 
 static void tell(const resume *r, unsigned made, const char *file)
 {
-    plain_print(stderr, "canwire campaign: %s: %" PRIu64 " row%s there", file, r->there,
-                r->there == 1 ? " is" : "s are");
+    plain_print(stderr, "canwire campaign: %s: %s %s there", file,
+                counted(r->there, "row").text, r->there == 1 ? "is" : "are");
     if (made == 1)
         fputs("; made again, it is the same", stderr);
     if (made == 2)

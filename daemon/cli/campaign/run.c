@@ -2,6 +2,7 @@
  *
  * run.c - `canwire campaign run`: the rows of a campaign.
  */
+#include "base/counted.h"
 #include "cli/campaign/parts.h"
 
 #include "base/plain.h"
@@ -138,7 +139,7 @@ static bool run_rows(run *r, const campaign_run_options *o)
 static int conclude(const run *r)
 {
     const uint64_t total = tally_total(&r->tally);
-    fprintf(stderr, "canwire campaign: %" PRIu64 " row%s: ", total, total == 1 ? "" : "s");
+    fprintf(stderr, "canwire campaign: %s: ", counted(total, "row").text);
     tally_print(stderr, &r->tally);
     fputc('\n', stderr);
     if (r->bad != UINT64_MAX) {

@@ -4,6 +4,7 @@
  */
 #include "cli/sim/sim_progress.h"
 
+#include "base/counted.h"
 #include "base/wall.h"
 
 #include <inttypes.h>
@@ -100,7 +101,7 @@ static void print_details(FILE *out, const progress_line *n, detail first)
     if (first <= DETAIL_UNIT)
         fputs(" bus time", out);
     if (first <= DETAIL_FRAMES)
-        fprintf(out, ", %" PRIu64 " frames", n->stats->frames);
+        fprintf(out, ", %s", counted(n->stats->frames, "frame").text);
     if (first <= DETAIL_SPEED) {
         fputs(", ", out);
         print_factor(out, done / n->wall_s);

@@ -4,6 +4,7 @@
  */
 #include "cli/sim/sim_seeds.h"
 
+#include "base/counted.h"
 #include "base/plain.h"
 #include "campaign/outcome.h"
 #include "campaign/pool.h"
@@ -110,7 +111,7 @@ static bool run(seeds *s)
 
 static void print_sum(const seeds *s)
 {
-    fprintf(stderr, "canwire sim: %" PRIu64 " seeds: ", tally_total(&s->tally));
+    fprintf(stderr, "canwire sim: %s: ", counted(tally_total(&s->tally), "seed").text);
     tally_print(stderr, &s->tally);
     fputc('\n', stderr);
 }

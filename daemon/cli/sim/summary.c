@@ -4,6 +4,7 @@
  */
 #include "cli/sim/summary.h"
 
+#include "base/counted.h"
 #include "record/output.h"
 #include "record/rate_load.h"
 #include "record/residual.h"
@@ -39,7 +40,7 @@ static void print_fd(FILE *out, const cw_bus_stats *stats)
 {
     const cw_bus_stats start = {.bits = 0};
 
-    fprintf(out, "CAN FD: %" PRIu64 " frames", stats->fd_frames);
+    fprintf(out, "CAN FD: %s", counted(stats->fd_frames, "frame").text);
     print_load(out, "nominal", rate_load_nominal(&start, stats));
     print_load(out, "data", rate_load_data(&start, stats));
     fputc('\n', out);
@@ -93,10 +94,10 @@ void summary_print(FILE *out, const cfg *config, const cw_bus *bus)
     const cw_bus_stats start = {.bits = 0};
     unsigned load = cw_load_permille(&start, &stats);
     fprintf(out,
-            "%s: %s s at %u bit/s, %" PRIu64 " frames, load %u.%u %%, %" PRIu64 " error frames, "
-            "%" PRIu64 " fault hits\n",
-            config->bus_name, time, config->bitrate_bps, stats.frames, load / 10, load % 10,
-            stats.error_frames, stats.faults);
+            "%s: %s s at %u bit/s, %s, load %u.%u %%, %s, %s\n", config->bus_name, time,
+            config->bitrate_bps, counted(stats.frames, "frame").text, load / 10, load % 10,
+            counted(stats.error_frames, "error frame").text,
+            counted(stats.faults, "fault hit").text);
     if (stats.error_frames)
         print_errors(out, &stats);
     if (output_has_fd(config, bus))
