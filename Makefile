@@ -107,10 +107,11 @@ all: ## install what the build needs, then build canwired and canwire
 build: $(if $(filter release,$(VARIANT)),$(SIM))
 build: $(DAEMON) $(TOOL) $(USB) $(PRELOAD) $(SCHEMA) ## the programs alone, with what is installed
 
-# The compiler runs only when ccache has no result; the first call installs missing packages.
-dev: ## for the loop of a developer: build/debug, and the unit tests that a change concerns
-	@test -d build/debug || scripts/install-deps build test
-	@$(MAKE) --no-print-directory -j"$$(nproc)" VARIANT=debug BUILD=build/debug \
+# The compiler runs only when ccache has no result; the first call installs missing packages. All
+# code is in one library, so that a change needs one link.
+dev: ## for the loop of a developer: build/dev, and the quick unit tests; 5 s after a change
+	@test -d build/dev || scripts/install-deps build test
+	@$(MAKE) --no-print-directory -j"$$(nproc)" VARIANT=debug BUILD=build/dev SHARED=yes \
 	  CC="$$(command -v ccache || true) $(CC)" dev-run
 
 test: ## all set-up, then all tests (units, sanitizers, conformance, real vcan); ten minutes
@@ -280,7 +281,7 @@ DEV_SLOW := test_encode_fd test_engine_replay test_fault_step test_format test_j
 DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
 dev-run: $(DAEMON) $(TOOL) $(PRELOAD) $(DEV_TESTS:%=$(BUILD)/%.passed)
 
-$(BUILD)/%.passed: $(BUILD)/% $(TOOL)
+$(BUILD)/%.passed: $(BUILD)/% $(TOOL) $(SHARED_CODE)
 	$(call tell,TEST,$(<F)) CANWIRE=$(TOOL) $< >$@.log 2>&1 || { cat $@.log; false; }
 	@touch $@
 
@@ -352,11 +353,26 @@ $(PARTS): $(call objects,$(PARTS_SOURCES))
 	@rm -f $@
 	$(call tell,AR,$@) $(AR) qcs $@ $^
 
-$(DAEMON): $(call objects,daemon/main.c) $(PARTS) $(LCM_OBJECTS) $(LIB)
-	$(call link,$(LINK_LTO)) $(DAEMON_LIBS) $(TOOL_LIBS)
+# All code for `make dev`. Programs that use it are as they were when it has changed.
+ifeq ($(SHARED),yes)
+SHARED_CODE := $(BUILD)/libdev.so
+DAEMON_CODE := | $(SHARED_CODE)
+TOOL_CODE := | $(SHARED_CODE)
+WITH_SHARED := $(SHARED_CODE) -Wl,-rpath,$(CURDIR)/$(BUILD)
+ALL_CFLAGS += -fPIC
+else
+DAEMON_CODE := $(PARTS) $(LCM_OBJECTS) $(LIB)
+TOOL_CODE := $(PARTS) $(LIB)
+endif
 
-$(TOOL): $(call objects,daemon/cli/main.c) $(PARTS) $(LIB)
-	$(call link,$(LINK_LTO)) $(TOOL_LIBS) $(SCREEN_LIBS)
+$(BUILD)/libdev.so: $(call objects,$(PARTS_SOURCES)) $(LCM_OBJECTS) $(LIB_OBJECTS)
+	$(call link,-shared) $(DAEMON_LIBS) $(TOOL_LIBS) $(SCREEN_LIBS)
+
+$(DAEMON): $(call objects,daemon/main.c) $(DAEMON_CODE)
+	$(call link,$(LINK_LTO)) $(WITH_SHARED) $(DAEMON_LIBS) $(TOOL_LIBS)
+
+$(TOOL): $(call objects,daemon/cli/main.c) $(TOOL_CODE)
+	$(call link,$(LINK_LTO)) $(WITH_SHARED) $(TOOL_LIBS) $(SCREEN_LIBS)
 
 # The library that programs preload. A program without sanitizers cannot load one with them, and
 # the calls of the C library are its own ones, which _FORTIFY_SOURCE would replace.
@@ -463,8 +479,8 @@ REALTIME_OBJECTS := $(call objects,$(wildcard tests/bench/realtime/*.c))
 $(BUILD)/bench_realtime: $(REALTIME_OBJECTS) $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(call link,$(LINK_LTO)) $(DAEMON_LIBS) $(TOOL_LIBS)
 
-$(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(PARTS) $(LCM_OBJECTS) $(LIB)
-	$(call link,$(LINK_PLAIN)) $(DAEMON_LIBS) \
+$(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(DAEMON_CODE)
+	$(call link,$(LINK_PLAIN)) $(WITH_SHARED) $(DAEMON_LIBS) \
 	  $(TOOL_LIBS) -lcmocka
 
 FUZZ_SHARED := $(filter-out tests/fuzz/fuzz_%.c tests/fuzz/replay.c,$(wildcard tests/fuzz/*.c))

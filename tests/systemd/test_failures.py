@@ -121,6 +121,7 @@ def test_files_that_the_service_does_not_see_are_told(new):
     assert told(bus, "(the service may write to /run/canwire and /var/lib/canwire)")
 
 
+@pytest.mark.deep
 def test_who_reads_a_file_is_told(new):
     bus = new("secret")
     bus.config.chmod(0o600)
@@ -154,6 +155,7 @@ def test_other_hosts_that_do_not_get_through_are_told(new):
 # ---- Several units -------------------------------------------------------------------------------
 
 
+@pytest.mark.deep
 def test_two_buses_of_one_name_are_told(new):
     first, second = new("first"), new("second", lambda text: text.replace("name: second",
                                                                           "name: first"))

@@ -139,6 +139,7 @@ def test_its_sockets_have_room(bus):
     RMEM_MAX.write_text("8388608")
 
 
+@pytest.mark.deep
 def test_errors_of_a_bad_configuration_are_errors_in_the_journal(bus):
     one = bus("wrong")
     good = one.config.read_text()
@@ -254,6 +255,7 @@ def test_a_bus_that_hangs_is_killed_and_comes_back(bus):
     assert one.carries()
 
 
+@pytest.mark.deep
 def test_a_bus_that_is_killed_comes_back(bus):
     one = bus("kill")
     pid = one.pid()
@@ -343,6 +345,7 @@ def test_members_of_the_group_may_reload_it_and_others_not(bus):
     assert denied in run("runuser", "-u", "member", "--", *reload[:2], "stop", one.unit, status=1)
 
 
+@pytest.mark.deep
 def test_the_target_is_for_all_buses(bus):
     one, two = bus("one"), bus("two")
     systemctl("stop", "canwire.target")

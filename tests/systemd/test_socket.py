@@ -63,6 +63,7 @@ def test_a_client_starts_the_bus(early):
     assert any("a socket of the service manager" in m["MESSAGE"] for m in early.messages())
 
 
+@pytest.mark.deep
 def test_a_reload_by_the_service_manager_goes_by_that_socket(early):
     systemctl("start", early.unit)
     text = early.config.read_text().replace("{ name: b }", "{ name: b }, { name: c }")

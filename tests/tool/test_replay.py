@@ -256,6 +256,7 @@ def test_a_loop_needs_an_end(write, tmp_path):
 FAST = "".join(f"(9.{i:06}) can0 {0x700 - i:03X}#{'55' * (i % 9)}\n" for i in range(300))
 
 
+@pytest.mark.figures
 def test_max_speed_leaves_no_gap_and_keeps_the_order(write, tmp_path):
     (tmp_path / "fast.log").write_text(FAST)
     path = write(bus("replay: fast.log, speed: max"))
@@ -291,6 +292,7 @@ def test_max_speed_needs_no_times_and_is_repeated_at_once(write):
     assert [f for _, f in transmissions(path)] == [f for _, f in CANDUMP_FRAMES] * 2
 
 
+@pytest.mark.figures
 def test_max_speed_shares_the_bus_and_the_node(write, tmp_path):
     (tmp_path / "fast.log").write_text(FAST)
     path = write(bus("replay: fast.log, speed: max", "send: 001#, every: 1ms, count: 40",
@@ -301,6 +303,7 @@ def test_max_speed_shares_the_bus_and_the_node(write, tmp_path):
         [line.split()[2] for line in FAST.splitlines()]
 
 
+@pytest.mark.figures
 def test_max_speed_waits_while_the_node_is_bus_off(write, tmp_path):
     (tmp_path / "fast.log").write_text(FAST)
     faults = ("faults:\n  - { name: off, when: { frame: 6FF, count: 1 }, do: { bus-off: a } }\n"
@@ -311,6 +314,7 @@ def test_max_speed_waits_while_the_node_is_bus_off(write, tmp_path):
     assert frames == [line.split()[2] for line in FAST.splitlines() if " 6FF#" not in line]
 
 
+@pytest.mark.figures
 def test_max_speed_waits_no_longer_than_the_quiet_time(write, tmp_path):
     (tmp_path / "fast.log").write_text(FAST)
     faults = "faults:\n  - { name: off, when: { frame: 6FF, count: 1 }, do: { bus-off: a } }\n"
