@@ -171,7 +171,7 @@ calls: ## every call of the C library fails, at all places, with every error; ha
 	  tests/calls/test_calls_daemon.py
 
 # Seeds of the simulated world: FIRST..LAST, or one; `world 7 --trace` shows each call. The nightly
-# run is SEEDS=1..10000, and `make test` runs 200 of them.
+# run is SEEDS=1..10000, and `make test` runs 60 of them.
 SEEDS ?= 1..200
 WORLD_VARIANT ?= world
 WORLD_BUILD = VARIANT=$(WORLD_VARIANT) BUILD=build/$(WORLD_VARIANT)
@@ -275,8 +275,8 @@ test-unit: $(addprefix $(BUILD)/,$(TESTS_RUN) $(FUZZ_TARGETS:%=replay_%)) $(CONF
 	  exit $$status
 
 # The unit tests without those that take seconds each.
-DEV_SLOW := test_encode_fd test_engine_replay test_fault_step test_format test_journal \
-            test_journal_check test_journal_keep test_journal_play test_quanta \
+DEV_SLOW := test_apart test_clocks test_encode_fd test_engine_replay test_fault_step test_format \
+            test_journal test_journal_check test_journal_keep test_journal_play test_quanta \
             test_recorder test_steady
 DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
 dev-run: $(DAEMON) $(TOOL) $(PRELOAD) $(DEV_TESTS:%=$(BUILD)/%.passed)
@@ -499,7 +499,7 @@ $(BUILD)/replay_fuzz_%: $(BUILD)/tests/fuzz/replay.o $(FUZZ_OBJECTS)
 ifeq ($(VARIANT),release)
 LIB_FLAGS := -O3 -fno-tree-slp-vectorize
 IS_GCC := $(shell $(CC) -v 2>&1 | grep -q '^gcc version' && echo yes)
-# What is installed is linked as a whole; other targets leave a folder as it is.
+# An installation is linked as a whole; other targets leave a folder as it is.
 LTO ?= $(or $(if $(filter install,$(MAKECMDGOALS)),yes),$(file <$(BUILD)/lto),yes)
 $(LIB_OBJECTS) $(SIM_OBJECTS): $(BUILD)/lto
 $(BUILD)/lto: always

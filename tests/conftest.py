@@ -14,7 +14,7 @@ pytest_plugins = ["depth"]
 # the package canwire of the checkout finds the library that has just been built
 os.environ.setdefault("CANWIRE_SIM_LIBRARY", str(Path(CANWIRE).with_name("libcanwire-sim.so")))
 
-# what a test builds is linked as the programs are that it runs
+# a test links what it builds as the programs are linked that it runs
 LINKED = Path(CANWIRE).with_name("lto")
 if LINKED.exists():
     os.environ.setdefault("LTO", LINKED.read_text(encoding="ascii").strip())

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""How many of the tests of a kind run: `make test` takes a sample by a fixed rule, `make test-deep`
-takes all of them.
+"""The choice of tests: `make test` takes a sample of some kinds, by a fixed rule, and `make
+test-deep` takes all.
 
 A test with the mark `deep` is for the latter alone; tests/README.md says what only those find. Of a
-test with parameters, --cases N runs the first case and each Nth behind it. --every N does so with
-whole tests, but for those of modules with the mark `strangers`.
+test with parameters, --cases N runs the first case and each Nth behind it. With --every N one in N
+tests runs, but all in modules with the mark `strangers`.
 """
 
 import collections
