@@ -44,7 +44,7 @@ struct statefile {
 
 /* ---- The thread ------------------------------------------------------------------------------ */
 
-static void stamp(int fd)
+static void stamp_now(int fd)
 {
     struct timespec times[2] = {{.tv_sec = 0}};
     (void)clock_gettime(CLOCK_REALTIME, &times[0]);
@@ -65,14 +65,14 @@ static bool write_all(int fd, const char *text)
 }
 
 /* Returns 0 or an errno. */
-static int replace(const statefile *s, const char *text)
+static int replace_file(const statefile *s, const char *text)
 {
     const int fd = openat(s->folder, s->next,
                           O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, MODE);
     if (fd < 0)
         return errno;
     int error = write_all(fd, text) ? 0 : errno;
-    stamp(fd);
+    stamp_now(fd);
     if (close(fd) != 0 && error == 0)
         error = errno;
     if (error == 0 && renameat(s->folder, s->next, s->folder, s->name) != 0)
@@ -83,21 +83,21 @@ static int replace(const statefile *s, const char *text)
 static int write_state(const statefile *s, const char *text)
 {
     if (text)
-        return replace(s, text);
+        return replace_file(s, text);
     return unlinkat(s->folder, s->name, 0) == 0 || errno == ENOENT ? 0 : errno;
 }
 
-static void touch(const statefile *s)
+static void touch_file(const statefile *s)
 {
     const int fd = openat(s->folder, s->name, O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
     if (fd < 0)
         return;
-    stamp(fd);
+    stamp_now(fd);
     (void)close(fd);
 }
 
 /* Does what there is to do, without the lock. */
-static void work(statefile *s)
+static void statefile_work(statefile *s)
 {
     char *text = s->text;
     const uint64_t number = s->put;
@@ -107,7 +107,7 @@ static void work(statefile *s)
     (void)pthread_mutex_unlock(&s->lock);
     const int error = is_state ? write_state(s, text) : 0;
     if (!is_state)
-        touch(s);
+        touch_file(s);
     free(text);
     (void)pthread_mutex_lock(&s->lock);
     if (!is_state)
@@ -119,13 +119,13 @@ static void work(statefile *s)
         ev_async_send(s->loop, &s->wakeup); /* under the lock: the loop still exists */
 }
 
-static void *run(void *user)
+static void *statefile_run(void *user)
 {
     statefile *s = user;
     (void)pthread_mutex_lock(&s->lock);
     while (!s->ending || s->put > s->done) {
         if (s->put > s->done || s->touch)
-            work(s);
+            statefile_work(s);
         else
             (void)pthread_cond_wait(&s->change, &s->lock);
     }
@@ -135,7 +135,7 @@ static void *run(void *user)
 
 /* ---- The loop -------------------------------------------------------------------------------- */
 
-static void tell(statefile *s, uint64_t number, int error)
+static void tell_written(statefile *s, uint64_t number, int error)
 {
     if (number <= s->told)
         return;
@@ -154,7 +154,7 @@ static void on_wakeup(struct ev_loop *loop, ev_async *wakeup, int events)
     (void)pthread_mutex_unlock(&s->lock);
     if (over)
         ev_timer_stop(loop, &s->patience);
-    tell(s, done, error);
+    tell_written(s, done, error);
 }
 
 /* Gives up for those that wait. The thread goes on. */
@@ -166,7 +166,7 @@ static void on_patience(struct ev_loop *loop, ev_timer *patience, int events)
     (void)pthread_mutex_lock(&s->lock);
     const uint64_t put = s->put;
     (void)pthread_mutex_unlock(&s->lock);
-    tell(s, put, ETIMEDOUT);
+    tell_written(s, put, ETIMEDOUT);
 }
 
 statefile *statefile_new(struct ev_loop *loop, int folder, const char *name, const char *next,
@@ -188,7 +188,7 @@ statefile *statefile_new(struct ev_loop *loop, int folder, const char *name, con
 /* The first state starts the thread: most buses have none. */
 static bool start_thread(statefile *s)
 {
-    const int error = s->has_thread ? 0 : thread_start(&s->thread, run, s);
+    const int error = s->has_thread ? 0 : thread_start(&s->thread, statefile_run, s);
     errno = error;
     if (error == 0 && !s->has_thread) {
         s->has_thread = true;

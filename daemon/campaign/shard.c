@@ -86,8 +86,8 @@ static bool read_array(source *s, char problem[SHARD_PROBLEM_MAX])
         return false;
     if (s->from <= 1 && max >= s->from && max - s->from + 1 == count && count > 1)
         return true;
-    return refuse(problem, "%s to %s are %" PRIu64 " to %" PRIu64 ", with %s: that may be a part of an "
-                  "array", least, most, s->from, max, counted(count, "task").text);
+    return refuse(problem, "%s to %s are %" PRIu64 " to %" PRIu64 ", with %s: that may be a part "
+                  "of an array", least, most, s->from, max, counted(count, "task").text);
 }
 
 static bool read_source(shard *out, source s, char problem[SHARD_PROBLEM_MAX])

@@ -19,8 +19,8 @@ typedef struct profilefile {
                                                the current folder has no '/' */
 } profilefile;
 
-/* Writes the path with this number at which the profile may be, in the order of the search: at its
- * path beside the files, by its name in `profiles` there, or among the installed ones. Returns
+/* Writes the path with this number, from 0, at which the profile may be. The search goes from its
+ * path beside the files to its name in `profiles` there, and then to the installed ones. Returns
  * false when there are no more. A path that is too long is "". */
 bool profilefile_place(char out[PATH_MAX], const profilefile *wanted, unsigned number);
 

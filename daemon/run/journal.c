@@ -62,7 +62,7 @@ struct journal {
     uint64_t lost_reported;
     unsigned gaps;
     char why[JOURNAL_WHY_MAX];
-    spool_found found; /* what somebody else has done to the file */
+    spool_found found; /* of somebody else, to the file */
     char started[32];
 };
 
@@ -536,7 +536,7 @@ static void take_inputs(journal *j, const inputs *in)
         j->buses[0].in = in;
 }
 
-/* What somebody else may have done to the file, and why that is bad. */
+/* Deeds of somebody else to the file, and why they are bad. */
 static const struct {
     const char *name;
     const char *why;

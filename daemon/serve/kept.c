@@ -59,7 +59,7 @@ static void complain_unwritten(const kept *k, int error)
 }
 
 /* Returns the number of the save, or 0 with an errno. */
-static uint64_t save(kept *k, bool empty)
+static uint64_t put_state(kept *k, bool empty)
 {
     if (empty)
         return statefile_put(k->file, NULL);
@@ -76,7 +76,7 @@ uint64_t kept_save(kept *k)
     const bool empty = json_array_size(k->entries) + json_array_size(k->passing) == 0;
     if (empty && !k->there)
         return 0;
-    const uint64_t number = save(k, empty);
+    const uint64_t number = put_state(k, empty);
     if (number == 0)
         complain_unwritten(k, errno);
     else

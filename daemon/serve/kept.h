@@ -48,7 +48,8 @@ bool kept_clear(kept *k, const char *rule);
 void kept_clear_all(kept *k);
 
 /* Lets a thread write the file, as after kept_clear(). Returns the number of the save, of which
- * kept_written() tells; 0 when no file is needed or there, or after logging why it cannot begin. */
+ * kept_written() tells; 0 when no file is needed or there, or after logging why it cannot
+ * begin. */
 uint64_t kept_save(kept *k);
 
 /* Explains the error of a save. */

@@ -24,8 +24,8 @@
 #define EXIT_USAGE 2
 #define NS_PER_MS 1000000L
 #define STATUS_BYTES 900
-#define LOOK_MS 20   /* between two looks for a module that is not there yet */
-#define LOOKS 75     /* of the service, which is started again after them */
+#define LOOK_MS 20 /* between two looks for a module that is not there yet */
+#define LOOKS 75   /* of the service, which is started again after them */
 
 static const char usage[] = "usage: canwire-usb [--user USER] FILE\n";
 
@@ -47,8 +47,8 @@ static const char help[] =
     "Without such a node there is nothing to do, and it ends with status 0. It ends with status 1\n"
     "when vhci-hcd is removed, since only root can begin anew.\n"
     "\n"
-    "Exit status: 0, 1 bad configuration or no vhci-hcd, 2 wrong usage; in the service 75 for what\n"
-    "another start may mend, such as vhci-hcd.\n";
+    "Exit status: 0, 1 bad configuration or no vhci-hcd, 2 wrong usage; in the service 75 for\n"
+    "what another start may mend, such as vhci-hcd.\n";
 
 typedef struct settings {
     const char *user;

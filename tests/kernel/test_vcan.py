@@ -248,15 +248,15 @@ def test_down_leaves_what_another_file_made(rig, tmp_path):
 
 @pytest.mark.parametrize("name", ["rig", "other"])
 def test_down_leaves_what_a_running_bus_uses(rig, canwired, name):
-    """Also one of FILE itself. What no bus uses goes."""
+    """Also one of FILE itself. The others go."""
     rig("up", PAIR + "  - { name: c, port: v2 }\n")
     bus = canwired(PAIR.replace("name: rig", f"name: {name}"))
     done = subprocess.run([CANWIRE, "vcan", "down", rig.file], capture_output=True, text=True,
                           check=False)
     assert (done.returncode, done.stdout) == (1, "removed v2\n")
     assert done.stderr == "".join(
-        f"canwire vcan: {port} stays: it is in use by bus {name} of canwired, pid {bus.process.pid}: "
-        "stop it first\n" for port in ("v0", "v1"))
+        f"canwire vcan: {port} stays: it is in use by bus {name} of canwired, pid "
+        f"{bus.process.pid}: stop it first\n" for port in ("v0", "v1"))
     assert {"v0", "v1"} <= set(links())
     bus.stop()
     assert rig("down") == "removed v0\nremoved v1\n"
