@@ -134,12 +134,12 @@ def test_buses_that_hang_are_asked_at_the_same_time(bus):
         for client in clients:
             asked.append(json.loads(client.makefile().readline())["request"])
         try:
-            asked.append(clients[0].recv(1, socket.MSG_DONTWAIT))
+            asked.append(clients[0].recv(1, socket.MSG_DONTWAIT))  # whole: the end
         except BlockingIOError:
             asked.append("it still waits")
         clients[2].sendall(json.dumps(reply).encode() + b"\n")
-        clients[0].recv(1)  # the end: the check is over
-        clients[1].recv(1)
+        clients[0].recv(1)  # whole: the end, the check is over
+        clients[1].recv(1)  # whole: the end
 
     server = threading.Thread(target=serve)
     server.start()
