@@ -43,8 +43,8 @@ struct schema_key {
     const void *arg;     /* argument of the reader, see there */
     bool required;
     uint8_t where;             /* the kinds of maps that have it, as bits; 0: all (schema_map_in) */
-    const void *live;          /* how it changes while it is in use, or NULL; for its owner */
-    /* What people and the JSON schema are told. */
+    const void *live;          /* for its owner: a change while it is in use, or NULL */
+    /* For people and the JSON schema. */
     const char *help;          /* a sentence */
     const char *preset;        /* the default: JSON, or a text */
     const char *type;          /* of the value, see base/typetext.h; NULL: as the reader has it */

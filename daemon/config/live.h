@@ -7,7 +7,7 @@
 #define CANWIRE_CONFIG_LIVE_H
 
 #include "base/schema.h"
-#include "config/config.h"
+#include "config/retime.h"
 
 typedef enum cfg_live_kind {
     CFG_LIVE_FIXED = 0, /* the configuration alone has it */
@@ -63,6 +63,13 @@ static inline bool cfg_is_live(const schema_key *key)
 static inline bool cfg_is_retime(const schema_key *key)
 {
     return key->live && cfg_live_of(key)->kind >= CFG_LIVE_CLOCK;
+}
+
+/* Returns true for such a key of the data phase. */
+static inline bool cfg_is_data(const schema_key *key)
+{
+    return cfg_is_retime(key) && cfg_live_of(key)->time >= RETIME_DSAMPLE_POINT &&
+           cfg_live_of(key)->time <= RETIME_TDCV;
 }
 
 /* Returns the key of a name, or NULL. */

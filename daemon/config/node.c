@@ -124,9 +124,10 @@ static void note_answers(cfg *config)
 void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
-    const cfg_walk *walk = self->user;
+    cfg_walk *walk = self->user;
     size_t count = schema_count(self, key, value, walk->guests ? 0 : 1, CW_NODES_MAX);
 
+    walk->node_keys = key->map;
     const size_t room = walk->guests ? CW_NODES_MAX : count;
     config->nodes = schema_alloc(self, room + 1, sizeof *config->nodes);
     if (!config->nodes)

@@ -4,22 +4,15 @@
  */
 #include "config/parts.h"
 
+#include "config/live.h"
 #include "config/phases.h"
 #include "config/reway.h"
 #include "config/values.h"
 
 #include <inttypes.h>
 
-#define SEGMENT_KEYS 4u         /* needed together */
 #define RATE_ERROR_INVERSE 100u /* a larger one than 1 % is worth a warning */
 #define SSP_BITS_MAX 6u         /* of the data phase, that M_CAN and others have room for */
-
-/* The keys of the data phase. */
-static const char *const keys[] = {
-    "dbrp",          "dprop-seg", "dphase-seg1", "dphase-seg2", "dsjw",
-    "dsample-point", "tdc-mode",  "tdco",        "tdcv",
-};
-#define KEYS (sizeof keys / sizeof keys[0])
 
 static const char no_rate[] = "the bus has no data rate; bus: { dbitrate } gives it one";
 
@@ -28,31 +21,13 @@ static const char no_rate[] = "the bus has no data rate; bus: { dbitrate } gives
 /* Complains about the keys of a data phase that there is not. */
 static void refuse_data_keys(schema *self, const yaml_node_t *item, const char *why)
 {
-    for (size_t i = 0; i < KEYS; i++) {
-        const yaml_node_t *value = schema_find(self, item, keys[i]);
+    const cfg_walk *walk = self->user;
+
+    for (const schema_key *key = walk->node_keys; key->name; key++) {
+        const yaml_node_t *value = cfg_is_data(key) ? schema_find(self, item, key->name) : NULL;
         if (value)
-            schema_complain(self, value, "%s: %s", keys[i], why);
+            schema_complain(self, value, "%s: %s", key->name, why);
     }
-}
-
-/* Checks that a node, or `defaults`, says all or nothing of the segments. */
-static void check_together(schema *self, const yaml_node_t *map)
-{
-    const yaml_node_t *point = schema_find(self, map, "dsample-point");
-    const char *missing = NULL;
-    bool any = false;
-
-    for (size_t i = 0; i < SEGMENT_KEYS; i++) {
-        const bool found = schema_find(self, map, keys[i]) != NULL;
-        any = any || found;
-        missing = found || missing ? missing : keys[i];
-    }
-    if (any && missing)
-        schema_complain(self, map, "%s is missing: dbrp, dprop-seg, dphase-seg1 and dphase-seg2 "
-                        "are needed together", missing);
-    else if (any && point)
-        schema_complain(self, point,
-                        "dsample-point: the segments say where it is; use one or the other");
 }
 
 static void check_kind(schema *self, const yaml_node_t *map)
@@ -99,13 +74,13 @@ static void check_node(schema *self, const yaml_node_t *item, const cfg_node *no
         refuse_data_keys(self, item, no_rate);
     else
         check_tdc(self, item, &node->time);
-    check_together(self, item);
+    cfg_check_together(self, item, "d");
 }
 
 static void check_defaults(schema *self, const yaml_node_t *map)
 {
     check_kind(self, map);
-    check_together(self, map);
+    cfg_check_together(self, map, "d");
     if (cfg_of(self)->dbitrate_bps == 0)
         refuse_data_keys(self, map, no_rate);
 }
@@ -129,22 +104,13 @@ void cfg_check_fd(schema *self, yaml_node_t *nodes)
 /* Returns the value of a key of the data phase that the node has, this one first, or the node. */
 static yaml_node_t *place_of(schema *self, yaml_node_t *item, const char *first)
 {
+    const cfg_walk *walk = self->user;
     yaml_node_t *found = schema_find(self, item, first);
 
-    for (size_t i = 0; !found && i < KEYS; i++)
-        found = schema_find(self, item, keys[i]);
+    for (const schema_key *key = walk->node_keys; !found && key->name; key++)
+        if (cfg_is_data(key))
+            found = schema_find(self, item, key->name);
     return found ? found : item;
-}
-
-/* Returns true when keys give the segments. A node's own sample point replaces those of
- * `defaults`. */
-static bool gives_segments(schema *self, const yaml_node_t *item)
-{
-    const cfg_walk *walk = self->user;
-
-    return schema_find(self, item, "dbrp") ||
-           (walk->default_map && schema_find(self, walk->default_map, "dbrp") &&
-            !schema_find(self, item, "dsample-point"));
 }
 
 static void check_rate(schema *self, yaml_node_t *item, const bit_timing *data)
@@ -252,7 +218,7 @@ void cfg_complete_data(schema *self, yaml_node_t *item, cfg_node *node)
                         "kind: classical", time->limits->name);
         return;
     }
-    if (gives_segments(self, item) ? !cfg_fit_data(time, problem)
+    if (cfg_gives_segments(self, item, "d") ? !cfg_fit_data(time, problem)
                                    : !cfg_find_data(time, problem, config)) {
         schema_complain(self, place_of(self, item, "dbrp"), "data phase: %s", problem);
         return;

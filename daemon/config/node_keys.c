@@ -57,7 +57,7 @@ static const schema_choice tdc_modes[] = {
 #define GUESTS .where = CFG_IN_GUESTS
 #define SHARED .where = CFG_IN_DEFAULTS | CFG_IN_GUESTS
 
-/* How a key changes. */
+/* The change of a key while its node is in use. */
 #define LIVE(...) .live = &(const cfg_live){__VA_ARGS__}
 #define FIXED LIVE(.kind = CFG_LIVE_FIXED)
 #define NUMBER(set, member, size, of)                                                              \

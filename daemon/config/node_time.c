@@ -4,6 +4,7 @@
  */
 #include "config/parts.h"
 
+#include "config/live.h"
 #include "config/phases.h"
 #include "config/retime.h"
 #include "config/reway.h"
@@ -13,13 +14,6 @@
 #include <string.h>
 
 #define RATE_ERROR_INVERSE 100u /* a larger one than 1 % is worth a warning */
-
-/* The keys of time. The first four are needed together. */
-static const char *const keys[] = {
-    "brp", "prop-seg", "phase-seg1", "phase-seg2", "sjw", "clock", "ppm", "controller",
-    "sample-point", "triple-sampling", "tx-delay", "rx-delay", "position", "stub", "ringing",
-};
-#define SEGMENT_KEYS 4u
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
@@ -100,33 +94,6 @@ static yaml_node_t *place_of(schema *self, yaml_node_t *item, const char *const 
     return found ? found : item;
 }
 
-/* Returns true when a node, or `defaults`, has a key of segments. */
-static bool has_segments(schema *self, const yaml_node_t *map)
-{
-    for (size_t i = 0; i < SEGMENT_KEYS; i++)
-        if (schema_find(self, map, keys[i]))
-            return true;
-    return false;
-}
-
-/* Checks that a node, or `defaults`, says all or nothing of the segments. */
-static void check_together(schema *self, const yaml_node_t *map)
-{
-    yaml_node_t *const sample_point = schema_find(self, map, "sample-point");
-
-    if (!has_segments(self, map))
-        return;
-    for (size_t i = 0; i < SEGMENT_KEYS; i++)
-        if (!schema_find(self, map, keys[i])) {
-            schema_complain(self, map, "%s is missing: brp, prop-seg, phase-seg1 and phase-seg2 "
-                            "are needed together", keys[i]);
-            return;
-        }
-    if (sample_point)
-        schema_complain(self, sample_point,
-                        "sample-point: the segments say where it is; use one or the other");
-}
-
 /* Completes the segments that keys give. */
 static void use_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
 {
@@ -162,29 +129,17 @@ static void check_rate(schema *self, yaml_node_t *item, const bit_timing *bit)
                     timing_bitrate_bps(bit), cfg_of(self)->bitrate_bps);
 }
 
-/* Returns true when keys give the segments. A node's own sample point replaces those of
- * `defaults`. */
-static bool gives_segments(schema *self, const yaml_node_t *item)
-{
-    const cfg_walk *walk = self->user;
-
-    if (has_segments(self, item))
-        return true;
-    return walk->default_map && has_segments(self, walk->default_map) &&
-           !schema_find(self, item, "sample-point");
-}
-
 static void complete_bit(schema *self, yaml_node_t *item, cfg_node_time *time)
 {
     const size_t errors = self->errors->errors;
     bit_timing *bit = &time->bit;
 
-    check_together(self, item);
+    cfg_check_together(self, item, "");
     if (self->errors->errors > errors)
         return;
     if (bit->clock_hz == 0)
         bit->clock_hz = CFG_CLOCK_DEFAULT_HZ;
-    if (gives_segments(self, item))
+    if (cfg_gives_segments(self, item, ""))
         use_segments(self, item, time);
     else
         find_segments(self, item, time);
@@ -196,11 +151,15 @@ static void complete_bit(schema *self, yaml_node_t *item, cfg_node_time *time)
 
 /* ---- All nodes ------------------------------------------------------------------------------- */
 
+/* Returns true when a node, or `defaults`, has a key of time, but for those of the data phase. */
 static bool uses_time(schema *self, const yaml_node_t *map)
 {
-    for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++) {
-        const yaml_node_t *const value = schema_find(self, map, keys[i]);
-        if (value && !cfg_is_model(self, keys[i], value))
+    const cfg_walk *walk = self->user;
+
+    for (const schema_key *key = walk->node_keys; key->name; key++) {
+        const yaml_node_t *const value = schema_find(self, map, key->name);
+        if (value && (key->read == cfg_read_controller ? !cfg_is_model(self, key->name, value)
+                                                       : cfg_is_retime(key) && !cfg_is_data(key)))
             return true;
     }
     return false;
@@ -243,7 +202,7 @@ static void complete_nodes(schema *self, yaml_node_t *nodes)
     const size_t errors = self->errors->errors;
 
     if (walk->default_map)
-        check_together(self, walk->default_map);
+        cfg_check_together(self, walk->default_map, "");
     if (self->errors->errors > errors)
         return;
     for (size_t i = 0; i < config->node_count; i++)

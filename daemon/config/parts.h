@@ -104,6 +104,13 @@ void cfg_complete_controllers(schema *self, yaml_node_t *nodes);
  * none. */
 bool cfg_is_model(schema *self, const char *key, const yaml_node_t *value);
 
+/* Keys of the segments of a phase of a bit, whose names begin with a prefix: "", or "d" at the data
+ * rate. segment_keys.c. The first one checks that a node, or `defaults`, says all or nothing of
+ * them. The second one returns true when keys give them: a node's own sample point replaces those
+ * of `defaults`. */
+void cfg_check_together(schema *self, const yaml_node_t *map, const char *prefix);
+bool cfg_gives_segments(schema *self, const yaml_node_t *item, const char *prefix);
+
 /* Turns what the keys say into the timing of each node. All nodes have been read from the list. */
 void cfg_complete_time(schema *self, yaml_node_t *nodes);
 

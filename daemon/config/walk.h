@@ -25,6 +25,7 @@ typedef struct cfg_walk {
     bool default_queue;         /* ... `defaults` sets its queue, which then does not depend on the
                                    port */
     bool default_when_full;
+    const schema_key *node_keys; /* the keys of nodes */
     yaml_node_t *guests;        /* `guests`, or NULL */
     yaml_node_t *default_map;   /* `defaults`, or NULL */
     bool any_node;              /* unknown nodes are made: a profile is checked alone */

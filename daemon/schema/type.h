@@ -2,9 +2,9 @@
  *
  * type.h - what JSON schema says of the values of a configuration.
  *
- * A type is a text of JSON in which ' stands for ", '' for ', and one backslash for two, so that a
- * pattern looks as in other C code. @ stands for the map that a key has (schema_key), and TYPE_REF
- * for a type of this file. A word alone is the name of such a type.
+ * A type is a text of JSON with other quotes, so that it looks like other C code: one ' stands for
+ * the quote of JSON, two for one, and one backslash for two. @ stands for the map that a key has
+ * (schema_key), and TYPE_REF for a type of this file. A word alone is the name of such a type.
  */
 #ifndef CANWIRE_SCHEMA_TYPE_H
 #define CANWIRE_SCHEMA_TYPE_H
