@@ -13,8 +13,8 @@
 
 typedef struct statefile statefile;
 
-/* Reports in the loop that the file has the state with this number, or a later one. error: the errno
- * why not, ETIMEDOUT when the disk does not answer. It is about all states up to that one. */
+/* Reports in the loop that the file has the state with this number, or a later one. error: the
+ * errno why not, ETIMEDOUT when the disk does not answer. It is about all states up to that one. */
 typedef void statefile_written(void *user, uint64_t number, int error);
 
 /* The file has this name in a folder that is open; it becomes it from `next`. The names must live

@@ -2,7 +2,7 @@
  *
  * type.h - what JSON schema says of the values of a configuration.
  *
- * A type is a text of JSON with other quotes, so that it looks like other C code: one ' stands for
+ * A type is a text of JSON with other quotes, so that it looks like other C code. One ' stands for
  * the quote of JSON, two for one, and one backslash for two. @ stands for the map that a key has
  * (schema_key), and TYPE_REF for a type of this file. A word alone is the name of such a type.
  */

@@ -28,8 +28,8 @@ typedef struct kept kept;
 typedef void kept_written(void *user, uint64_t save, int error);
 
 /* Reads the file that belongs to a control socket, and logs the rules that a crash has lost. bus is
- * the name of the bus. A damaged file is moved away. Each save is reported in the loop. Returns NULL
- * after logging why, without memory or the folder. */
+ * the name of the bus. A damaged file is moved away. Each save is reported in the loop. Returns
+ * NULL after logging why, without memory or the folder. */
 kept *kept_open(struct ev_loop *loop, const char *control, const char *bus, kept_written *told,
                 void *user);
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The blocks of README.md and other pages, pasted by a user without rights in an empty folder. canwire
-is installed, and the machine has a can0."""
+"""The blocks of README.md and other pages, pasted by a user without rights in an empty folder.
+canwire is installed, and the machine has a can0."""
 
 import os
 import subprocess

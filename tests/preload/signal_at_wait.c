@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * signal_at_wait.c - to be preloaded into a program in virtual time that handles SIGUSR1. The signal
- * comes when its turn has ended, before it waits.
+ * signal_at_wait.c - to be preloaded into a program in virtual time that handles SIGUSR1. It comes
+ * when the program's turn has ended, before it waits.
  */
 #include "port/timing.h"
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A user without rights pastes blocks of the documents that need no CAN in the kernel, again and
-again. No line may need a moment that the reader does not wait. kernel/test_readme.py has all blocks."""
+again. No line may need a moment that the reader does not wait. kernel/test_readme.py has
+all blocks."""
 
 import os
 import subprocess
