@@ -280,7 +280,8 @@ static int wait_really(const vtime_wait *wait, bool has_ports)
 }
 
 /* Ends the turn and waits for the next one or for a signal. A signal that comes between them stays
- * pending until the wait, and ends it, as it does in a call of the kernel. Returns 0 or EINTR; the turn may not have begun. */
+ * pending until the wait, and ends it, as it does in a call of the kernel. Returns 0 or EINTR; the
+ * turn may not have begun. */
 static int end_turn(const vtime_wait *wait, const vtime_wait *own, bool *begun)
 {
     sigset_t all, before;

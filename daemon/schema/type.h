@@ -3,8 +3,8 @@
  * type.h - what JSON schema says of the values of a configuration.
  *
  * A type is a text of JSON with other quotes, so that it looks like other C code. One ' stands for
- * the quote of JSON, two for one, and one backslash for two. @ stands for the map that a key has
- * (schema_key), and TYPE_REF for a type of this file. A word alone is the name of such a type.
+ * the quote of JSON, two stand for one, and one backslash for two. @ is the map that a key has
+ * (schema_key). TYPE_REF is a type of this file. A word alone is the name of such a type.
  */
 #ifndef CANWIRE_SCHEMA_TYPE_H
 #define CANWIRE_SCHEMA_TYPE_H
