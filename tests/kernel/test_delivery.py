@@ -15,6 +15,8 @@ from canbits import ERROR, EXTENDED, FD, REMOTE, Frame, priority, slot_bits
 from conftest import PATIENCE_S, wait_until
 from test_faults import Shell
 
+pytestmark = pytest.mark.kept
+
 CAN_RAW_ERR_FILTER = 2  # of linux/can/raw.h; Python has no name for it
 
 TWO_NODES = """

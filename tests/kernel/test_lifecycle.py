@@ -10,6 +10,8 @@ import pytest
 from canbits import Frame
 from conftest import MULTICAST_ROUTE, ip, wait_until
 
+pytestmark = pytest.mark.kept
+
 SATURATED = """
 bus: { name: stop, bitrate: 500000 }
 nodes:

@@ -12,6 +12,8 @@ import pytest
 from conftest import ip, wait_until
 from readme import ROOT, SYSTEM, Reader, blocks, build_sudo, first_block
 
+pytestmark = pytest.mark.kept
+
 DUMPED = r"^ *{} +123 +\[4\] +DE AD BE EF"
 
 

@@ -14,6 +14,8 @@ import pytest
 from canbits import FD, Frame
 from conftest import ROOT, CanSocket, ip
 
+pytestmark = pytest.mark.kept
+
 CANWIRE = os.environ.get("CANWIRE") or ROOT / "build/release/canwire"
 LIBC = ctypes.CDLL(None, use_errno=True)
 CLONE_NEWNET = 0x40000000

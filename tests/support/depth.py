@@ -4,7 +4,7 @@ test-deep` takes all.
 
 A test with the mark `deep` is for the latter alone; tests/README.md says what only those find. Of a
 test with parameters, --cases N runs the first case and each Nth behind it. With --every N one in N
-tests runs, but all in modules with the mark `strangers`.
+tests runs, but all in modules with the mark `kept`.
 """
 
 import collections
@@ -27,24 +27,24 @@ def pytest_addoption(parser):
 def is_one_of(item, every):
     """Returns True for one of so many tests. The name decides, so that tests that come and go do
     not change the choice among the others."""
-    return bool(item.get_closest_marker("strangers")) or \
+    return bool(item.get_closest_marker("kept")) or \
         zlib.crc32(item.nodeid.rpartition("/")[2].encode()) % every == 0
 
 
 def pytest_collection_modifyitems(config, items):
-    """Takes away the tests that are not to run."""
-    every, cases = config.getoption("every"), config.getoption("cases")
+    """Takes away the tests that are not to run. Each module keeps one at least."""
     if DEEP:
         return
-    numbers, chosen = collections.Counter(), []
+    every, cases = config.getoption("every"), config.getoption("cases")
+    numbers, modules, chosen = collections.Counter(), {}, set()
     for item in items:
         if item.get_closest_marker("deep"):
             continue
         name = item.nodeid.partition("[")[0]
         if numbers[name] % cases == 0 and is_one_of(item, every):
-            chosen.append(item)
+            chosen.add(item)
         numbers[name] += 1
-    left_out = set(items) - set(chosen)
-    if left_out:
-        config.hook.pytest_deselected(items=list(left_out))
-        items[:] = chosen
+        modules.setdefault(item.path, []).append(item)
+    chosen |= {tests[0] for tests in modules.values() if not chosen & set(tests)}
+    config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
+    items[:] = [item for item in items if item in chosen]

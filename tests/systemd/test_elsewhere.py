@@ -31,6 +31,7 @@ def fixture_elsewhere():
     systemctl("daemon-reload")
 
 
+@pytest.mark.deep
 def test_what_is_installed_elsewhere_runs(elsewhere):  # pylint: disable=unused-argument
     """User, runtime directory and room at sockets are there at once."""
     assert RMEM_MAX.read_text() == "8388608\n"

@@ -5,7 +5,7 @@ import pytest
 
 from test_campaign import BUS, campaign, fixture_no_shard, rows_of
 
-pytestmark = pytest.mark.strangers
+pytestmark = pytest.mark.kept
 
 __all__ = ["fixture_no_shard"]
 ENDLESS = BUS.replace(", count: 3", "")

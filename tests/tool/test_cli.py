@@ -22,7 +22,7 @@ import pytest
 
 from simtool import CANWIRE, CANWIRED, TIMEOUT_S, canwire, run
 
-pytestmark = pytest.mark.strangers
+pytestmark = pytest.mark.kept
 
 GOOD = """
 bus: { name: small, bitrate: 500000 }

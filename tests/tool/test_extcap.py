@@ -14,7 +14,7 @@ import pytest
 from busrig import BusRig, rig_fixture
 from simtool import CANWIRE, ROOT, TIMEOUT_S
 
-pytestmark = pytest.mark.strangers
+pytestmark = pytest.mark.kept
 
 BUS = """bus: {{ name: powertrain, bitrate: 500000 }}
 control: powertrain.sock

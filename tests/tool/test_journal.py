@@ -14,7 +14,7 @@ import pytest
 
 from simtool import canwire, sim
 
-pytestmark = pytest.mark.strangers
+pytestmark = pytest.mark.kept
 
 TICKS_PER_S = 80_000_000
 VERSION = canwire("--version").stdout.split()[-1]

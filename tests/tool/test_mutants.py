@@ -14,7 +14,7 @@ import pytest
 from simtool import CANWIRE, ROOT, TIMEOUT_S, kill_all
 from test_daemon import Daemon
 
-pytestmark = pytest.mark.strangers
+pytestmark = pytest.mark.kept
 
 STRIDE = 41  # one of so many lines of all files
 FILES = sorted([*ROOT.glob("config/*.yaml"), *ROOT.glob("tests/scenarios/*.yaml"),

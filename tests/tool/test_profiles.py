@@ -16,7 +16,7 @@ import pytest
 
 from simtool import CANWIRE, ROOT, TIMEOUT_S, sim
 
-pytestmark = pytest.mark.strangers
+pytestmark = pytest.mark.kept
 
 PROFILES = ROOT / "config/profiles"
 ENGINE_FRAMES, GEARBOX_FRAMES = 150, 100

@@ -25,7 +25,7 @@ import pytest
 
 from simtool import CANWIRE, ROOT, TIMEOUT_S, canwire, events, sim
 
-pytestmark = pytest.mark.strangers
+pytestmark = pytest.mark.kept
 
 TRACES = ROOT / "tests/traces"
 

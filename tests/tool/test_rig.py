@@ -11,7 +11,7 @@ import yaml
 
 from simtool import ROOT, SCHEMAS, canwire, sim
 
-pytestmark = pytest.mark.strangers
+pytestmark = pytest.mark.kept
 
 SCHEMA = json.loads((SCHEMAS / "canwire-rig.schema.json").read_text())
 EXAMPLE = ROOT / "config/rig/rig.yaml"
