@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #define FOLDER "/sys/devices/platform/vhci_hcd.0/"
+#define STATE "/sys/module/vhci_hcd/initstate" /* missing where it is no module */
 #define CONTROLLERS_MAX 128u /* as many as the kernel can have */
 #define PATH_BYTES 80u
 #define LINE_BYTES 160u
@@ -28,8 +29,25 @@ typedef struct port_line {
     char bus_id[VHCI_BUS_ID_MAX];
 } port_line;
 
+/* Returns false while the module is being loaded or removed. Linux 6.1 has the file `status` before
+ * the second hub that it shows, and whoever reads it then ends in an oops. */
+static bool is_settled(void)
+{
+    char line[LINE_BYTES] = "";
+    FILE *state = fopen(STATE, "re");
+    if (!state)
+        return errno == ENOENT;
+    const bool good = fgets(line, sizeof line, state) && strcmp(line, "live\n") == 0;
+    (void)fclose(state);
+    return good;
+}
+
 bool vhci_open(vhci *v)
 {
+    if (!is_settled()) {
+        errno = ENOENT;
+        return false;
+    }
     v->attach = open(FOLDER "attach", O_WRONLY | O_NOFOLLOW | O_CLOEXEC);
     v->detach = open(FOLDER "detach", O_WRONLY | O_NOFOLLOW | O_CLOEXEC);
     const int number = errno;
@@ -58,6 +76,8 @@ static bool read_line(port_line *out, const char *line)
 static FILE *open_status(unsigned controller)
 {
     char path[PATH_BYTES];
+    if (!is_settled())
+        return NULL;
     if (controller == 0)
         (void)snprintf(path, sizeof path, FOLDER "status");
     else

@@ -16,7 +16,7 @@ typedef struct vhci {
     int detach;
 } vhci;
 
-/* Opens the files. Returns false with errno set; ENOENT: the module is not loaded. */
+/* Opens the files. Returns false with errno set; ENOENT: the module is not loaded, or not yet. */
 bool vhci_open(vhci *v);
 
 /* Returns false when the module has been removed since then, also when it is there again. */
