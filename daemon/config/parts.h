@@ -31,6 +31,10 @@ extern const schema_key cfg_file_keys[], cfg_bus_keys[], cfg_profile_keys[],
     cfg_checksum_keys[];
 extern const schema_key cfg_edge_keys[]; /* two cw_span, by the level after an edge */
 
+/* The kinds of maps that cfg_profile_keys are for. */
+#define CFG_IN_PROFILES 1u
+#define CFG_IN_INJECTED 2u
+
 /* Returns the keys of form i of a map, the first of which names the form, or NULL. */
 typedef const schema_key *cfg_form(size_t i, schema_key room[SCHEMA_KEYS_MAX]);
 cfg_form cfg_action_form, cfg_traffic_form;

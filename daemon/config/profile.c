@@ -79,6 +79,7 @@ const schema_key cfg_profile_use_keys[] = {
     {.name = NULL},
 };
 
+/* Only a text that is injected has `with`: nothing else gives it values. */
 const schema_key cfg_profile_keys[] = {
     {.name = "profile", .read = read_about, .map = about_keys,
      .help = "About the profile."},
@@ -86,18 +87,11 @@ const schema_key cfg_profile_keys[] = {
      .type = "parameterValues",
      .help = "Parameters and their defaults; without value one must be given in 'with'. In the "
              "rules $NAME or ${NAME} stands for them, $$ for a dollar."},
+    {.name = "with", .read = read_parameters, .offset = offsetof(profile, given),
+     .where = CFG_IN_INJECTED},
     {.name = "faults", .read = read_faults, .required = true, .map = cfg_rule_keys, .as = "rule",
      .type = TYPE_LIST_UP_TO(1024, "@"),
      .help = "Fault rules."},
-    {.name = NULL},
-};
-
-/* The same keys in a text that nothing else gives values to. */
-static const schema_key injected_keys[] = {
-    {.name = "profile", .read = read_about},
-    {.name = "parameters", .read = read_parameters, .offset = offsetof(profile, declared)},
-    {.name = "with", .read = read_parameters, .offset = offsetof(profile, given)},
-    {.name = "faults", .read = read_faults, .required = true},
     {.name = NULL},
 };
 
@@ -147,7 +141,8 @@ void cfg_read_profile(schema *self, yaml_node_t *root)
 
     if (!found || (walk->any_node && !prepare_alone(self, walk->config)))
         return;
-    schema_map(self, "profile", root, walk->any_node ? cfg_profile_keys : injected_keys, found);
+    schema_map_in(self, "profile", root, cfg_profile_keys,
+                  walk->any_node ? CFG_IN_PROFILES : CFG_IN_INJECTED, found);
     bind(self, &found->declared, &found->given, root);
     if (!found->faults)
         return;
@@ -387,7 +382,7 @@ static void read_document(schema *config, schema *self, const item *wanted, cons
         diag_add(self->errors, 1, 1, "the file is empty; a profile needs the key faults");
     if (!found || !root || !check_profile(self, root))
         return;
-    schema_map(self, "profile", root, cfg_profile_keys, found);
+    schema_map_in(self, "profile", root, cfg_profile_keys, CFG_IN_PROFILES, found);
     diag_file inner = diag_enter(self->errors, cfg_of(self)->file, 0);
     bind(config, &found->declared, &wanted->given, at);
     diag_enter(self->errors, inner.name, number);

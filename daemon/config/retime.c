@@ -10,23 +10,11 @@
 #include "config/redata.h"
 
 #include <inttypes.h>
-#include <stdarg.h>
 #include <string.h>
 
 #define BIT(key) RETIME_BIT(key)
 #define SEGMENTS RETIME_SEGMENTS
 #define DATA_MASK (BIT(RETIME_TDCV + 1) - BIT(RETIME_DSAMPLE_POINT))
-
-/* Returns false, for the caller to return. */
-static bool __attribute__((format(printf, 2, 3)))
-refuse(char problem[RETIME_PROBLEM_MAX], const char *format, ...)
-{
-    va_list args;
-    va_start(args, format);
-    (void)vsnprintf(problem, RETIME_PROBLEM_MAX, format, args);
-    va_end(args);
-    return false;
-}
 
 /* ---- A change -------------------------------------------------------------------------------- */
 
@@ -101,10 +89,10 @@ static bool keys_agree(char problem[RETIME_PROBLEM_MAX], unsigned given, bool cl
 {
     const unsigned segments = given & SEGMENTS;
     if (segments && (given & BIT(RETIME_SAMPLE_POINT)))
-        return refuse(problem,
+        return cfg_refuse(problem,
                       "sample-point: the segments say where it is; use one or the other");
     if (!clock_known && segments && segments != SEGMENTS)
-        return refuse(problem, "%s is missing: brp, prop-seg, phase-seg1 and phase-seg2 are "
+        return cfg_refuse(problem, "%s is missing: brp, prop-seg, phase-seg1 and phase-seg2 are "
                       "needed together, as the configuration has none of them",
                       first_missing(segments));
     return true;
@@ -131,7 +119,7 @@ static bool change_bit(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], co
     if (given & BIT(RETIME_SAMPLE_POINT))
         time->sample_permille = change->phase[0].sample_permille;
     if (finds ? !cfg_find_segments(time, wrong, config) : !cfg_fit_segments(time, wrong))
-        return refuse(problem, "%s", wrong);
+        return cfg_refuse(problem, "%s", wrong);
     if (finds || (given & (BIT(RETIME_BRP) | BIT(RETIME_CLOCK) | BIT(RETIME_PPM))))
         *which |= CW_SET_QUANTUM;
     if (finds || (given & (SEGMENTS & ~BIT(RETIME_BRP))) || (given & BIT(RETIME_SJW)))
@@ -145,7 +133,7 @@ static bool refuse_data(char problem[RETIME_PROBLEM_MAX], const cfg *config, uns
     retime_key key = RETIME_DSAMPLE_POINT;
     while (!(given & BIT(key)))
         key++;
-    return refuse(problem, "%s: %s", cfg_retime_row(key)->name,
+    return cfg_refuse(problem, "%s: %s", cfg_retime_row(key)->name,
                   cfg_knows_fd(config, &config->nodes[node])
                       ? "the bus has no data rate; bus: { dbitrate } gives it one"
                       : "only a node of kind fd has a data phase");
@@ -219,10 +207,10 @@ bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_P
         set->unit = cfg_local_unit(&config->nodes[node], time.ppm);
     }
     if (!bus_takes(config, node, set))
-        return refuse(problem, "a bit of the node would be too long or too short for this bus");
+        return cfg_refuse(problem, "a bit of the node would be too long or too short for this bus");
     set->which |= (uint16_t)cfg_change_way(&time, set, config, &change->way, ways_given(change));
     *out = time;
     return bus_takes(config, node, set) ||
-           refuse(problem, "no edge is under way and no wire rings for longer than 16 of the "
+           cfg_refuse(problem, "no edge is under way and no wire rings for longer than 16 of the "
                   "shortest bits");
 }

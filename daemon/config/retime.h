@@ -79,6 +79,10 @@ bool cfg_retime_put(cfg_retime *change, char problem[RETIME_PROBLEM_MAX], const 
 /* Prints the value of a key in the form that cfg_retime_put() reads. */
 void cfg_retime_print(char text[TIME_TEXT_MAX], const cfg_retime *values, const schema_key *key);
 
+/* Writes a message. Returns false, for the caller to return. */
+bool cfg_refuse(char problem[RETIME_PROBLEM_MAX], const char *format, ...)
+    __attribute__((format(printf, 2, 3)));
+
 /* Returns the values of all keys that a node has at present. Those of its place that are 0 are left
  * out. */
 cfg_retime cfg_retime_present(const cfg_node_time *time);

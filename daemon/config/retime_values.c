@@ -14,9 +14,7 @@
 #define CLOCK_MAX_HZ 1000000000u
 #define PPM_MAX 100000u
 
-/* Returns false, for the caller to return. */
-static bool __attribute__((format(printf, 2, 3)))
-refuse(char problem[RETIME_PROBLEM_MAX], const char *format, ...)
+bool cfg_refuse(char problem[RETIME_PROBLEM_MAX], const char *format, ...)
 {
     va_list args;
     va_start(args, format);
@@ -40,7 +38,14 @@ bool cfg_parse_ppm(int32_t *ppm, const char *text)
     return true;
 }
 
-/* Each puts the value of a key into its member, and returns what is wrong and the place of that. */
+/* Says what a key takes. */
+static bool refuse_text(char problem[RETIME_PROBLEM_MAX], const schema_key *key,
+                        const char *expected, const char *text)
+{
+    return cfg_refuse(problem, "%s: expected %s, not '%.40s'", key->name, expected, text);
+}
+
+/* Each puts the value of a key into its member. A wrong one returns false, after a message. */
 typedef bool value_putter(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                           const char *text);
 
@@ -50,9 +55,9 @@ static bool put_clock(void *member, char problem[RETIME_PROBLEM_MAX], const sche
     uint64_t hz;
     const char *wrong = text_parse_frequency(&hz, text);
     if (wrong)
-        return refuse(problem, "%s: '%.40s': %s", key->name, text, wrong);
+        return cfg_refuse(problem, "%s: '%.40s': %s", key->name, text, wrong);
     if (!cfg_clock_valid(hz))
-        return refuse(problem, "%s: expected " CFG_CLOCK_RANGE ", not '%.40s'", key->name, text);
+        return refuse_text(problem, key, CFG_CLOCK_RANGE, text);
     *(uint32_t *)member = (uint32_t)hz;
     return true;
 }
@@ -61,14 +66,14 @@ static bool put_ppm(void *member, char problem[RETIME_PROBLEM_MAX], const schema
                     const char *text)
 {
     return cfg_parse_ppm(member, text) ||
-           refuse(problem, "%s: expected " CFG_PPM_RANGE ", not '%.40s'", key->name, text);
+           refuse_text(problem, key, CFG_PPM_RANGE, text);
 }
 
 static bool put_sample_point(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                              const char *text)
 {
     const char *wrong = text_parse_sample_point(member, text);
-    return !wrong || refuse(problem, "%s: '%.40s': %s", key->name, text, wrong);
+    return !wrong || cfg_refuse(problem, "%s: '%.40s': %s", key->name, text, wrong);
 }
 
 static bool put_clocks(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
@@ -77,7 +82,7 @@ static bool put_clocks(void *member, char problem[RETIME_PROBLEM_MAX], const sch
     const schema_range *range = key->arg;
     uint64_t value;
     if (text_parse_uint(&value, text) || value < range->min || value > range->max)
-        return refuse(problem, "%s: expected a decimal integer %" PRIu64 "..%" PRIu64
+        return cfg_refuse(problem, "%s: expected a decimal integer %" PRIu64 "..%" PRIu64
                       ", not '%.40s'", key->name, range->min, range->max, text);
     *(uint32_t *)member = (uint32_t)value;
     return true;
@@ -87,8 +92,7 @@ static bool put_switch(void *member, char problem[RETIME_PROBLEM_MAX], const sch
                        const char *text)
 {
     return schema_parse_bool(member, text) ||
-           refuse(problem, "%s: expected one of on, off, yes, no, true, false, not '%.40s'",
-                  key->name, text);
+           refuse_text(problem, key, "one of on, off, yes, no, true, false", text);
 }
 
 static bool put_tdc_mode(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
@@ -99,28 +103,28 @@ static bool put_tdc_mode(void *member, char problem[RETIME_PROBLEM_MAX], const s
             *(cfg_tdc *)member = (cfg_tdc)mode->value;
             return true;
         }
-    return refuse(problem, "%s: expected one of off, auto, manual, not '%.40s'", key->name, text);
+    return refuse_text(problem, key, "one of off, auto, manual", text);
 }
 
 static bool put_delays(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                        const char *text)
 {
     return cfg_parse_delays(member, text) ||
-           refuse(problem, "%s: expected " CFG_DELAYS_RANGE ", not '%.40s'", key->name, text);
+           refuse_text(problem, key, CFG_DELAYS_RANGE, text);
 }
 
 static bool put_delay(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                       const char *text)
 {
     return cfg_parse_delay(member, text) ||
-           refuse(problem, "%s: expected " CFG_DELAY_RANGE ", not '%.40s'", key->name, text);
+           refuse_text(problem, key, CFG_DELAY_RANGE, text);
 }
 
 static bool put_length(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                        const char *text)
 {
     return cfg_parse_way(member, text) ||
-           refuse(problem, "%s: expected " CFG_LENGTH_RANGE ", not '%.40s'", key->name, text);
+           refuse_text(problem, key, CFG_LENGTH_RANGE, text);
 }
 
 /* Each prints what one of the former reads. */

@@ -19,6 +19,7 @@ typedef struct maker {
     bool open; /* values may be parameters of a profile */
 } maker;
 
+/* Maps are in maps, no deeper than the tables. NOLINTBEGIN(misc-no-recursion) */
 static json_t *make_map(maker *self, const schema_key *keys, uint8_t kind, const char *name);
 
 static json_t *reference_to(const char *name)
@@ -31,13 +32,10 @@ static json_t *reference_to(const char *name)
 /* Defines the types that a definition refers to. Those of maps are defined. */
 static void define_types(maker *self, json_t *value)
 {
-    const char *key;
-    json_t *item;
-    size_t i;
-    json_object_foreach(value, key, item)
-        define_types(self, item);
-    json_array_foreach(value, i, item)
-        define_types(self, item);
+    for (void *i = json_object_iter(value); i; i = json_object_iter_next(value, i))
+        define_types(self, json_object_iter_value(i));
+    for (size_t i = 0; i < json_array_size(value); i++)
+        define_types(self, json_array_get(value, i));
     const char *name = json_string_value(json_object_get(value, "$ref"));
     name = name ? name + strlen("#/$defs/") : NULL;
     if (!name || json_object_get(self->definitions, name))
@@ -206,6 +204,8 @@ static json_t *make_map(maker *self, const schema_key *keys, uint8_t kind, const
     return reference_to(name);
 }
 
+/* NOLINTEND(misc-no-recursion) */
+
 /* ---- Maps of several forms ------------------------------------------------------------------- */
 
 /* Defines each form of a map as WHAT-KEY after its first key, and WHAT as one of them. */
@@ -307,7 +307,7 @@ static void make_configuration(const char *folder)
     make_forms(&self, "do", "oneOf", cfg_action_form, true);
     make_forms(&self, "traffic", "anyOf", cfg_traffic_form, false);
     json_decref(make_map(&self, cfg_file_keys, 0, "configuration"));
-    json_decref(make_map(&self, cfg_profile_keys, 0, "profile"));
+    json_decref(make_map(&self, cfg_profile_keys, CFG_IN_PROFILES, "profile"));
     add_subjects(json_object_get(self.definitions, "expectation"));
     make_end(&self, root, folder, "canwire");
 }

@@ -2,9 +2,9 @@
  *
  * type.h - what JSON schema says of the values of a configuration.
  *
- * A type is a text of JSON with other quotes, so that it looks like other C code. One ' stands for
- * the quote of JSON, two stand for one, and one backslash for two. @ is the map that a key has
- * (schema_key). TYPE_REF is a type of this file. A word alone is the name of such a type.
+ * A type is a text of JSON that is easy to write in C. An apostrophe in it stands for the quote of
+ * JSON. Two apostrophes stand for one, and a backslash for two. The map that a key has (schema_key)
+ * takes the place of @. TYPE_REF is a type of this file, and so is a word alone.
  */
 #ifndef CANWIRE_SCHEMA_TYPE_H
 #define CANWIRE_SCHEMA_TYPE_H
