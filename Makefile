@@ -203,7 +203,7 @@ cover: ## line coverage of lib and daemon by the tests, and build/cover/missed.t
 	@$(MAKE) --no-print-directory VARIANT=cover CC=gcc BUILD=build/cover build
 	@scripts/cover
 
-man: $(MAN_PAGES) ## the man pages, from --help, JSON schema and config/*.md
+man: $(MAN_PAGES) ## the man pages, from daemon/man, --help and JSON schema
 
 INSTALL_FILES = DESTDIR='$(DESTDIR)' PREFIX='$(PREFIX)' SYSCONFDIR='$(SYSCONFDIR)' \
   UNITDIR='$(UNITDIR)' EXTCAPDIR='$(EXTCAPDIR)' BUILD='$(BUILD)' scripts/install-files
@@ -424,7 +424,7 @@ $(SCHEMA): $(BUILD)/json-schema
 	$(call tell,GEN,$(@D)) $< $(@D)
 
 $(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) $(USB) $(wildcard systemd/*.conf) \
-  $(SCHEMA) $(wildcard config/*.md config/*.yaml config/lcm/*.lcm)
+  $(SCHEMA) $(wildcard config/*.yaml config/lcm/*.lcm)
 	@mkdir -p $(@D)
 	@scripts/man --build $(BUILD) $< >$@
 

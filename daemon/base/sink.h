@@ -38,7 +38,7 @@ void sinks_add(sink_list *all, const sink_info *one);
 
 const char *sink_kind_name(sink_kind kind);
 
-/* Returns the list of config/control.md, to be released by the caller. */
+/* Returns the list of canwire-control(7), to be released by the caller. */
 json_t *sinks_json(const sink_list *all);
 
 /* Prints ", record drive.log stopped: No space left on device, 3 lost" and so on, first those that

@@ -59,7 +59,7 @@ typedef struct campaign {
     uint64_t scenario_seed; /* in its file; 0 for a rig, whose buses have their own */
     int64_t limit_ms; /* of real time for one scenario */
     ecu_plan ecus;
-    const char **detected; /* expectations that tell of a detection, see config/report.md */
+    const char **detected; /* expectations that tell of a detection, see canwire-report(7) */
     size_t detected_count;
     uint64_t ftti_ns; /* the limit of detection latencies; 0: none */
     campaign_sample sample;

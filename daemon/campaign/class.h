@@ -2,7 +2,7 @@
  *
  * class.h - the class of a row: what a scenario has shown, for the statistics of a campaign.
  *
- * config/report.md defines the classes for users.
+ * canwire-report(7) defines the classes for users.
  */
 #ifndef CANWIRE_CAMPAIGN_CLASS_H
 #define CANWIRE_CAMPAIGN_CLASS_H

@@ -30,7 +30,7 @@ static const char usage[] = "canwire extcap OPTION...";
 static const char help[] =
     "Wireshark calls this to list the buses in /run/canwire by itself, as interfaces canwire-BUS,\n"
     "and to capture them. `make install` puts a program that does so into Wireshark's folder of\n"
-    "such programs; see \"Wireshark lists the buses\" in record.md.\n"
+    "such programs; see \"Wireshark lists the buses\" in canwire-record(7).\n"
     "\n"
     "      --extcap-interfaces          lists the buses that run\n"
     "      --extcap-interface I         that is meant by the following ones: canwire-BUS\n"

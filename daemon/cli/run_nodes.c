@@ -116,7 +116,7 @@ static bool take(search *s)
     if (!s->there)
         return refuse(s, why);
     if (!s->found.port)
-        return refuse(s, "it has no port: it needs 'port: unix:PATH' (config/ports.md)");
+        return refuse(s, "it has no port: it needs 'port: unix:PATH' (canwire-ports(7))");
     const portname port = portname_parse(s->found.port);
     (void)snprintf(why, sizeof why, "its port is %.64s: it needs 'port: unix:PATH', or the program "
                    "needs no canwire run", s->found.port);

@@ -89,7 +89,7 @@ typedef enum cfg_echo {
 
 /* Programs that share a port. */
 typedef struct cfg_clients {
-    uint8_t max; /* that speak the protocol of ports.md, beside a plain ECU */
+    uint8_t max; /* that speak the protocol of canwire-ports(7), beside a plain ECU */
     cfg_echo echo;
     bool beacon; /* a port at a TCP address tells the local network of itself */
 } cfg_clients;

@@ -28,7 +28,7 @@ static const schema_range buffers_range = {2, CW_RECEIVE_BUFFERS_MAX + 1, sizeof
 #define MODEL_NAMES "queue, basic, full, sja1000, mcp2515, m_can, flexcan, bxcan"
 
 /* Receive buffers are counted with the one for the frame on the wire. Sources of the presets are
- * named in config/controller.md. */
+ * named in canwire-controller(7). */
 static const struct {
     const char *name;
     unsigned keys;

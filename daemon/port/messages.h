@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * messages.h - the protocol between a port and its clients, config/ports.md has it for users.
+ * messages.h - the protocol between a port and its clients, canwire-ports(7) has it for users.
  *
  * A client connects to the Unix socket of a port, of type SOCK_SEQPACKET. Its own socket has an
  * abstract address, as bind() without an address gives it. A socket without address is a plain ECU,

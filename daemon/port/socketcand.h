@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * socketcand.h - a program at a port that speaks the protocol of socketcand over TCP, see
- * config/ports.md.
+ * canwire-ports(7).
  */
 #ifndef CANWIRE_PORT_SOCKETCAND_H
 #define CANWIRE_PORT_SOCKETCAND_H

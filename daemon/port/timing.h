@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * timing.h - the protocol between a bus in virtual time and its programs; config/ports.md has it
+ * timing.h - the protocol between a bus in virtual time and its programs; canwire-ports(7) has it
  * for users.
  *
  * A program connects to the bus's socket of time, of type SOCK_SEQPACKET, beside its connections to

@@ -2,7 +2,7 @@
  *
  * journal.h - records all inputs of the buses of a process, so that the run can be repeated.
  *
- * A file of lines, each a JSON object; config/journal.md describes them. A thread writes them
+ * A file of lines, each a JSON object; canwire-journal(7) describes them. A thread writes them
  * (spool.h): the bus never waits for the disk. A line that cannot be written breaks the journal: no
  * run can go on behind it. Writing is tried again from time to time. Later lines follow a line that
  * describes the gap; they can be read, but not run.
@@ -63,7 +63,7 @@ void journal_stop(journal *j, const inputs *in);
 /* Returns the number of lines that could not be written. */
 uint64_t journal_lost(const journal *j);
 
-/* Returns the object of config/control.md, to be released by the caller. */
+/* Returns the object of canwire-control(7), to be released by the caller. */
 json_t *journal_to_json(const journal *j);
 
 /* Adds it. */

@@ -2,7 +2,7 @@
  *
  * control.h - the control socket of a bus: requests and live events as lines of JSON.
  *
- * config/control.md describes them.
+ * canwire-control(7) describes them.
  */
 #ifndef CANWIRE_SERVE_CONTROL_H
 #define CANWIRE_SERVE_CONTROL_H

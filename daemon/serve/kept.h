@@ -62,7 +62,7 @@ void kept_live(kept *k);
  * are injected or cleared. */
 const char *kept_lost(const kept *k);
 
-/* Puts `kept_rules` and `lost_rules` of config/control.md. */
+/* Puts `kept_rules` and `lost_rules` of canwire-control(7). */
 void kept_put(const kept *k, json_t *status);
 
 /* Ends without a crash. NULL is allowed. */

@@ -38,7 +38,7 @@ void recordings_reload(recordings *all, const cw_bus *bus);
  * call; call it about once a second. */
 void recordings_update(recordings *all, const cw_bus *bus);
 
-/* Returns the object of config/control.md, to be released by the caller. */
+/* Returns the object of canwire-control(7), to be released by the caller. */
 json_t *recordings_json(const recordings *all);
 
 /* Adds each recording. */

@@ -20,7 +20,7 @@ typedef struct status_errors {
 /* Counts an event if it is an error. */
 void status_count(status_errors *errors, const cw_event *event);
 
-/* Returns the bus, its nodes and their interfaces as in config/control.md, to be released by the
+/* Returns the bus, its nodes and their interfaces as in canwire-control(7), to be released by the
  * caller. */
 json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
                     const status_errors *errors);

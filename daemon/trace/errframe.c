@@ -103,7 +103,7 @@ typedef uint8_t crtl_of_state(const cw_event *event);
 static crtl_of_state by_larger_counter, by_flags_of_mcp251x, by_counters_of_m_can,
     by_limits_of_flexcan;
 
-/* Sources are named in config/controller.md. */
+/* Sources are named in canwire-controller(7). */
 static const struct habits {
     crtl_of_state *crtl;
     bool counters;         /* of states, in data[6..7] ... */

@@ -3,7 +3,7 @@
  * errframe.h - the error frames that a CAN driver would give its users, from events of the bus.
  *
  * The frames follow linux/can/error.h and the SJA1000 driver. Other drivers tell less, or tell it
- * in another way: see config/controller.md.
+ * in another way: see canwire-controller(7).
  */
 #ifndef CANWIRE_TRACE_ERRFRAME_H
 #define CANWIRE_TRACE_ERRFRAME_H

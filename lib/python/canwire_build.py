@@ -24,7 +24,7 @@ import zipfile
 PACKAGE = pathlib.Path(__file__).resolve().parent
 IS_SDIST = (PACKAGE / "sources/Makefile").exists()
 ROOT = PACKAGE / "sources" if IS_SDIST else PACKAGE.parent.parent
-README = PACKAGE / "README.md" if IS_SDIST else ROOT / "config/python.md"
+README = PACKAGE / "README.md" if IS_SDIST else ROOT / "daemon/man/canwire-python.7.md"
 LICENCE = PACKAGE / "LICENSE" if IS_SDIST else ROOT / "LICENSE"
 BUILT = "build/release/libcanwire-sim.so"
 DATE = (1980, 1, 1, 0, 0, 0)  # the same sources make the same files

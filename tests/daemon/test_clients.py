@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Several programs at one port: a plain ECU and clients with the protocol of config/ports.md.
+"""Several programs at one port: a plain ECU and clients with the protocol of canwire-ports(7).
 
 This needs no CAN in the kernel.
 """
@@ -53,7 +53,7 @@ fixture_rig = rig_fixture(Rig)
 
 def test_the_example_of_the_page(rig):
     r = rig(bitrate=250000)
-    page = (ROOT / "config/ports.md").read_text()
+    page = (ROOT / "daemon/man/canwire-ports.7.md").read_text()
     example = next(text for text in re.findall(r"```python\n(.*?)```", page, re.S)
                    if "client.bind" in text)
     names = {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A node whose controller is a program: the protocol of config/usb.md, with canwired alone.
+"""A node whose controller is a program: the protocol of canwire-usb(8), with canwired alone.
 
 This needs no CAN in the kernel, and no root. tests/kernel/test_usb.py has the kernel's driver.
 """

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Programs that speak as to socketcand, at ports tcp:PORT: python-can's own interface, and others
-by the protocol of config/ports.md.
+by the protocol of canwire-ports(7).
 
 This needs no CAN in the kernel.
 """
@@ -141,7 +141,7 @@ def test_python_can_comes_to_a_busy_bus(rig):
 
 def test_the_example_of_the_page(rig):
     r = rig()
-    page = (ROOT / "config/ports.md").read_text()
+    page = (ROOT / "daemon/man/canwire-ports.7.md").read_text()
     example = next(text for text in re.findall(r"```python\n(.*?)```", page, re.S)
                    if "socketcand" in text)
     lamp, names = r.lamp(), {}
@@ -153,7 +153,7 @@ def test_the_example_of_the_page(rig):
 
 
 def test_what_python_can_does_not_say_is_counted(rig):
-    """Its interface has one command for all frames (config/ports.md)."""
+    """Its interface has one command for all frames (canwire-ports(7))."""
     r = rig()
     lamp = r.lamp()
     with r.can() as engine:

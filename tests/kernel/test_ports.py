@@ -12,7 +12,7 @@ from test_faults import CANWIRE, Shell
 
 
 class Ecu:
-    """A program that connects to a port as ports.md describes."""
+    """A program that connects to a port as canwire-ports(7) describes."""
 
     def __init__(self, path):
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""config/ports.md: an ECU and a tester on other machines."""
+"""canwire-ports(7): an ECU and a tester on other machines."""
 
 import itertools
 import sys
@@ -16,7 +16,7 @@ def written_to_tester(folder):
 
 def test_an_ecu_and_a_tester_on_other_machines(tmp_path):
     """A tester that has connected gets frames when it has chosen its mode."""
-    text, (bus, logger) = example("far", "config/ports.md")
+    text, (bus, logger) = example("far", "daemon/man/canwire-ports.7.md")
     (tmp_path / "far.yaml").write_text(text.replace("192.168.1.2", "127.0.0.2"))
     with Session(tmp_path) as session:
         session.run("ip link set lo up")

@@ -71,20 +71,20 @@ def test_an_ecu_goes_bus_off(reader):
 
 
 def test_programs_run_without_can_in_the_kernel(reader):
-    block, = begin(reader, "ci", "config/run.md")
+    block, = begin(reader, "ci", "daemon/man/canwire-run.7.md")
     reader.paste(block)
     assert reader.said().count("can0  123   [4]  DE AD BE EF") == 1
 
 
 def test_each_ecu_has_a_container(reader):
-    block, = begin(reader, "boxes", "config/ports.md")
+    block, = begin(reader, "boxes", "daemon/man/canwire-ports.7.md")
     reader.paste(block)
     assert reader.said().count("can0  123   [4]  DE AD BE EF") == 1
 
 
 @pytest.mark.parametrize("adapter", ["usb"])
 def test_a_stack_sees_a_real_controller(reader, adapter):  # pylint: disable=unused-argument
-    block, = begin(reader, "real", "config/usb.md")
+    block, = begin(reader, "real", "daemon/man/canwire-usb.8.md")
     reader.paste(block)
     assert "can state ERROR-ACTIVE" in reader.said() and "bitrate 500000" in reader.said()
     sent = Path("/sys/class/net/can7/statistics/tx_packets")
@@ -93,7 +93,7 @@ def test_a_stack_sees_a_real_controller(reader, adapter):  # pylint: disable=unu
 
 
 def test_a_bus_is_watched(reader):
-    block, *_ = begin(reader, "seen", "config/record.md")
+    block, *_ = begin(reader, "seen", "daemon/man/canwire-record.7.md")
     reader.paste(block)
     said = reader.said()
     assert said.count("0x123") == 3 and '"frame":"123#DEADBEEF"' in said
@@ -101,5 +101,5 @@ def test_a_bus_is_watched(reader):
 
 
 def test_the_rest_of_a_bus(reader):
-    reader.paste(first_block("config/restbus.md"))
+    reader.paste(first_block("daemon/man/canwire-restbus.1.md"))
     assert "18FEF1FE#0200" in reader.said() and "0C9#" not in reader.said()

@@ -156,7 +156,7 @@ def both_up(options="bitrate 500000"):
 
 def test_the_example_of_the_page():
     """It comes before `pair`, which has the names of its interfaces, too."""
-    page = (ROOT / "config/usb.md").read_text(encoding="utf-8")
+    page = (ROOT / "daemon/man/canwire-usb.8.md").read_text(encoding="utf-8")
     text = re.search(r"```yaml\n(bus:.*?)```", page, re.S)[1]
     lines = [line[2:] for line in re.search(r"```console\n(.*?)```", page, re.S)[1].splitlines()]
     folder = Path(tempfile.mkdtemp(dir="/run"))

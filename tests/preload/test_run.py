@@ -27,7 +27,7 @@ def refused(folder, *words, status=1, **environment):
 @pytest.mark.parametrize("node, why", [
     ("nobody", "node 'nobody' of bus no-guests.yaml: there is no such node, and there are no "
      "guests; it has: engine, dash, idle, real"),
-    ("idle", "it has no port: it needs 'port: unix:PATH' (config/ports.md)"),
+    ("idle", "it has no port: it needs 'port: unix:PATH' (canwire-ports(7))"),
     ("real", "its port is vcan77: it needs 'port: unix:PATH', or the program needs no canwire run"),
     ("engine", r"/engine\.sock: No such file or directory \(does canwired run\?\)"),
 ])
@@ -133,7 +133,7 @@ def test_a_bus_by_its_configuration_and_both_names(bus):
 
 def test_the_examples_of_the_page(bus):
     r = bus()
-    page = (ROOT / "config/run.md").read_text()
+    page = (ROOT / "daemon/man/canwire-run.7.md").read_text()
     example = re.search(r"```sh\n(.*?)```", page, re.DOTALL)[1]
     first, listen, send = [line for line in example.splitlines() if line]
     assert first.startswith("canwired -c rig.yaml --background")

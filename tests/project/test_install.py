@@ -31,7 +31,7 @@ MUST = [  # of each kind
     "/share/canwire/canwire.schema.json", "/share/canwire/profiles/cable-cut.yaml",
     "/share/canwire/campaign/parallel.sh", "/share/canwire/lcm/event_t.lcm",
     "/share/canwire/example.yaml",
-    "/share/doc/canwire/README.md", "/share/doc/canwire/control.md",
+    "/share/doc/canwire/README.md", "/share/man/man7/canwire-control.7",
     "/share/doc/canwire/DESIGN.md",
     "/share/doc/canwire/examples/realtime.conf",
     "/share/doc/canwire/examples/slower-restarts.conf",

@@ -13,9 +13,11 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 CANWIRE = pathlib.Path(os.environ.get("CANWIRE", ROOT / "build/release/canwire"))
 SCHEMA = json.loads((CANWIRE.parent / "schema/canwire.schema.json").read_text())["$defs"]
-PAGES = ["canwire.1", "canwire.yaml.5", "canwire-campaign.7", "canwire-faults.7", "canwire-lcm.7",
-         "canwire-operation.7", "canwire-restbus.1", "canwire-run.7", "canwired.8", "canwire-usb.8"]
+PAGES = sorted(path.stem for path in (ROOT / "daemon/man").iterdir())
 WIDE = "width=500"
+KEYS_MAX = 600  # lines of canwire.yaml(5): the keys of a configuration, and links
+PARTS = {"traffic-send": "traffic", "traffic-replay": "traffic", "traffic-reply": "traffic",
+         "recording": "record", "expectation": "expect"}
 
 
 def run(*command, **more):
@@ -53,8 +55,20 @@ def heads(path):
     return [re.sub(r"\\f.|\\&", "", head).replace("\\-", "-") for head in found]
 
 
-def test_all_pages_are_known():
-    assert sorted(p.stem for p in (ROOT / "daemon/man").iterdir()) == sorted(PAGES)
+def test_all_pages_that_are_named_are_there():
+    """In documents, comments, messages and units."""
+    files = run("git", "ls-files", cwd=ROOT).splitlines() if (ROOT / ".git").exists() else []
+    texts = [ROOT / name for name in files if not name.startswith("tests/fuzz/")]
+    found = {f"{name}.{section}" for path in texts if path.is_file()
+             for name, section in re.findall(r"\b(canwired?(?:[-.][a-z]+)*)\((\d)\)",
+                                             path.read_text(errors="replace"))}
+    assert len(found) > 20 or not files
+    assert sorted(found - set(PAGES)) == []
+
+
+def test_the_configuration_is_a_table_of_keys_and_links(page):
+    text = run("man", "-l", page("canwire.yaml.5"), env={**os.environ, "MANWIDTH": "80"})
+    assert len(text.splitlines()) <= KEYS_MAX
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -70,7 +84,8 @@ def test_pages_are_well_formed(name, page):
 
 @pytest.mark.parametrize("name", PAGES)
 def test_no_markup_of_the_source_is_left(name, page):
-    text = re.sub(r"^\.nf\n.*?^\.fi\n", "", page(name).read_text(), flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^\.nf\n.*?^\.fi\n|\\fB.*?\\fR", "x", page(name).read_text(),
+                  flags=re.MULTILINE | re.DOTALL)
     assert not re.findall(r"`|\*\*|\]\(|^@\w+|^\s*\||^#", text, re.MULTILINE)
 
 
@@ -171,7 +186,8 @@ def test_all_keys_of_a_configuration_are_in_its_page(page):
     keys = list(keys_of(SCHEMA["configuration"]))
     assert len(keys) > 25
     assert [key for key in keys if key not in told] == []
-    for part in ("traffic-send", "traffic-replay", "traffic-reply", "recording", "expectation"):
+    for part, name in PARTS.items():
+        told = [head.split(" (")[0] for head in heads(page(f"canwire-{name}.7"))]
         for key in SCHEMA[part]["properties"]:
             assert [h for h in told if re.search(rf"(^|, ){key}(:|$)", h)], key
 

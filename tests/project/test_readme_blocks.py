@@ -25,7 +25,7 @@ def fixture_prefix():
 
 @pytest.mark.parametrize("again", range(5))
 def test_programs_run_without_can_in_the_kernel(prefix, again):  # pylint: disable=unused-argument
-    text, (block,) = blocks("ci", "config/run.md")
+    text, (block,) = blocks("ci", "daemon/man/canwire-run.7.md")
     with Reader(f"{prefix}/bin:{SYSTEM}") as reader:
         reader.save("ci.yaml", text)
         reader.paste(block)
@@ -39,7 +39,7 @@ def test_three_lines_break_a_bit(prefix):
 
 
 def test_a_bus_is_watched(prefix):
-    text, (block, *_) = blocks("seen", "config/record.md")
+    text, (block, *_) = blocks("seen", "daemon/man/canwire-record.7.md")
     with Reader(f"{prefix}/bin:{SYSTEM}") as reader:
         reader.save("seen.yaml", text)
         reader.paste(block)

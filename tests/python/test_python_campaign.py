@@ -121,7 +121,7 @@ def test_programs_at_nodes(place):
 
 
 def test_the_example_of_the_page(place, wanted):
-    text = (ROOT / "config/campaign.md").read_text(encoding="utf-8")
+    text = (ROOT / "daemon/man/canwire-campaign.7.md").read_text(encoding="utf-8")
     example, = (block for block in re.findall(r"```python\n(.*?)```", text, re.S)
                 if "canwire.campaign(" in block)
     (place / "example.py").write_text(example)

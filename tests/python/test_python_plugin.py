@@ -290,7 +290,7 @@ def test_frames_are_those_that_exist():
 
 
 def test_the_example_of_the_page_passes(tmp_path):
-    text = (ROOT / "config/pytest.md").read_text(encoding="utf-8")
+    text = (ROOT / "daemon/man/canwire-pytest.7.md").read_text(encoding="utf-8")
     (tmp_path / "test_ecu.py").write_text(re.search(r"```python\n(.*?)```", text, re.S)[1])
     output = run_pytest(tmp_path)
     assert "1 passed" in output, output

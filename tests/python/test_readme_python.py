@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The examples of config/python.md."""
+"""The examples of canwire-python(7)."""
 
 import contextlib
 import io
@@ -8,7 +8,7 @@ import re
 from simtool import ROOT
 
 
-PAGE = "config/python.md"
+PAGE = "daemon/man/canwire-python.7.md"
 
 
 def output_of(begin):
@@ -27,5 +27,5 @@ def test_time_goes_on_up_to_an_event():
 
 
 def test_the_example_of_the_package():
-    first, second = output_of("# CAN buses").splitlines()
+    first, second = output_of("## Description").splitlines()
     assert first == "123#DEADBEEF" and second.startswith("8 [{'t': 0.000164, 'node': 'gearbox'")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A client of a port, by the protocol of config/ports.md; written from that page alone."""
+"""A client of a port, by the protocol of canwire-ports(7); written from that page alone."""
 
 import contextlib
 import socket

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A program that speaks as to socketcand, by its doc/protocol.md and config/ports.md."""
+"""A program that speaks as to socketcand, by its doc/protocol.md and canwire-ports(7)."""
 
 import re
 import socket

@@ -294,7 +294,7 @@ def test_recordings_have_a_place(bus):
 @pytest.mark.deep
 def test_logrotate_renames_as_the_page_of_recordings_says(bus):
     one = bus("turn", lambda text: text + "record: [ { file: /var/lib/canwire/turn.log } ]\n")
-    page = (ROOT / "config/record.md").read_text()
+    page = (ROOT / "daemon/man/canwire-record.7.md").read_text()
     config, state = Path("/run/rotate.conf"), Path("/run/rotate.state")
     config.write_text(re.search(r"```\n(/var[^`]*postrotate[^`]*)```", page)[1])
     config.chmod(0o644)

@@ -575,7 +575,7 @@ def test_the_plan_tells_the_time_and_runs_nothing(make):
 
 
 def test_the_example_of_the_document(write):
-    text = (ROOT / "config/campaign.md").read_text().split("## Real ECUs")[1]
+    text = (ROOT / "daemon/man/canwire-campaign.7.md").read_text().split("## Real ECUs")[1]
     example = re.search(r"```yaml\n(.*?)```", text, re.DOTALL)[1]
     jsonschema.validate(yaml.load(example, yaml.BaseLoader), SCHEMA)
     file = write(example, "campaign.yaml")

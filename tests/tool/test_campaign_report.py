@@ -81,7 +81,7 @@ def in_json(*arguments):
 
 
 def class_of(row):
-    """The class of a row as config/report.md defines it, without signs."""
+    """The class of a row as canwire-report(7) defines it, without signs."""
     if row["outcome"] not in ("passed", "failed"):
         return row["outcome"]
     nodes = row["nodes"].values()
@@ -652,7 +652,7 @@ def test_outputs_are_opened_before_the_work(option, rows, tmp_path):
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="DuckDB has no wheel for this Python")
 def test_the_page_makes_parquet_of_rows(rows, tmp_path):
     file, every = rows()
-    page = (ROOT / "config/report.md").read_text()
+    page = (ROOT / "daemon/man/canwire-report.7.md").read_text()
     code, = re.findall(r"```python\n(import duckdb.*?)```", page, re.DOTALL)
     run(sys.executable, "-c", code, cwd=tmp_path)
     ask = "import duckdb\nprint(duckdb.sql(\"SELECT count(*), sum(nodes.engine.tec_max), " \

@@ -181,7 +181,7 @@ nodes:
 
 
 def test_the_example_of_the_reference_is_good(tmp_path):
-    text = (ROOT / "config/timing.md").read_text()
+    text = (ROOT / "daemon/man/canwire-timing.7.md").read_text()
     path = tmp_path / "bus.yaml"
     path.write_text(re.search(r"```yaml\n(.*?)```", text, re.DOTALL)[1])
     assert canwire("check", path).stderr == ""

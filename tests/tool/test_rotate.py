@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Recordings that another program renames, removes or shortens: nothing goes where nobody looks.
 
-The two ways of logrotate are those that config/record.md shows. CANWIRE and CANWIRED are the
+The two ways of logrotate are those that canwire-record(7) shows. CANWIRE and CANWIRED are the
 programs.
 """
 
@@ -17,7 +17,7 @@ from simtool import CANWIRE, ROOT
 from test_record import (  # pylint: disable=unused-import
     PATIENCE_S, fixture_bus, lines, tshark, wait_until)
 
-RECORD = ROOT / "config/record.md"
+RECORD = ROOT / "daemon/man/canwire-record.7.md"
 
 
 def entries(running, name):

@@ -170,7 +170,7 @@ def test_bad_files_are_bad_for_both(path):
 
 
 def test_examples_of_the_reference_are_good(tmp_path):
-    text = (ROOT / "config/faults.md").read_text()
+    text = (ROOT / "daemon/man/canwire-faults.7.md").read_text()
     blocks = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
     rules = [line for block in blocks for line in block.splitlines() if line.startswith("- { name")]
     assert len(rules) > 15
@@ -316,7 +316,8 @@ def keys_of(schema):
 
 
 def test_keys_of_json_follow_one_rule():
-    """Those of a configuration as there, with hyphens; all others with underscores (control.md)."""
+    """Those of a configuration as there, with hyphens; all others with underscores. See
+    canwire-control(7)."""
     configured = set().union(*(keys_of(json.loads(path.read_text()))
                                for path in SCHEMAS.glob("*.json")))
     sources = "".join(path.read_text() for path in ROOT.glob("daemon/**/*.[ch]")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The shipped campaign config/wheel-speed: what config/wheel-speed.md says of it is true.
+"""The shipped campaign config/wheel-speed: what canwire-wheel-speed(7) says of it is true.
 
 All of it has a million rows; here are those that the page is about.
 """
@@ -14,7 +14,7 @@ from simtool import canwire
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 CAMPAIGN = ROOT / "config/wheel-speed/campaign.yaml"
-PAGE = (ROOT / "config/wheel-speed.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "daemon/man/canwire-wheel-speed.7.md").read_text(encoding="utf-8")
 CLASS = re.compile(r"^ *([a-z][a-z ]+[a-z]) +(\d+)  (\d+\.\d+) % \(.* %\)$", re.MULTILINE)
 WORST = re.compile(r"^ *(\w[^,\n]*, .*?) +(\d+) +(\d+)  (\d+\.\d+) % \(.* %\)$", re.MULTILINE)
 MODES = [("off", 20), ("off", 100), ("on", 20), ("on", 100)]

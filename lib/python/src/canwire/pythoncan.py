@@ -534,7 +534,7 @@ def must_run(where: Any, node: str | None, private: bool | None, config: Any,
 
 
 class Outside:
-    """A client of the port of a node; config/ports.md describes the protocol."""
+    """A client of the port of a node; canwire-ports(7) describes the protocol."""
 
     def __init__(self, channel: Any, path: str, own: bool, errors: bool, control: str | None,
                  node: str | None):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 # pylint: disable=protected-access
-"""A row of a campaign whose program is the bus by itself: `bus: own` in config/campaign.md.
+"""A row of a campaign whose program is the bus by itself: `bus: own` in canwire-campaign(7).
 
     with canwire.row() as bus:
         threading.Thread(target=engine).start()  # python-can, can-isotp, asyncio

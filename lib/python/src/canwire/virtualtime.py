@@ -17,7 +17,7 @@ For the thread that enters and for threads that are started inside, it takes the
   Timer, Queue), if it is made inside; `queue.SimpleQueue`; `Thread.start`, `join` and `is_alive`
 * waiting of asyncio's loops
 
-config/pytest.md says what it cannot do.
+canwire-pytest(7) says what it cannot do.
 """
 
 import collections
