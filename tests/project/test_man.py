@@ -62,7 +62,7 @@ def test_all_pages_that_are_named_are_there():
     found = {f"{name}.{section}" for path in texts if path.is_file()
              for name, section in re.findall(r"\b(canwired?(?:[-.][a-z]+)*)\((\d)\)",
                                              path.read_text(errors="replace"))}
-    assert len(found) > 20 or not files
+    assert (len(found) > 20 or not files) and not list((ROOT / "config").rglob("*.md"))
     assert sorted(found - set(PAGES)) == []
 
 
