@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 import test_schema
+from depth import some
 from simtool import CANWIRE, SCHEMAS, TIMEOUT_S
 from test_campaign import BUS
 
@@ -95,7 +96,7 @@ def test_files_that_differ_in_one_place_are_judged_alike(judge, text):
     assert judge(text) is None
     root = test_schema.compose(text)
     found = []
-    for items, changed in list(changes(root)):
+    for items, changed in some(changes(root), 4):
         before = items[:]
         items[:] = changed
         found.append(judge(test_schema.write(root)))
