@@ -274,10 +274,11 @@ test-unit: $(addprefix $(BUILD)/,$(TESTS_RUN) $(FUZZ_TARGETS:%=replay_%)) $(CONF
 	  run "bench in real time, the work without times" $(BUILD)/bench_realtime --check; \
 	  exit $$status
 
-# The unit tests without those that take seconds each.
-DEV_SLOW := test_apart test_clocks test_encode_fd test_engine_replay test_fault_step test_format \
-            test_journal test_journal_check test_journal_keep test_journal_play test_quanta \
-            test_recorder test_steady
+# The unit tests without those that take half a second or more.
+DEV_SLOW := test_apart test_clocks test_encode_fd test_engine_replay test_fault_noise \
+            test_fault_step test_format test_hours test_journal test_journal_check \
+            test_journal_keep test_journal_play test_order test_quanta test_rates test_recorder \
+            test_run_end test_steady test_takeover test_timed_hosts
 DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
 dev-run: $(DAEMON) $(TOOL) $(PRELOAD) $(DEV_TESTS:%=$(BUILD)/%.passed)
 
