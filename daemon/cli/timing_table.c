@@ -229,7 +229,7 @@ static void print_compensation(FILE *out, const row *r)
 
 static void print_data_row(FILE *out, int name_width, const row *r)
 {
-    const bit_timing *data = &r->time->data;
+    const bit_timing *data = &r->time->phase[1].bit;
     const cw_tdc *tdc = &r->time->timing.data.tdc;
     char segments[CELL_MAX];
 
@@ -260,7 +260,7 @@ static void print_data_table(FILE *out, const table *all)
             "TDCO", "SSP/NS", "MARGIN/NS");
     for (size_t i = 0; i < config->node_count; i++) {
         const row r = row_of(all, i);
-        if (r.time->data.clock_hz > 0)
+        if (r.time->phase[1].bit.clock_hz > 0)
             print_data_row(out, (int)width, &r);
     }
 }
@@ -320,7 +320,7 @@ static void print_data_json(FILE *out, const row *r)
 
     const cfg_late_sample sample = cfg_find_late_sample(r->time);
 
-    timing_print_data_keys(out, &r->node->bit, &r->time->data);
+    timing_print_data_keys(out, &r->node->bit, &r->time->phase[1].bit);
     fprintf(out, ",\"tdc-mode\":\"%s\"", data_timing_tdc_name(tdc->mode));
     if (tdc->mode != CW_TDC_OFF)
         fprintf(out, ",\"tdco\":%" PRIu32 ",\"tdcv\":%" PRIu64 ",\"secondary-sample\":%s",
@@ -346,7 +346,7 @@ static void print_row_json(FILE *out, const row *r)
     print_fraction(out, "sufficient", timing_sufficient_ppb(t));
     if (r->has_others)
         print_worst_json(out, r);
-    if (r->time->data.clock_hz > 0)
+    if (r->time->phase[1].bit.clock_hz > 0)
         print_data_json(out, r);
     fputc('}', out);
 }

@@ -115,18 +115,22 @@ typedef enum cfg_tdc {
     CFG_TDC_MANUAL
 } cfg_tdc;
 
+/* One phase of a bit by its keys: of all bits, or of those at the data rate (D10). */
+typedef struct cfg_phase {
+    bit_timing bit;           /* clock_hz 0: the bits are those of the bus, or there is no phase */
+    bool found;               /* no key gives the segments: they were found as Linux does it */
+    uint16_t sample_permille; /* wish; 0: none */
+} cfg_phase;
+
+#define CFG_PHASES 2u
+
 /* The clock of a node and its place on the line, by its keys. */
 typedef struct cfg_node_time {
     bool used;                   /* there is a key of time */
     bool triple_sampling;
     const timing_limits *limits; /* of its controller */
-    bit_timing bit;              /* clock_hz 0: the bits are those of the bus */
-    bool found;                  /* no key gives the segments: they were found as Linux does it */
+    cfg_phase phase[CFG_PHASES];
     int32_t ppm;                 /* error of the clock */
-    uint16_t sample_permille;    /* wish; 0: none */
-    bit_timing data;             /* data phase (D10); clock_hz 0: none */
-    bool data_found;             /* its segments were found */
-    uint16_t dsample_permille;
     cfg_tdc tdc;
     uint32_t tdco;               /* clocks; 0: from the begin of a bit to its sample point */
     uint32_t tdcv;

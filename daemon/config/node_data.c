@@ -133,7 +133,7 @@ static void check_rate(schema *self, yaml_node_t *item, const bit_timing *data)
 static void check_delay(schema *self, yaml_node_t *item, const cfg_node_time *time)
 {
     const cw_tdc *tdc = &time->timing.data.tdc;
-    const uint64_t most = CW_TDC_BITS_MAX * timing_bit_clocks(&time->data);
+    const uint64_t most = CW_TDC_BITS_MAX * timing_bit_clocks(&time->phase[1].bit);
 
     if ((uint64_t)tdc->tdco + tdc->tdcv >= most)
         schema_complain(self, place_of(self, item, "tdco"),
@@ -161,7 +161,7 @@ static void warn_of_offset(schema *self, yaml_node_t *item, const cfg_node_time 
     const uint32_t tdco = time->timing.data.tdc.tdco;
     const uint32_t held = timing_tdco_max(time->limits);
     const uint64_t late = sample->tdcv + tdco;
-    const uint64_t most = SSP_BITS_MAX * timing_bit_clocks(&time->data);
+    const uint64_t most = SSP_BITS_MAX * timing_bit_clocks(&time->phase[1].bit);
 
     if (tdco > held)
         schema_warn(self, place_of(self, item, "tdco"),
@@ -210,7 +210,7 @@ void cfg_complete_data(schema *self, yaml_node_t *item, cfg_node *node)
     char problem[TIMING_PROBLEM_MAX];
 
     if (!cfg_knows_fd(config, node) || config->dbitrate_bps == 0) {
-        time->data = (bit_timing){.clock_hz = 0};
+        time->phase[1].bit = (bit_timing){.clock_hz = 0};
         return;
     }
     if (!timing_data_limits(time->limits)) {
@@ -218,13 +218,13 @@ void cfg_complete_data(schema *self, yaml_node_t *item, cfg_node *node)
                         "kind: classical", time->limits->name);
         return;
     }
-    if (cfg_gives_segments(self, item, "d") ? !cfg_fit_data(time, problem)
-                                   : !cfg_find_data(time, problem, config)) {
+    if (cfg_gives_segments(self, item, "d") ? !cfg_fit_phase(time, 1, problem)
+                                            : !cfg_find_phase(time, 1, problem, config)) {
         schema_complain(self, place_of(self, item, "dbrp"), "data phase: %s", problem);
         return;
     }
     time->timing.data = cfg_data_timing(time);
-    check_rate(self, item, &time->data);
+    check_rate(self, item, &time->phase[1].bit);
     check_delay(self, item, time);
     warn_of_delay(self, item, time);
 }

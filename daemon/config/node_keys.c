@@ -64,10 +64,10 @@ static const schema_choice tdc_modes[] = {
     LIVE(.kind = CFG_LIVE_NUMBER, .which = (set), .offset = offsetof(cw_settings, member),         \
          .bytes = sizeof(size), .unit = (of))
 #define TIME(is, key, member, allowed)                                                             \
-    LIVE(.kind = CFG_LIVE_##is, .time = RETIME_##key, .offset = offsetof(cfg_retime, member),      \
+    LIVE(.kind = CFG_LIVE_##is, .time = (key), .offset = offsetof(cfg_retime, member),             \
          .range = (allowed))
 #define WAY(is, set, key, member, allowed)                                                         \
-    LIVE(.kind = CFG_LIVE_##is, .which = (set), .time = RETIME_##key,                              \
+    LIVE(.kind = CFG_LIVE_##is, .which = (set), .time = (key),                                     \
          .offset = offsetof(cfg_retime, way.member), .range = (allowed))
 
 #define MODE(key, mode, told)                                                                      \
@@ -94,7 +94,7 @@ static const schema_choice tdc_modes[] = {
     {                                                                                              \
         .name = (key), .read = cfg_read_wake, .type = "time",                                      \
         LIVE(.kind = CFG_LIVE_WAKE_TIME, .which = (set),                                           \
-             .offset = offsetof(cw_settings, sleep.member), .range = "a time such as 5us"),      \
+             .offset = offsetof(cw_settings, sleep.member), .range = "a time such as 5us"),        \
         .preset = (standard), .help = (told)                                                       \
     }
 #define DELAYS_RANGE "0 to 10ms, such as 120ns; or 120ns/180ns: to dominant, and to recessive"
@@ -103,36 +103,36 @@ static const schema_choice tdc_modes[] = {
     .map = cfg_edge_keys,                                                                          \
     .type = "{'anyOf': [" TYPE_REF("time") ", @], 'examples': ['120ns']}"
 
-/* The keys of one phase of a bit, whose names begin with `d` at the data rate. */
-#define QUANTA(key, KEY, limits, set, node, segment, told, ...)                                    \
+/* The keys of phase n of a bit, whose names begin with a prefix: none, or d at the data rate. */
+#define QUANTA(d, n, name_, KEY, limits, segment, told, ...)                                       \
     {                                                                                              \
-        .name = (key), .read = schema_read_uint, MEMBER(time.node.segment), .arg = &(limits),      \
-        TIME(CLOCKS, KEY, set.bit.segment, NULL), .help = (told), __VA_ARGS__                      \
+        .name = d name_, .read = schema_read_uint, MEMBER(time.phase[n].bit.segment),              \
+        .arg = &(limits), .help = (told),                                                          \
+        TIME(CLOCKS, (n) * RETIME_PHASE_KEYS + (KEY), phase[n].bit.segment, NULL), __VA_ARGS__     \
     }
-#define PHASE(d, D, of, set, node, point)                                                          \
+#define PHASE(d, n, of)                                                                            \
     {.name = d "sample-point",                                                                     \
      .read = cfg_read_sample_point,                                                                \
-     MEMBER(time.point),                                                                           \
-     TIME(SAMPLE, D##SAMPLE_POINT, set.sample_permille, "10% to 99.9%, or 0.1 to 0.999"),          \
+     MEMBER(time.phase[n].sample_permille),                                                        \
+     TIME(SAMPLE, (n) * RETIME_PHASE_KEYS + RETIME_SAMPLE_POINT, phase[n].sample_permille,         \
+          "10% to 99.9%, or 0.1 to 0.999"),                                                        \
      .help = "Finds the segments" of " as Linux does. Default: that of the bus."},                 \
-        QUANTA(d "brp", D##BRP, brp_range, set, node, brp,                                         \
+        QUANTA(d, n, "brp", RETIME_BRP, brp_range, brp,                                            \
                "Prescaler" of ": clocks of a time quantum. With " d "prop-seg, " d                 \
                "phase-seg1 and " d "phase-seg2; the bit rate may differ from that of the bus.",    \
                .needs = d "prop-seg " d "phase-seg1 " d "phase-seg2",                              \
                .excludes = d "sample-point"),                                                      \
-        QUANTA(d "prop-seg", D##PROP_SEG, prop_range, set, node, prop_seg, "In time quanta.",      \
+        QUANTA(d, n, "prop-seg", RETIME_PROP_SEG, prop_range, prop_seg, "In time quanta.",         \
                .needs = d "brp " d "phase-seg1 " d "phase-seg2",                                   \
                .excludes = d "sample-point"),                                                      \
-        QUANTA(d "phase-seg1", D##PHASE_SEG1, phase_range, set, node, phase_seg1,                  \
+        QUANTA(d, n, "phase-seg1", RETIME_PHASE_SEG1, phase_range, phase_seg1,                     \
                "In time quanta; the sample point follows.",                                        \
                .needs = d "brp " d "prop-seg " d "phase-seg2", .excludes = d "sample-point"),      \
-        QUANTA(d "phase-seg2", D##PHASE_SEG2, phase_range, set, node, phase_seg2,                  \
-               "In time quanta.", .needs = d "brp " d "prop-seg " d "phase-seg1",                  \
-               .excludes = d "sample-point"),                                                      \
-        QUANTA(d "sjw", D##SJW, sjw_range, set, node, sjw,                                         \
+        QUANTA(d, n, "phase-seg2", RETIME_PHASE_SEG2, phase_range, phase_seg2, "In time quanta.",  \
+               .needs = d "brp " d "prop-seg " d "phase-seg1", .excludes = d "sample-point"),      \
+        QUANTA(d, n, "sjw", RETIME_SJW, sjw_range, sjw,                                            \
                "Longest step of a resynchronisation, in time quanta. Default: half of " d          \
-               "phase-seg2, as Linux does.",                                                       \
-               .needs = NULL)
+               "phase-seg2, as Linux does.", .needs = NULL)
 
 /* All that depend on `port` follow it. It excludes `traffic`, and `peer`, `clients` and `when-full`
  * need it. The defaults of `queue` and `when-full` depend on it. Modes are in the order of `ip`. */
@@ -148,8 +148,8 @@ const schema_key cfg_node_keys[] = {
     {.name = "port", .read = cfg_read_port, NODES, .map = cfg_usb_keys,
      .type = TYPE_ANY(TYPE_REF("port") ", @"), .excludes = "traffic",
      .help = "A vcan or vxcan interface, or unix:PATH or fd:NUMBER, a socket in place of one, or "
-             "tcp:[HOST:]PORT[/NAME] for programs that speak as to socketcand, or cannelloni:…, a "
-             "tunnel to another machine (canwire-ports(7)), or what canwire-usb makes "
+             "tcp:[HOST:]PORT[/NAME] for programs that speak as to socketcand, or cannelloni:…, "
+             "a tunnel to another machine (canwire-ports(7)), or what canwire-usb makes "
              "(canwire-usb(8)). Without: no ECU, but maybe traffic."},
     {.name = "peer", .read = cfg_read_peer, NODES, .map = cfg_peer_keys,
      .type = TYPE_ANY(TYPE_REF("interface") ", @"), .needs = "port",
@@ -200,44 +200,44 @@ const schema_key cfg_node_keys[] = {
           .range = "frames such as 123,500:7F0; or off"),
      .help = "Frames that wake the node instead, 8 at most (partial networking)."},
     {.name = "clock", .read = cfg_read_clock, .type = "clock",
-     TIME(CLOCK, CLOCK, phase[0].bit.clock_hz, "such as 16MHz"), .preset = "80MHz",
+     TIME(CLOCK, RETIME_CLOCK, phase[0].bit.clock_hz, "such as 16MHz"), .preset = "80MHz",
      .help = "Frequency of the controller's clock, 100kHz to 1GHz."},
     {.name = "ppm", .read = cfg_read_ppm, .type = "ppm",
-     TIME(PPM, PPM, ppm, "-100000 to 100000"), .preset = "0",
+     TIME(PPM, RETIME_PPM, ppm, "-100000 to 100000"), .preset = "0",
      .help = "Error of the clock in millionths; a positive one is fast."},
     {.name = "controller", .read = cfg_read_controller, FIXED, .map = cfg_model_keys,
      .type = TYPE_ANY(TYPE_REF("controller") ", @"), .preset = "any",
      .help = "Whose limits the bit timing must meet."},
-    PHASE("", , "", phase[0], bit, sample_permille),
+    PHASE("", 0, ""),
     {.name = "triple-sampling", .read = schema_read_bool, MEMBER(time.triple_sampling),
-     TIME(SWITCH, TRIPLE_SAMPLING, triple_sampling, NULL), .preset = "false",
+     TIME(SWITCH, RETIME_TRIPLE_SAMPLING, triple_sampling, NULL), .preset = "false",
      .help = "The majority of three samples counts."},
-    PHASE("d", D, " of the data phase", phase[1], data, dsample_permille),
+    PHASE("d", 1, " of the data phase"),
     {.name = "tdc-mode", .read = schema_read_choice, MEMBER(time.tdc), .arg = tdc_modes,
-     TIME(TDC, TDC_MODE, tdc, NULL),
+     TIME(TDC, RETIME_TDC_MODE, tdc, NULL),
      .help = "Transmitter delay compensation. Default: as Linux, auto with a dbrp of 1 or 2, else "
              "off."},
     {.name = "tdco", .read = schema_read_uint, MEMBER(time.tdco), .arg = &tdco_range,
-     TIME(CLOCKS, TDCO, tdco, NULL),
+     TIME(CLOCKS, RETIME_TDCO, tdco, NULL),
      .help = "From the begin of a bit to the secondary sample point, in clocks. 0 or none: to the "
              "sample point."},
     {.name = "tdcv", .read = schema_read_uint, MEMBER(time.tdcv), .arg = &tdcv_range,
-     TIME(CLOCKS, TDCV, tdcv, NULL),
+     TIME(CLOCKS, RETIME_TDCV, tdcv, NULL),
      .help = "Delay of the transceiver with tdc-mode: manual, in clocks."},
     {.name = "tx-delay", .read = cfg_read_edge_delays, MEMBER(time.timing.tx_delay),
-     WAY(DELAYS, CW_SET_TX_DELAY, TX_DELAY, tx_delay, DELAYS_RANGE), EDGES,
+     WAY(DELAYS, CW_SET_TX_DELAY, RETIME_TX_DELAY, tx_delay, DELAYS_RANGE), EDGES,
      .help = "From the controller to the line: one time, or one for each kind of edge."},
     {.name = "rx-delay", .read = cfg_read_edge_delays, MEMBER(time.timing.rx_delay),
-     WAY(DELAYS, CW_SET_RX_DELAY, RX_DELAY, rx_delay, DELAYS_RANGE), EDGES,
+     WAY(DELAYS, CW_SET_RX_DELAY, RETIME_RX_DELAY, rx_delay, DELAYS_RANGE), EDGES,
      .help = "From the line to the controller, in the same way."},
     {.name = "position", .read = cfg_read_length, MEMBER(time.position_mm), .type = "length",
-     WAY(LENGTH, CW_SET_PLACE, POSITION, position_mm, LENGTH_RANGE),
+     WAY(LENGTH, CW_SET_PLACE, RETIME_POSITION, position_mm, LENGTH_RANGE),
      .help = "Place along the line, from one end."},
     {.name = "stub", .read = cfg_read_length, MEMBER(time.stub_mm), .type = "length",
-     WAY(LENGTH, CW_SET_STUB, STUB, stub_mm, LENGTH_RANGE),
+     WAY(LENGTH, CW_SET_STUB, RETIME_STUB, stub_mm, LENGTH_RANGE),
      .help = "Length of the way from the line to the node."},
     {.name = "ringing", .read = cfg_read_fine, MEMBER(time.timing.ringing),
-     WAY(DELAY, CW_SET_RINGING, RINGING, ringing, "0 to 10ms, at most 16 bits"),
+     WAY(DELAY, CW_SET_RINGING, RETIME_RINGING, ringing, "0 to 10ms, at most 16 bits"),
      .help = "The wire swings for so long after each edge to recessive; in place of what "
              "termination adds."},
     {.name = "filter", .read = cfg_read_acceptance, FIXED,

@@ -37,7 +37,7 @@ void cfg_read_clock(schema *self, const schema_key *key, yaml_node_t *value, voi
     if (!cfg_clock_valid(hz))
         schema_expected(self, key, value, CFG_CLOCK_RANGE);
     else
-        node->time.bit.clock_hz = (uint32_t)hz;
+        node->time.phase[0].bit.clock_hz = (uint32_t)hz;
 }
 
 void cfg_read_ppm(schema *self, const schema_key *key, yaml_node_t *value, void *object)
@@ -99,7 +99,7 @@ static void use_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
 {
     char problem[TIMING_PROBLEM_MAX];
 
-    if (!cfg_fit_segments(time, problem)) {
+    if (!cfg_fit_phase(time, 0, problem)) {
         const char *const first = schema_print(self, "%.*s", (int)strcspn(problem, " "), problem);
         const char *const names[] = {first, NULL};
         schema_complain(self, place_of(self, item, names), "%s", problem);
@@ -112,7 +112,7 @@ static void find_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
     static const char *const names[] = {"sjw", "sample-point", "controller", "clock", NULL};
     char problem[TIMING_PROBLEM_MAX];
 
-    if (!cfg_find_segments(time, problem, cfg_of(self)))
+    if (!cfg_find_phase(time, 0, problem, cfg_of(self)))
         schema_complain(self, place_of(self, item, names), "%s", problem);
 }
 
@@ -132,7 +132,7 @@ static void check_rate(schema *self, yaml_node_t *item, const bit_timing *bit)
 static void complete_bit(schema *self, yaml_node_t *item, cfg_node_time *time)
 {
     const size_t errors = self->errors->errors;
-    bit_timing *bit = &time->bit;
+    bit_timing *bit = &time->phase[0].bit;
 
     cfg_check_together(self, item, "");
     if (self->errors->errors > errors)

@@ -65,13 +65,13 @@ void cfg_timing_node(timing_node *out, const cfg *config, size_t node)
     const cw_node_timing *t = &time->timing;
 
     *out = (timing_node){
-        .bit = time->used ? time->bit : timing_of_bus(config),
+        .bit = time->used ? time->phase[0].bit : timing_of_bus(config),
         .ppm = time->ppm,
         .place_ps = ps_of(t->place),
         .stub_ps = ps_of(t->stub),
         .transfer_ps = slower_ps(t->tx_delay) + slower_ps(t->rx_delay),
     };
-    out->delay_tq = delay_tq(&out->bit, time->found || !time->used);
+    out->delay_tq = delay_tq(&out->bit, time->phase[0].found || !time->used);
 }
 
 /* Returns a / b x scale, rounded to the nearest; b is more than 0, and a not much more than it. */

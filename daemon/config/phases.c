@@ -10,22 +10,29 @@
 
 /* ---- Segments -------------------------------------------------------------------------------- */
 
-bool cfg_fit_segments(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX])
+/* Returns the limits of the controller for a phase, or NULL for one that it has not. */
+static const timing_limits *limits_of(const cfg_node_time *time, unsigned phase)
 {
-    bit_timing *bit = &time->bit;
-    if (bit->sjw == 0) /* as Linux does */
-        bit->sjw = timing_least(bit->phase_seg1,
-                                timing_least(time->limits->sjw_max, bit->phase_seg2 / 2));
-    if (bit->sjw == 0)
-        bit->sjw = 1;
-    return timing_fits(problem, bit, time->limits);
+    return phase == 0 ? time->limits : timing_data_limits(time->limits);
 }
 
-/* Both rates of a node, and limits for them with one prescaler, where that is possible. */
+bool cfg_fit_phase(cfg_node_time *time, unsigned phase, char problem[TIMING_PROBLEM_MAX])
+{
+    const timing_limits *limits = limits_of(time, phase);
+    bit_timing *bit = &time->phase[phase].bit;
+    bit->clock_hz = time->phase[0].bit.clock_hz;
+    if (bit->sjw == 0) /* as Linux does */
+        bit->sjw = timing_least(bit->phase_seg1,
+                                timing_least(limits->sjw_max, bit->phase_seg2 / 2));
+    if (bit->sjw == 0)
+        bit->sjw = 1;
+    return timing_fits(problem, bit, limits);
+}
+
+/* What is wanted of the phases of a node, and limits with one prescaler, where that is possible. */
 typedef struct rates {
-    timing_request nominal;
-    timing_request data;
-    timing_limits narrow[2];
+    timing_request phase[CFG_PHASES];
+    timing_limits narrow[CFG_PHASES];
 } rates;
 
 static void narrow_to(timing_request *request, timing_limits *narrow, uint32_t brp)
@@ -35,67 +42,45 @@ static void narrow_to(timing_request *request, timing_limits *narrow, uint32_t b
     request->limits = narrow;
 }
 
-static void rates_of(rates *r, const cfg_node_time *time, const cfg *config)
+static timing_request request_of(const cfg_node_time *time, unsigned phase, uint32_t bitrate_bps,
+                                 uint16_t sample_permille)
 {
-    r->nominal = (timing_request){
-        .limits = time->limits,
-        .clock_hz = time->bit.clock_hz,
-        .bitrate_bps = config->bitrate_bps,
-        .sample_permille = time->sample_permille ? time->sample_permille : config->sample_permille,
-        .sjw = time->bit.sjw,
+    const cfg_phase *p = &time->phase[phase];
+    return (timing_request){
+        .limits = limits_of(time, phase),
+        .clock_hz = time->phase[0].bit.clock_hz,
+        .bitrate_bps = bitrate_bps,
+        .sample_permille = p->sample_permille ? p->sample_permille : sample_permille,
+        .sjw = p->bit.sjw,
     };
-    r->data = (timing_request){
-        .limits = timing_data_limits(time->limits),
-        .clock_hz = time->bit.clock_hz,
-        .bitrate_bps = config->dbitrate_bps,
-        .sample_permille =
-            time->dsample_permille ? time->dsample_permille : config->dsample_permille,
-        .sjw = time->data.sjw,
-    };
-    if (config->dbitrate_bps == 0 || !r->data.limits)
-        return;
-    const uint32_t brp = timing_common_brp(&r->nominal, &r->data);
-    if (brp == 0)
-        return;
-    narrow_to(&r->nominal, &r->narrow[0], brp);
-    narrow_to(&r->data, &r->narrow[1], brp);
 }
 
-bool cfg_find_segments(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX], const cfg *config)
+static void rates_of(rates *r, const cfg_node_time *time, const cfg *config)
+{
+    r->phase[0] = request_of(time, 0, config->bitrate_bps, config->sample_permille);
+    r->phase[1] = request_of(time, 1, config->dbitrate_bps, config->dsample_permille);
+    if (config->dbitrate_bps == 0 || !r->phase[1].limits)
+        return;
+    const uint32_t brp = timing_common_brp(&r->phase[0], &r->phase[1]);
+    for (unsigned i = 0; brp > 0 && i < CFG_PHASES; i++)
+        narrow_to(&r->phase[i], &r->narrow[i], brp);
+}
+
+bool cfg_find_phase(cfg_node_time *time, unsigned phase, char problem[TIMING_PROBLEM_MAX],
+                    const cfg *config)
 {
     rates r;
     rates_of(&r, time, config);
-    time->found = true;
-    return timing_by_kernel(&time->bit, problem, &r.nominal);
+    time->phase[phase].found = true;
+    return timing_by_kernel(&time->phase[phase].bit, problem, &r.phase[phase]);
 }
 
 /* ---- The data phase -------------------------------------------------------------------------- */
 
-bool cfg_find_data(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX], const cfg *config)
-{
-    rates r;
-    rates_of(&r, time, config);
-    time->data_found = true;
-    return timing_by_kernel(&time->data, problem, &r.data);
-}
-
-bool cfg_fit_data(cfg_node_time *time, char problem[TIMING_PROBLEM_MAX])
-{
-    const timing_limits *limits = timing_data_limits(time->limits);
-    bit_timing *data = &time->data;
-    data->clock_hz = time->bit.clock_hz;
-    if (data->sjw == 0)
-        data->sjw = timing_least(data->phase_seg1,
-                                 timing_least(limits->sjw_max, data->phase_seg2 / 2));
-    if (data->sjw == 0)
-        data->sjw = 1;
-    return timing_fits(problem, data, limits);
-}
-
 /* As Linux does: compensation goes with a prescaler of 1 or 2, and compares at the sample point. */
 static cw_tdc tdc_of(const cfg_node_time *time)
 {
-    const bit_timing *data = &time->data;
+    const bit_timing *data = &time->phase[1].bit;
     cw_tdc tdc = {.mode = CW_TDC_OFF};
     if (time->tdc == CFG_TDC_AUTO ||
         (time->tdc == CFG_TDC_BY_RATE && data->brp <= TIMING_TDC_BRP_MAX))
@@ -147,7 +132,7 @@ cw_span cfg_late_margin(const cfg_late_sample *s)
 
 cw_data_timing cfg_data_timing(const cfg_node_time *time)
 {
-    const bit_timing *data = &time->data;
+    const bit_timing *data = &time->phase[1].bit;
     if (data->clock_hz == 0)
         return (cw_data_timing){.brp = 0};
     return (cw_data_timing){
@@ -156,7 +141,7 @@ cw_data_timing cfg_data_timing(const cfg_node_time *time)
                 .phase_seg1 = (uint16_t)data->phase_seg1,
                 .phase_seg2 = (uint16_t)data->phase_seg2,
                 .sjw = (uint16_t)data->sjw},
-        .brp = time->bit.brp,
+        .brp = time->phase[0].bit.brp,
         .data_brp = data->brp,
         .tdc = tdc_of(time),
     };
@@ -164,7 +149,7 @@ cw_data_timing cfg_data_timing(const cfg_node_time *time)
 
 cw_bit_timing cfg_bit_timing(const cfg_node_time *time, cw_span nominal)
 {
-    const bit_timing *bit = &time->bit;
+    const bit_timing *bit = &time->phase[0].bit;
     return (cw_bit_timing){
         .quantum = bit->clock_hz ? cw_quantum(bit->clock_hz, bit->brp, time->ppm)
                                  : cfg_drifted(nominal, time->ppm),

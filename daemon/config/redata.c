@@ -20,7 +20,7 @@ static cfg_tdc wish_of(cw_tdc_mode mode)
 void cfg_data_present(cfg_retime *out, const cfg_node_time *time)
 {
     const cw_tdc tdc = cfg_data_timing(time).tdc;
-    out->phase[1].bit = time->data;
+    out->phase[1].bit = time->phase[1].bit;
     out->tdc = wish_of(tdc.mode);
     out->tdco = tdc.tdco;
     out->tdcv = tdc.tdcv;
@@ -41,11 +41,12 @@ static bool find_common(cfg_node_time *time, const cfg *config)
 {
     char unused[TIMING_PROBLEM_MAX];
     cfg_node_time other = *time;
-    other.bit.sjw = 0;
-    if (!time->found || time->bit.brp == time->data.brp ||
-        !cfg_find_segments(&other, unused, config) || other.bit.brp != other.data.brp)
+    other.phase[0].bit.sjw = 0;
+    if (!time->phase[0].found || time->phase[0].bit.brp == time->phase[1].bit.brp ||
+        !cfg_find_phase(&other, 0, unused, config) ||
+        other.phase[0].bit.brp != other.phase[1].bit.brp)
         return false;
-    time->bit = other.bit;
+    time->phase[0].bit = other.phase[0].bit;
     return true;
 }
 
@@ -53,23 +54,23 @@ static bool change_segments(cfg_node_time *time, char *problem, size_t size, con
                             const cfg_retime *change, bool found_anew)
 {
     const unsigned given = change->given >> RETIME_PHASE_KEYS;
-    const bool other_clock = time->data.clock_hz != time->bit.clock_hz;
+    const bool other_clock = time->phase[1].bit.clock_hz != time->phase[0].bit.clock_hz;
     const bool finds = (given & RETIME_BIT(RETIME_SAMPLE_POINT)) ||
                        (found_anew && !(given & RETIME_SEGMENTS) &&
-                        (time->data_found || other_clock));
+                        (time->phase[1].found || other_clock));
     char wrong[TIMING_PROBLEM_MAX];
     if ((given & RETIME_SEGMENTS) && (given & RETIME_BIT(RETIME_SAMPLE_POINT)))
         return refuse(problem, size,
                       "dsample-point: the segments say where it is; use one or the other");
-    time->data.clock_hz = time->bit.clock_hz;
+    time->phase[1].bit.clock_hz = time->phase[0].bit.clock_hz;
     if (finds)
-        time->data.sjw = 0;
+        time->phase[1].bit.sjw = 0;
     if (given & RETIME_BIT(RETIME_SAMPLE_POINT))
-        time->dsample_permille = change->phase[1].sample_permille;
+        time->phase[1].sample_permille = change->phase[1].sample_permille;
     if (given & RETIME_SEGMENTS)
-        time->data_found = false;
-    cfg_take_segments(&time->data, &change->phase[1].bit, given);
-    if (finds ? cfg_find_data(time, wrong, config) : cfg_fit_data(time, wrong))
+        time->phase[1].found = false;
+    cfg_take_segments(&time->phase[1].bit, &change->phase[1].bit, given);
+    if (finds ? cfg_find_phase(time, 1, wrong, config) : cfg_fit_phase(time, 1, wrong))
         return true;
     (void)snprintf(problem, size, "data phase: %s", wrong);
     return false;
@@ -80,7 +81,7 @@ static bool change_segments(cfg_node_time *time, char *problem, size_t size, con
 static bool change_tdc(cfg_node_time *time, char *problem, size_t size, const cfg_retime *change)
 {
     const unsigned given = change->given;
-    const uint64_t most = CW_TDC_BITS_MAX * timing_bit_clocks(&time->data);
+    const uint64_t most = CW_TDC_BITS_MAX * timing_bit_clocks(&time->phase[1].bit);
     if (given & RETIME_BIT(RETIME_TDC_MODE))
         time->tdc = change->tdc;
     if (given & RETIME_BIT(RETIME_TDCO))

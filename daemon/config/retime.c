@@ -23,8 +23,8 @@
 static cfg_node_time present(const cfg *config, unsigned node)
 {
     cfg_node_time time = config->nodes[node].time;
-    if (time.bit.phase_seg2 == 0)
-        time.bit = (bit_timing){.brp = 1, .prop_seg = 6, .phase_seg1 = 7, .phase_seg2 = 2,
+    if (time.phase[0].bit.phase_seg2 == 0)
+        time.phase[0].bit = (bit_timing){.brp = 1, .prop_seg = 6, .phase_seg1 = 7, .phase_seg2 = 2,
                                 .sjw = 1};
     if (!time.limits)
         time.limits = timing_controller("any");
@@ -65,9 +65,10 @@ static cfg_way way_of(const cfg_node_time *time)
 
 cfg_retime cfg_retime_present(const cfg_node_time *time)
 {
-    const unsigned known = time->bit.clock_hz ? SEGMENTS | BIT(RETIME_SJW) | BIT(RETIME_CLOCK) : 0;
+    const unsigned bit = SEGMENTS | BIT(RETIME_SJW) | BIT(RETIME_CLOCK);
+    const unsigned known = time->phase[0].bit.clock_hz ? bit : 0;
     cfg_retime values = {.way = way_of(time),
-                         .phase[0].bit = time->bit,
+                         .phase[0].bit = time->phase[0].bit,
                          .ppm = time->ppm,
                          .triple_sampling = time->triple_sampling};
     cfg_data_present(&values, time);
@@ -103,22 +104,22 @@ static bool change_bit(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], co
                        const cfg_retime *change, unsigned *which)
 {
     const unsigned given = change->given;
-    const bool clock_known = time->bit.clock_hz > 0;
+    const bool clock_known = time->phase[0].bit.clock_hz > 0;
     const bool finds = (given & BIT(RETIME_SAMPLE_POINT)) ||
                        (!clock_known && (given & BIT(RETIME_CLOCK)) && !(given & SEGMENTS));
     char wrong[TIMING_PROBLEM_MAX];
     if (given & BIT(RETIME_CLOCK))
-        time->bit.clock_hz = change->phase[0].bit.clock_hz;
+        time->phase[0].bit.clock_hz = change->phase[0].bit.clock_hz;
     else if (!clock_known && (finds || (given & SEGMENTS)))
-        time->bit.clock_hz = CFG_CLOCK_DEFAULT_HZ;
+        time->phase[0].bit.clock_hz = CFG_CLOCK_DEFAULT_HZ;
     if (finds || (!clock_known && (given & SEGMENTS)))
-        time->bit.sjw = 0;
+        time->phase[0].bit.sjw = 0;
     if (given & SEGMENTS)
-        time->found = false;
-    cfg_take_segments(&time->bit, &change->phase[0].bit, given);
+        time->phase[0].found = false;
+    cfg_take_segments(&time->phase[0].bit, &change->phase[0].bit, given);
     if (given & BIT(RETIME_SAMPLE_POINT))
-        time->sample_permille = change->phase[0].sample_permille;
-    if (finds ? !cfg_find_segments(time, wrong, config) : !cfg_fit_segments(time, wrong))
+        time->phase[0].sample_permille = change->phase[0].sample_permille;
+    if (finds ? !cfg_find_phase(time, 0, wrong, config) : !cfg_fit_phase(time, 0, wrong))
         return cfg_refuse(problem, "%s", wrong);
     if (finds || (given & (BIT(RETIME_BRP) | BIT(RETIME_CLOCK) | BIT(RETIME_PPM))))
         *which |= CW_SET_QUANTUM;
@@ -147,7 +148,7 @@ static bool change_data(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], c
     const unsigned given = change->given & DATA_MASK;
     const bool found_anew = change->given & BIT(RETIME_SAMPLE_POINT);
     bool bit_changes;
-    if (time->data.clock_hz == 0)
+    if (time->phase[1].bit.clock_hz == 0)
         return !given || refuse_data(problem, config, node, given);
     if (!given && !(*which & CW_SET_QUANTUM))
         return true;
@@ -160,7 +161,7 @@ static bool change_data(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], c
 
 cw_span cfg_nominal_quantum(const cfg *config, unsigned node)
 {
-    const bit_timing *bit = &config->nodes[node].time.bit;
+    const bit_timing *bit = &config->nodes[node].time.phase[0].bit;
 
     /* without keys the default of the library: a bit in 16 quanta */
     return bit->clock_hz ? cw_quantum(bit->clock_hz, bit->brp, 0)
@@ -195,7 +196,7 @@ bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_P
         time.triple_sampling = change->triple_sampling;
         which |= CW_SET_SAMPLING;
     }
-    if (!keys_agree(problem, change->given, time.bit.clock_hz > 0) ||
+    if (!keys_agree(problem, change->given, time.phase[0].bit.clock_hz > 0) ||
         !change_bit(&time, problem, config, change, &which) ||
         !change_data(&time, problem, config, node, change, &which))
         return false;

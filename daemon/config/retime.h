@@ -50,16 +50,10 @@ typedef enum retime_key {
     (RETIME_BIT(RETIME_BRP) | RETIME_BIT(RETIME_PROP_SEG) | RETIME_BIT(RETIME_PHASE_SEG1) |        \
      RETIME_BIT(RETIME_PHASE_SEG2))
 
-/* One phase: of all bits, or of those at the data rate. */
-typedef struct cfg_rephase {
-    bit_timing bit;
-    uint16_t sample_permille;
-} cfg_rephase;
-
 /* Values of some keys. */
 typedef struct cfg_retime {
     uint32_t given; /* RETIME_BIT() */
-    cfg_rephase phase[2];
+    cfg_phase phase[CFG_PHASES];
     int32_t ppm;
     bool triple_sampling;
     cfg_tdc tdc;

@@ -57,7 +57,7 @@ static void prescaler_and_error_are_found_from_a_quantum(void **state)
 
 static void assert_segments(const cfg_node *node, bit_timing expected)
 {
-    const bit_timing *bit = &node->time.bit;
+    const bit_timing *bit = &node->time.phase[0].bit;
 
     assert_int_equal(bit->clock_hz, expected.clock_hz);
     assert_int_equal(bit->brp, expected.brp);
@@ -159,7 +159,7 @@ static void default_data_phases_are_on_the_grid(void **state)
                  "%s }, nodes: [ { name: a }, { name: b }, { name: c, kind: classical } ] }",
                  (unsigned)rate[0], (unsigned)rate[1], controllers[i % COUNT(controllers)]);
         cfg *config = load_text(text);
-        assert_int_equal(timing_bitrate_bps(&config->nodes[0].time.data), rate[1]);
+        assert_int_equal(timing_bitrate_bps(&config->nodes[0].time.phase[1].bit), rate[1]);
         cw_bus *bus = bus_make(&memory, config);
         assert_non_null(bus);
         if (!cw_bus_is_on_grid(bus))
@@ -244,7 +244,8 @@ static void present_values_can_be_set_again(void **state)
     assert_int_equal(settings.data.data_brp, 2);
     assert_int_equal(settings.data.bit.prop_seg, 6);
     assert_int_equal(settings.data.bit.phase_seg2, 6);
-    assert_memory_equal(&time.data, &config->nodes[1].time.data, sizeof time.data);
+    assert_memory_equal(&time.phase[1].bit, &config->nodes[1].time.phase[1].bit,
+                        sizeof time.phase[1].bit);
     assert_int_equal(settings.data.tdc.tdcv, 9);
     assert_int_equal(settings.data.tdc.tdco, 40);
     cfg_free(config);
