@@ -159,6 +159,17 @@ def test_completion_of_configurations(tmp_path, words):
     assert completed(tmp_path, *words, "c") == ["c.log"]
 
 
+def test_completion_of_settings(tmp_path, monkeypatch):
+    """They are the keys that a rule sets: both come from the table of a node's keys."""
+    monkeypatch.setenv("PATH", f"{CANWIRE.parent}:{os.environ['PATH']}")
+    words = ("canwire", "set", "bus", "node")
+    keys = [f"{key}=" for key in SCHEMA["do-set"]["properties"] if key not in ("set", "ramp")]
+    assert completed(tmp_path, *words, "") == sorted(keys)
+    for key, values in (("order", "priority fifo"), ("tdc-mode", "off auto manual"),
+                        ("loopback", "on off"), ("queue", ""), ("clock", "")):
+        assert completed(tmp_path, *words, key, "=", "") == sorted(values.split()), key
+
+
 @pytest.mark.parametrize("program", ["canwired", "canwire-usb", "canwire-restbus"])
 def test_completion_of_the_other_programs(tmp_path, program):
     words = [sys.executable, ROOT / "lib/python/src/canwire/restbus.py"] \
