@@ -29,7 +29,7 @@ bool cfg_fit_phase(cfg_node_time *time, unsigned phase, char problem[TIMING_PROB
     return timing_fits(problem, bit, limits);
 }
 
-/* What is wanted of the phases of a node, and limits with one prescaler, where that is possible. */
+/* The rates of the phases of a node, and limits with one prescaler, where that is possible. */
 typedef struct rates {
     timing_request phase[CFG_PHASES];
     timing_limits narrow[CFG_PHASES];
