@@ -93,6 +93,18 @@ MUTANTS := $(BUILD)/mutants
 PARTS := $(BUILD)/libparts.a
 LCM_OBJECTS := $(patsubst $(GEN)/%.c,$(BUILD)/gen/%.o,$(LCM_SOURCES))
 
+# All code for `make dev`. Programs that use it are as they were when it has changed.
+ifeq ($(SHARED),yes)
+SHARED_CODE := $(BUILD)/libdev.so
+DAEMON_CODE := | $(SHARED_CODE)
+TOOL_CODE := | $(SHARED_CODE)
+WITH_SHARED := $(SHARED_CODE) -Wl,-rpath,$(CURDIR)/$(BUILD)
+ALL_CFLAGS += -fPIC
+else
+DAEMON_CODE := $(PARTS) $(LCM_OBJECTS) $(LIB)
+TOOL_CODE := $(PARTS) $(LIB)
+endif
+
 .PHONY: all always dev dev-run picture calls soak mutant mutant-run mutant-short-cuts \
   mutant-short-cuts-run mutant-campaign mutant-campaign-run test \
   test-deep test-unit demo bench check cover man install uninstall deb wheel clean help build \
@@ -353,18 +365,6 @@ $(LIB): $(LIB_OBJECTS)
 $(PARTS): $(call objects,$(PARTS_SOURCES))
 	@rm -f $@
 	$(call tell,AR,$@) $(AR) qcs $@ $^
-
-# All code for `make dev`. Programs that use it are as they were when it has changed.
-ifeq ($(SHARED),yes)
-SHARED_CODE := $(BUILD)/libdev.so
-DAEMON_CODE := | $(SHARED_CODE)
-TOOL_CODE := | $(SHARED_CODE)
-WITH_SHARED := $(SHARED_CODE) -Wl,-rpath,$(CURDIR)/$(BUILD)
-ALL_CFLAGS += -fPIC
-else
-DAEMON_CODE := $(PARTS) $(LCM_OBJECTS) $(LIB)
-TOOL_CODE := $(PARTS) $(LIB)
-endif
 
 $(BUILD)/libdev.so: $(call objects,$(PARTS_SOURCES)) $(LCM_OBJECTS) $(LIB_OBJECTS)
 	$(call link,-shared) $(DAEMON_LIBS) $(TOOL_LIBS) $(SCREEN_LIBS)
