@@ -90,6 +90,7 @@ def test_it_is_installed_used_and_purged_without_a_trace(package):
     assert "no packages found" in run("dpkg-query", "-W", "canwire", status=1)
 
 
+@pytest.mark.deep
 def test_limits_of_the_kernel_are_not_raised_against_the_administrator(package):
     mask = Path("/etc/sysctl.d/10-canwire.conf")
     mask.parent.mkdir(exist_ok=True)
@@ -103,6 +104,7 @@ def test_limits_of_the_kernel_are_not_raised_against_the_administrator(package):
         dpkg("--purge", "canwire")
 
 
+@pytest.mark.deep
 def test_limits_of_the_kernel_are_never_lowered(package):
     RMEM_MAX.write_text("16777216")
     try:
