@@ -524,7 +524,6 @@ def test_usb_interfaces_come_with_a_module_that_is_late(usb_config):
     systemctl("reset-failed", USB_UNIT, "canwired@usb.service")
 
 
-@pytest.mark.deep
 def sample(path):
     """Returns the file that canwired(8) shows behind its path."""
     text = (ROOT / "daemon/man/canwired.8.md").read_text()
@@ -553,6 +552,7 @@ def test_usb_interfaces_get_their_bit_rate_each_time(unit, path):
                   "systemd-udevd-kernel.socket", "systemd-udevd")
 
 
+@pytest.mark.deep
 def test_usb_on_a_bus_without_such_ports_says_so_and_ends(bus):
     one = bus("plain")
     unit = f"canwire-usb@{one.name}.service"
