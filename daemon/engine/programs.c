@@ -249,6 +249,9 @@ static void take(programs *p, int fd)
 
 void programs_let_in(programs *p)
 {
+    for (unsigned i = 0; i < CONNECTIONS_MAX; i++)
+        if (p->all[i].fd >= 0 && p->all[i].place == TURNS_NONE)
+            (void)read_messages(&p->all[i]); /* it came before its JOIN did */
     for (unsigned i = 0; i < ACCEPTS_MAX; i++) {
         const int fd = accept4(p->listener.fd, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
         if (fd < 0)
