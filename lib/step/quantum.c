@@ -83,7 +83,7 @@ static bool goes_ahead(cw_bus *bus, unsigned i)
 {
     const timed_node *n = node_at(bus, i);
     return !n->retimed && cw_mac_drives_on(&bus->nodes[i].mac, n->driven) &&
-           !cw_timed_compares_late(bus, i);
+           !cw_timed_compares_late(bus, i) && !cw_timed_changes_rate(bus, i);
 }
 
 /* Plans the next bit of a node that has nothing to report at the end of this one. calm: see

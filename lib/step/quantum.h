@@ -181,6 +181,14 @@ static inline bool cw_timed_compares_late(const cw_bus *bus, unsigned node)
            cw_mac_is_sending(mac) && !(mac->modes & CW_MODE_LOOPBACK);
 }
 
+/* Returns true when the next bit of a node begins at the nominal rate, since its controller has been
+ * taken out of the data phase from outside. */
+static inline bool cw_timed_changes_rate(const cw_bus *bus, unsigned node)
+{
+    return bus->timed.rates && bus->timed.rates[node].fast &&
+           !cw_mac_is_fast(&bus->nodes[node].mac);
+}
+
 /* Returns the moment at which the next bits of all nodes begin together. Those that are away do not
  * count. CW_SPAN_MAX: there is none. */
 cw_span cw_timed_common_begin(const cw_bus *bus);
@@ -196,11 +204,14 @@ void cw_timed_show_wire(cw_bus *bus);
  * with it must have begun. */
 void cw_timed_set_bit(cw_bus *bus, cw_span common);
 
+/* Returns true when all nodes begin a bit at the present tick. Those that are away do so from the
+ * first bit time on that the others have in common. */
+bool cw_timed_all_begin(const cw_bus *bus);
+
 /* Returns true when all bits begin together at the present tick, as far as that can be. */
 static inline bool cw_timed_is_straight(const cw_bus *bus)
 {
-    return !bus->timed.rates || !bus->timed.uniform ||
-           cw_timed_common_begin(bus) == cw_moment_of(bus, cw_now(bus));
+    return !bus->timed.rates || !bus->timed.uniform || cw_timed_all_begin(bus);
 }
 
 /* ---- quantum_wires.c ------------------------------------------------------------------------- */

@@ -91,7 +91,7 @@ static bool find_frame(clean_frame *f, const cw_bus *bus)
 /* Returns true when a frame changes nothing at a controller but what it counts of it. */
 static bool is_calm(const cw_mac *m)
 {
-    return m->confinement.rec == 0 && m->overloads_wanted == 0 &&
+    return m->confinement.rec == 0 && m->overloads_wanted == 0 && !m->sleeps &&
            m->reported_state == m->confinement.state && !(m->modes & CW_MODE_LOOPBACK);
 }
 
@@ -120,7 +120,7 @@ static bool find_ready(clean_frame *f, const cw_bus *bus, unsigned i, cw_span *r
     *open = INT64_MIN;
     *ready = begin + unsampled * bit;
     if (is_away(m))
-        return true;
+        return !(m->modes & CW_MODE_LOOPBACK); /* no edge moves its bits (M15) */
     if (m->phase == CW_MAC_IDLE)
         return is_calm(m);
     const bool suspends = m->role == CW_ROLE_TRANSMITTER &&

@@ -179,6 +179,15 @@ cw_span cw_timed_common_begin(const cw_bus *bus)
     return common;
 }
 
+bool cw_timed_all_begin(const cw_bus *bus)
+{
+    const cw_span now = cw_moment_of(bus, cw_now(bus));
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (!begins_now(bus, i, now))
+            return false;
+    return true;
+}
+
 bool cw_timed_begins_together(const cw_bus *bus)
 {
     const cw_span now = cw_moment_of(bus, cw_now(bus));

@@ -34,7 +34,7 @@ static bool has_open_slot(const cw_bus *bus)
  * follow. Elsewhere its bits begin with something to do: slots end, and rates meet again. */
 static bool may_be_ahead(const cw_bus *bus)
 {
-    return !bus->timed.rates && !has_open_slot(bus);
+    return !has_open_slot(bus);
 }
 
 /* Returns true when the node is in a bit like all that follow: no edge has come since it began. */
