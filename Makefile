@@ -253,7 +253,7 @@ DIFFERENTIAL_BITS = $(shell expr $(or $(DIFFERENTIAL_BITS_$(VARIANT)),2000000) /
 
 # In a sample, tests that compare many results run in one variant only, and so do most of the
 # conformance cases.
-FIGURES := test_clocks test_encode_fd test_format test_quanta test_steady
+FIGURES := test_away test_clocks test_encode_fd test_format test_quanta test_steady
 ifneq ($(VARIANT),release)
 ifneq ($(FEWER),1)
 LEFT_OUT := $(FIGURES)
@@ -287,7 +287,7 @@ test-unit: $(addprefix $(BUILD)/,$(TESTS_RUN) $(FUZZ_TARGETS:%=replay_%)) $(CONF
 	  exit $$status
 
 # The unit tests without those that take half a second or more.
-DEV_SLOW := test_apart test_clocks test_encode_fd test_engine_replay test_fault_noise \
+DEV_SLOW := test_apart test_away test_clocks test_encode_fd test_engine_replay test_fault_noise \
             test_fault_step test_format test_hours test_journal test_journal_check \
             test_journal_keep test_journal_play test_order test_quanta test_rates test_recorder \
             test_run_end test_steady test_takeover test_timed_hosts

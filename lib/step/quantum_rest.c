@@ -47,13 +47,13 @@ static bool is_periodic(const cw_bus *bus, unsigned i)
            n->pcs.last_sample == CW_RECESSIVE && n->report.what == 0 &&
            n->sync_count == 0 && n->pcs.sample_at == cw_bit_timing_sample_at(&n->timing) &&
            n->pcs.end_at == cw_bit_timing_quanta(&n->timing) &&
-           cable->newest + cable->longest < n->looked;
+           cable->newest + cable->longest + cw_timed_longest_ringing(&bus->timed, i) < n->looked;
 }
 
 static bool all_rest(const cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;
-    if (!t->active || t->cable.dominant || t->rings || t->touched ||
+    if (!t->active || t->cable.dominant || t->rings_before || t->touched ||
         t->disturbances.count || bus->rules.awake_count || bus->stepping || bus->watching)
         return false;
     for (unsigned i = 0; i < bus->node_count; i++)

@@ -18,7 +18,7 @@
 #define DIFF_PLANS_MAX 5u   /* configurations of a scenario */
 #define DIFF_PROTECTIONS_MAX 24u /* of one configuration */
 #define DIFF_NAMES 256u     /* distinct names of rules */
-#define DIFF_STYLES 19u
+#define DIFF_STYLES 20u
 #define DIFF_TIMED_BIT_MAX 8000u /* ticks; longer bits have no clocks of their own here */
 
 /* ---- Random numbers -------------------------------------------------------------------------- */

@@ -88,6 +88,8 @@ static const style styles[DIFF_STYLES] = {
      700, 50, 2, 40, false, false, false, false, RATES},
     {"clean at data rates", 12, 4000, 40000, 0, 0, 1, 700, 0, 100, 10, false, false, false, false,
      RATES},
+    {"clocks at data rates", 12, 4000, 40000, 3, TOPOLOGY | ACTION(BUS_OFF) | ACTION(RESTART) |
+     ACTION(SET), 20, 700, 200, 100, 10, false, false, false, true, RATES},
 };
 
 const char *diff_style_name(unsigned number)
@@ -281,10 +283,10 @@ static cw_node_config random_node(generator *g)
         node.warning_limit = (uint16_t)diff_magnitude(r, 1, 255);
     if (diff_chance(r, 600))
         node.restart_ticks = diff_random_ticks(m, 1, 3000);
-    if (m->clocks && m->bit <= DIFF_TIMED_BIT_MAX)
-        diff_random_timing(m, &node.timing);
     if (m->rates)
         node.timing = m->common;
+    if (m->clocks && m->bit <= DIFF_TIMED_BIT_MAX)
+        diff_random_timing(m, &node.timing);
     if (m->rates && diff_chance(r, 10)) /* it does not go together with the others */
         diff_random_rates(m, &node.timing);
     if (g->hosts && diff_chance(r, 500))

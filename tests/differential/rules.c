@@ -46,6 +46,13 @@ unsigned diff_random_modes(diff_maker *m)
     return modes;
 }
 
+/* Makes the clock of a bit timing too slow or too fast, by one part in so many at most. */
+static void make_inexact(diff_random *r, cw_bit_timing *t, unsigned parts)
+{
+    const cw_span off = (cw_span)diff_magnitude(r, 1, (uint64_t)t->quantum / parts);
+    t->quantum += diff_chance(r, 500) ? off : -off;
+}
+
 /* Draws a bit timing whose bits are nearly those of the bus. */
 static cw_bit_timing random_bit_timing(diff_maker *m)
 {
@@ -55,8 +62,15 @@ static cw_bit_timing random_bit_timing(diff_maker *m)
                        .phase_seg2 = (uint16_t)diff_between(r, 2, 8), .sjw = 1,
                        .triple_sampling = diff_chance(r, 100)};
     t.quantum = (cw_span)m->bit * CW_TICK / cw_bit_timing_quanta(&t);
-    const cw_span off = (cw_span)diff_magnitude(r, 1, (uint64_t)t.quantum / 20);
-    t.quantum += diff_chance(r, 500) ? off : -off;
+    make_inexact(r, &t, 20);
+    return t;
+}
+
+/* Returns the bit timing of all nodes, by a clock that can serve for two rates. */
+static cw_bit_timing random_clock(diff_maker *m)
+{
+    cw_bit_timing t = m->common.bit;
+    make_inexact(&m->random, &t, 200);
     return t;
 }
 
@@ -64,7 +78,7 @@ void diff_random_timing(diff_maker *m, cw_node_timing *timing)
 {
     diff_random *r = &m->random;
     if (diff_chance(r, 500))
-        timing->bit = random_bit_timing(m);
+        timing->bit = m->rates ? random_clock(m) : random_bit_timing(m);
     const uint64_t bit = m->bit * (uint64_t)CW_TICK;
     if (diff_chance(r, 300))
         timing->place = (cw_span)diff_below(r, bit / 3);
@@ -149,7 +163,7 @@ cw_settings diff_random_settings(diff_maker *m)
     s.restart_ticks = diff_chance(r, 300) ? 0 : diff_random_ticks(m, 1, 3000);
     if (m->clocks && m->bit <= DIFF_TIMED_BIT_MAX && diff_chance(r, 200)) {
         s.which |= CW_SET_TIMING;
-        s.timing = random_bit_timing(m);
+        s.timing = m->rates ? random_clock(m) : random_bit_timing(m);
         if (diff_chance(r, 200)) {
             s.which |= CW_SET_UNIT;
             s.unit = CW_TICK * (cw_span)diff_magnitude(r, 1, 1000);
