@@ -79,7 +79,7 @@ static const char help[] =
 
 /* ---- Signals --------------------------------------------------------------------------------- */
 
-static void on_signal(struct ev_loop *loop, ev_signal *watcher, int events)
+static void daemon_on_signal(struct ev_loop *loop, ev_signal *watcher, int events)
 {
     (void)loop;
     (void)events;
@@ -211,8 +211,8 @@ static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
  * signals when it runs. */
 static void start_signals(process *p)
 {
-    ev_signal_init(&p->terminate, on_signal, SIGTERM);
-    ev_signal_init(&p->interrupt, on_signal, SIGINT);
+    ev_signal_init(&p->terminate, daemon_on_signal, SIGTERM);
+    ev_signal_init(&p->interrupt, daemon_on_signal, SIGINT);
     ev_signal_init(&p->hangup, on_hangup, SIGHUP);
     p->terminate.data = p;
     p->interrupt.data = p;
@@ -296,7 +296,7 @@ static bool start_engines(process *p)
     return p->host.group || p->single;
 }
 
-static bool start(process *p, const options *o)
+static bool daemon_start(process *p, const options *o)
 {
     int inherited;
     if (!take_inherited(&inherited) || !start_engines(p))
@@ -336,11 +336,11 @@ static void log_start(const process *p)
                  counted(p->host.rig->gateway_count, "gateway").text);
 }
 
-static bool run(process *p, const options *o)
+static bool daemon_run(process *p, const options *o)
 {
     engine *engines[RIG_BUSES_MAX];
     start_signals(p);
-    if (!start(p, o))
+    if (!daemon_start(p, o))
         return false;
     for (size_t i = 0; i < p->host.count; i++)
         engines[i] = service_engine(p->host.buses[i]);
@@ -359,7 +359,7 @@ static bool run(process *p, const options *o)
     return !p->failed && !engines_have_failed(p);
 }
 
-static void end(process *p)
+static void daemon_end(process *p)
 {
     host *h = &p->host;
     h->stopping = true;
@@ -400,7 +400,7 @@ static bool read_journal_files(options *o, const char *text)
 }
 
 /* Reads the options. Returns -1 to go on, else the exit status. */
-static int parse_options(options *o, int argc, char **argv)
+static int daemon_parse_options(options *o, int argc, char **argv)
 {
     static const struct option known[] = {{"config", required_argument, NULL, 'c'},
                                           {"background", no_argument, NULL, 'b'},
@@ -542,13 +542,13 @@ static struct ev_loop *make_loop(void)
 }
 
 /* Ends a start that has failed; the service manager shows the reason. */
-static int give_up(process *p, cfg *config, int status)
+static int daemon_give_up(process *p, cfg *config, int status)
 {
     char why[LOG_LAST_BYTES];
     log_last_error(why);
     notify_status(p->host.notifier, "%s", why);
     cfg_free(config);
-    end(p);
+    daemon_end(p);
     return status;
 }
 
@@ -559,7 +559,7 @@ static int refuse_config(process *p, cfg *config)
     char why[LOG_LAST_BYTES];
     log_last_error(why);
     activation_refuse("control", why);
-    return give_up(p, config, 1);
+    return daemon_give_up(p, config, 1);
 }
 
 int main(int argc, char **argv)
@@ -570,7 +570,7 @@ int main(int argc, char **argv)
     standardfds_hold();
     json_must_have_memory();
     plain_options(argc, argv);
-    int status = parse_options(&o, argc, argv);
+    int status = daemon_parse_options(&o, argc, argv);
     if (status >= 0)
         return status;
     /* A log without a reader, or a lost LCM server, must not end the program. */
@@ -581,12 +581,12 @@ int main(int argc, char **argv)
         fileuses_add(&p.host.files, &(fileuse){.what = "--journal", .path = o.journal,
                                                .written = true, .older = JOURNAL_FILES_MAX});
     if (!(p.host.loop = make_loop()))
-        return give_up(&p, config, unit_failure());
+        return daemon_give_up(&p, config, unit_failure());
     p.host.notifier = notify_open(p.host.loop);
     if (!load_config(&p, &config, o.config))
         return refuse_config(&p, config);
-    if (!add_services(&p, config) || !run(&p, &o))
-        return give_up(&p, NULL, unit_failure());
-    end(&p);
+    if (!add_services(&p, config) || !daemon_run(&p, &o))
+        return daemon_give_up(&p, NULL, unit_failure());
+    daemon_end(&p);
     return 0;
 }

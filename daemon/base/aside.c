@@ -33,7 +33,7 @@ static void free_aside(aside *a)
     free(a);
 }
 
-static void *run(void *argument)
+static void *aside_run(void *argument)
 {
     aside *a = argument;
     (void)pthread_mutex_lock(&a->lock);
@@ -114,7 +114,7 @@ aside *aside_start(struct ev_loop *loop, const aside_calls *calls, void *task, v
     a->limit.data = a;
     ev_async_start(loop, &a->wakeup);
     ev_timer_start(loop, &a->limit);
-    int error = thread_start_alone(run, a);
+    int error = thread_start_alone(aside_run, a);
     if (error == 0)
         return a;
     stop_watchers(a);

@@ -11,12 +11,13 @@
 #include <string.h>
 
 static bool is_repeated(const diag *self, const diag_message *message);
-static int compare(const void *a, const void *b);
+static int diag_compare(const void *a, const void *b);
 static void print_message(const diag_message *message, FILE *out);
-static void __attribute__((format(printf, 2, 3))) print_line(FILE *out, const char *format, ...);
+static void __attribute__((format(printf, 2, 3)))
+diag_print_line(FILE *out, const char *format, ...);
 
 /* Takes over the text, which is NULL without memory. */
-static void keep(diag *self, diag_message message)
+static void diag_keep(diag *self, diag_message message)
 {
     message.file = self->file;
     message.number = self->count;
@@ -27,11 +28,11 @@ static void keep(diag *self, diag_message message)
         self->count++;
 }
 
-static void add(diag *self, diag_message message)
+static void diag_add_message(diag *self, diag_message message)
 {
     self->errors++;
     if (self->count < DIAG_MAX && self->errors <= DIAG_TOLD_MAX) {
-        keep(self, message);
+        diag_keep(self, message);
         return;
     }
     self->overflow = true;
@@ -47,7 +48,7 @@ void diag_add(diag *self, size_t line, size_t column, const char *format, ...)
     if (vasprintf(&message.text, format, args) < 0)
         message.text = NULL;
     va_end(args);
-    add(self, message);
+    diag_add_message(self, message);
 }
 
 void diag_warn(diag *self, size_t line, size_t column, const char *format, ...)
@@ -62,13 +63,14 @@ void diag_warn(diag *self, size_t line, size_t column, const char *format, ...)
         message.text = NULL;
     va_end(args);
     self->warnings++;
-    keep(self, message);
+    diag_keep(self, message);
 }
 
 void diag_add_elsewhere(diag *self, size_t line, size_t column, const char *text)
 {
-    add(self, (diag_message){
-                  .line = line, .column = column, .elsewhere = true, .text = strdup(text)});
+    diag_add_message(
+        self,
+        (diag_message){.line = line, .column = column, .elsewhere = true, .text = strdup(text)});
 }
 
 diag_file diag_enter(diag *self, const char *name, size_t number)
@@ -83,7 +85,7 @@ void diag_flush(diag *self, FILE *out)
 {
     size_t shown = 0;
 
-    qsort(self->messages, self->count, sizeof self->messages[0], compare);
+    qsort(self->messages, self->count, sizeof self->messages[0], diag_compare);
     for (size_t i = 0; i < self->count; i++) {
         bool is_shown = self->errors == 0 || !self->messages[i].warning;
 
@@ -93,7 +95,8 @@ void diag_flush(diag *self, FILE *out)
         free(self->messages[i].text);
     }
     if (self->overflow)
-        print_line(out, "%s: there are more errors, only %zu are shown", self->file.name, shown);
+        diag_print_line(out, "%s: there are more errors, only %zu are shown", self->file.name,
+                        shown);
     self->errors = 0;
     self->warnings = 0;
     self->count = 0;
@@ -119,7 +122,7 @@ static int order(size_t a, size_t b)
     return (a > b) - (a < b);
 }
 
-static int compare(const void *a, const void *b)
+static int diag_compare(const void *a, const void *b)
 {
     const diag_message *x = a;
     const diag_message *y = b;
@@ -133,7 +136,7 @@ static int compare(const void *a, const void *b)
 }
 
 /* Prints one line; names of files and texts of clients may contain any characters. */
-static void print_line(FILE *out, const char *format, ...)
+static void diag_print_line(FILE *out, const char *format, ...)
 {
     char *line = NULL;
     va_list args;
@@ -154,10 +157,10 @@ static void print_message(const diag_message *message, FILE *out)
     const char *text = message->text ? message->text : "out of memory";
 
     if (message->elsewhere && message->text)
-        print_line(out, "%s", text);
+        diag_print_line(out, "%s", text);
     else if (message->line == 0)
-        print_line(out, "%s: %s", message->file.name, text);
+        diag_print_line(out, "%s: %s", message->file.name, text);
     else
-        print_line(out, "%s:%zu:%zu: %s%s", message->file.name, message->line, message->column,
-                   message->warning ? "warning: " : "", text);
+        diag_print_line(out, "%s:%zu:%zu: %s%s", message->file.name, message->line, message->column,
+                        message->warning ? "warning: " : "", text);
 }

@@ -101,7 +101,7 @@ static void follow_links(char path[PATH_MAX])
 }
 
 /* Finds the folder of a path and the name there. Returns false when there is no memory. */
-static bool find_folder(place *p, const char *path)
+static bool fileuse_find_folder(place *p, const char *path)
 {
     const char *slash = strrchr(path, '/');
     size_t length = slash ? (size_t)(slash - path) + 1 : 0;
@@ -139,7 +139,7 @@ static finding find_stdout(place *p)
 
 /* Finds the file of a place. Links are followed for the file itself, which is opened by path.
  * Rotated names and sockets are not followed. */
-static finding find_place(place *p, const fileuse *use)
+static finding fileuse_find_place(place *p, const fileuse *use)
 {
     char path[PATH_MAX];
     struct stat status;
@@ -155,7 +155,7 @@ static finding find_place(place *p, const fileuse *use)
         return FOUND_SPECIAL;
     if (p->number == 0 && !use->socket)
         follow_links(path);
-    return find_folder(p, path) ? FOUND_PLACE : FOUND_NO_MEMORY;
+    return fileuse_find_folder(p, path) ? FOUND_PLACE : FOUND_NO_MEMORY;
 }
 
 static size_t count_places(const fileuses *all)
@@ -172,7 +172,7 @@ static bool add_places(places *found, const fileuses *all, size_t use)
     for (unsigned number = 0; number <= all->uses[use].older; number++) {
         place *p = &found->all[found->count];
         *p = (place){.use = use, .number = number};
-        finding result = find_place(p, &all->uses[use]);
+        finding result = fileuse_find_place(p, &all->uses[use]);
         if (result == FOUND_PLACE)
             found->count++;
         else
@@ -306,7 +306,7 @@ static void print_use(FILE *errors, const fileuse *use, unsigned number)
         fprintf(errors, ", which is rotated to %s.%u", use->path, number);
 }
 
-static void report(FILE *errors, const fileuses *all, const clash *c, const char *program)
+static void fileuse_report(FILE *errors, const fileuses *all, const clash *c, const char *program)
 {
     const fileuse *own = &all->uses[c->own->use];
     const fileuse *other = &all->uses[c->other->use];
@@ -323,8 +323,8 @@ static void report(FILE *errors, const fileuses *all, const clash *c, const char
 }
 
 /* Returns true when there is no clash to report. */
-static bool compare(const fileuses *all, places *found, const likeness *how, const char *program,
-                    FILE *errors)
+static bool fileuse_compare(const fileuses *all, places *found, const likeness *how,
+                            const char *program, FILE *errors)
 {
     clash *clashes = calloc(all->count + 1, sizeof *clashes);
     bool good = clashes != NULL;
@@ -334,7 +334,7 @@ static bool compare(const fileuses *all, places *found, const likeness *how, con
         note_all(clashes, all, found, how);
     for (size_t i = 0; clashes && i < all->count; i++)
         if (clashes[i].other) {
-            report(errors, all, &clashes[i], program);
+            fileuse_report(errors, all, &clashes[i], program);
             good = false;
         }
     free(clashes);
@@ -347,8 +347,8 @@ bool fileuses_check(const fileuses *all, const char *program, FILE *errors)
     bool good = find_places(&found, all);
     if (!good)
         fprintf(errors, "%s: out of memory\n", program);
-    good = good && compare(all, &found, &by_inode, program, errors) &&
-           compare(all, &found, &by_name, program, errors);
+    good = good && fileuse_compare(all, &found, &by_inode, program, errors) &&
+           fileuse_compare(all, &found, &by_name, program, errors);
     free_places(&found);
     return good;
 }

@@ -31,7 +31,7 @@ static int make_name(lockname out, const folder *in)
 
 /* Opens the lock file, never the target of a link. The first try is without O_CREAT: in a folder
  * like /tmp the kernel refuses O_CREAT for another user's file. Returns -1 with errno set. */
-static int open_file(const folder *in, const char *name)
+static int lockfile_open_file(const folder *in, const char *name)
 {
     const int flags = O_RDWR | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC;
     int fd = openat(in->fd, name, flags);
@@ -65,7 +65,7 @@ int lockfile_take(int *fd, const folder *in)
     int error = make_name(name, in);
     *fd = -1;
     for (unsigned i = 0; error == 0 && i < TRIES_MAX; i++) {
-        *fd = open_file(in, name);
+        *fd = lockfile_open_file(in, name);
         int result = *fd < 0 ? errno : lock_file(*fd, in, name);
         if (result == 0)
             return 0;

@@ -148,7 +148,7 @@ static void keep_error(const char *text, size_t length)
 }
 
 /* Writes each message with one call, so that lines of several threads do not mix. */
-static void put(message *m)
+static void log_put(message *m)
 {
     (void)pthread_once(&state.once, open_journal);
     plain_make(m->text, ' ');
@@ -169,7 +169,7 @@ print(priority p, const char *node, const char *format, va_list args)
         used += snprintf(m.text + used, sizeof m.text - (size_t)used, "node %.*s: ",
                          (int)NAME_BYTES, node);
     (void)vsnprintf(m.text + used, sizeof m.text - (size_t)used, format, args);
-    put(&m);
+    log_put(&m);
 }
 
 void log_set_program(const char *name)

@@ -203,14 +203,14 @@ static bool lock_adopted(pathsocket *s)
 /* Prepares a socket that listens already. Listening once more makes this process the peer that
  * clients see (SO_PEERCRED); `canwire reload --pid` looks for it. Before that they see the maker of
  * the socket. */
-static bool prepare(int fd, int backlog)
+static bool pathsocket_prepare(int fd, int backlog)
 {
     int flags = fcntl(fd, F_GETFL);
     return flags >= 0 && fcntl(fd, F_SETFL, flags | O_NONBLOCK) == 0 &&
            fcntl(fd, F_SETFD, FD_CLOEXEC) == 0 && listen(fd, backlog) == 0;
 }
 
-static bool refuse(char error[PATHSOCKET_ERROR_MAX], const char *why)
+static bool pathsocket_refuse(char error[PATHSOCKET_ERROR_MAX], const char *why)
 {
     (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", why);
     return false;
@@ -224,15 +224,15 @@ bool pathsocket_adopt(pathsocket *s, int fd, const char *path, int backlog,
     pathsocket_refuse_descriptors(fd);
     s->path = path_of(fd);
     if (!s->path)
-        return refuse(error, strerror(errno));
+        return pathsocket_refuse(error, strerror(errno));
     if (path && !is_same_place(path, s->path)) {
         (void)snprintf(error, PATHSOCKET_ERROR_MAX, "the service manager listens at %s instead",
                        *s->path ? s->path : "a place without a path");
         return false;
     }
     if (!lock_adopted(s))
-        return refuse(error, explain(s, EBUSY));
-    return prepare(fd, backlog) || refuse(error, strerror(errno));
+        return pathsocket_refuse(error, explain(s, EBUSY));
+    return pathsocket_prepare(fd, backlog) || pathsocket_refuse(error, strerror(errno));
 }
 
 /* ---- The end --------------------------------------------------------------------------------- */

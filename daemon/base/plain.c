@@ -61,7 +61,7 @@ size_t plain_size(const char *text)
     return is_control(code) || is_hidden(code) ? 0 : size;
 }
 
-static void make(char *text, char instead, const char *kept)
+static void base_plain_make(char *text, char instead, const char *kept)
 {
     while (*text) {
         const size_t size = plain_size(text);
@@ -73,12 +73,12 @@ static void make(char *text, char instead, const char *kept)
 
 void plain_make(char *text, char instead)
 {
-    make(text, instead, "");
+    base_plain_make(text, instead, "");
 }
 
 void plain_make_lines(char *text, char instead)
 {
-    make(text, instead, "\t\n");
+    base_plain_make(text, instead, "\t\n");
 }
 
 bool plain_is_not(const char *text)

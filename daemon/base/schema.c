@@ -31,7 +31,8 @@ typedef struct key_table {
     uint8_t kind;
 } key_table;
 
-static bool check_keys(schema *self, const char *what, const yaml_node_t *map, key_table table);
+static bool schema_check_keys(schema *self, const char *what, const yaml_node_t *map,
+                              key_table table);
 static const char *allowed_keys(schema *self, key_table table);
 static bool is_text(const yaml_node_t *node, const char *text);
 static const char *scalar_text(const yaml_node_t *node);
@@ -91,7 +92,7 @@ void schema_map_in(schema *self, const char *what, yaml_node_t *map, const schem
         complain_no_map(self, what, map, table);
         return;
     }
-    bool complete = !self->errors->overflow && check_keys(self, what, map, table);
+    bool complete = !self->errors->overflow && schema_check_keys(self, what, map, table);
     if (self->errors->overflow)
         return; /* further errors are not shown */
     for (const schema_key *key = first_key(table); key->name; key = next_key(table, key)) {
@@ -257,8 +258,8 @@ void schema_read_choice(schema *self, const schema_key *key, yaml_node_t *value,
 typedef void diag_reporter(diag *self, size_t line, size_t column, const char *format, ...);
 
 static void __attribute__((format(printf, 4, 0)))
-report(schema *self, diag_reporter *reporter, const yaml_node_t *at, const char *format,
-       va_list args)
+schema_report(schema *self, diag_reporter *reporter, const yaml_node_t *at, const char *format,
+              va_list args)
 {
     char *text = NULL;
 
@@ -274,7 +275,7 @@ void schema_complain(schema *self, const yaml_node_t *at, const char *format, ..
     va_list args;
 
     va_start(args, format);
-    report(self, diag_add, at, format, args);
+    schema_report(self, diag_add, at, format, args);
     va_end(args);
 }
 
@@ -283,7 +284,7 @@ void schema_warn(schema *self, const yaml_node_t *at, const char *format, ...)
     va_list args;
 
     va_start(args, format);
-    report(self, diag_warn, at, format, args);
+    schema_report(self, diag_warn, at, format, args);
     va_end(args);
 }
 
@@ -386,7 +387,7 @@ static void complain_unknown(schema *self, const char *what, const yaml_node_t *
 }
 
 /* Returns the index of a key in its table; that of the end when the key is unknown. */
-static size_t find_key(key_table table, const char *name)
+static size_t schema_find_key(key_table table, const char *name)
 {
     const schema_key *key = first_key(table);
 
@@ -397,7 +398,8 @@ static size_t find_key(key_table table, const char *name)
 
 /* Complains about unknown, refused and duplicate keys. Returns false when a key was refused or
  * there are too many to examine: a missing key may then be among them. */
-static bool check_keys(schema *self, const char *what, const yaml_node_t *map, key_table table)
+static bool schema_check_keys(schema *self, const char *what, const yaml_node_t *map,
+                              key_table table)
 {
     const schema_key *keys = table.keys;
     size_t first_line[SCHEMA_KEYS_MAX] = {0};
@@ -407,7 +409,7 @@ static bool check_keys(schema *self, const char *what, const yaml_node_t *map, k
     for (const yaml_node_pair_t *pair = map->data.mapping.pairs.start;
          pair < end && !self->errors->overflow; pair++) {
         const yaml_node_t *name = yaml_document_get_node(self->document, pair->key);
-        size_t i = find_key(table, scalar_text(name));
+        size_t i = schema_find_key(table, scalar_text(name));
 
         assert(i < SCHEMA_KEYS_MAX);
         if (!keys[i].name)

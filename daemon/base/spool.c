@@ -400,7 +400,7 @@ static spool_found look_at_file(spool *s)
 }
 
 /* Looks at the file. The lock is held, but not while it looks. */
-static void look(spool *s)
+static void base_spool_look(spool *s)
 {
     const bool has_head = s->has_head;
     s->look = false;
@@ -509,7 +509,7 @@ static int open_now(spool *s)
     return error;
 }
 
-static void *run(void *argument)
+static void *spool_run(void *argument)
 {
     spool *s = argument;
     (void)pthread_mutex_lock(&s->lock);
@@ -518,7 +518,7 @@ static void *run(void *argument)
         if (s->used < SPOOL_QUEUE_BYTES / 4)
             wait_for_work(s);
         if (s->look || s->has_head)
-            look(s);
+            base_spool_look(s);
         if (s->used > 0)
             error = work(s);
         if (error != 0 && s->lasting) {
@@ -575,10 +575,10 @@ static spool *make_spool(const char *file, unsigned files, spool_notify *notify,
     return NULL;
 }
 
-static spool *start(spool *s, int *error)
+static spool *spool_start(spool *s, int *error)
 {
     if (*error == 0)
-        *error = thread_start(&s->thread, run, s);
+        *error = thread_start(&s->thread, spool_run, s);
     if (*error == 0)
         return s;
     free_spool(s);
@@ -592,14 +592,14 @@ spool *spool_open(const char *file, unsigned files, spool_notify *notify, void *
         return NULL;
     *error = open_files(s, files);
     s->open = *error == 0;
-    return start(s, error);
+    return spool_start(s, error);
 }
 
 spool *spool_open_later(const char *file, unsigned files, spool_notify *notify, void *user,
                         int *error)
 {
     spool *s = make_spool(file, files, notify, user, error);
-    return s ? start(s, error) : NULL;
+    return s ? spool_start(s, error) : NULL;
 }
 
 spool *spool_stream(int fd, spool_notify *notify, void *user, int *error)
@@ -612,7 +612,7 @@ spool *spool_stream(int fd, spool_notify *notify, void *user, int *error)
     s->fd = fd;
     s->stream = true;
     s->open = true;
-    return start(s, error);
+    return spool_start(s, error);
 }
 
 bool spool_is_open(spool *s)
@@ -693,7 +693,7 @@ size_t spool_room(spool *s)
 }
 
 /* Queues a record, or a cut, which has no bytes. */
-static bool put(spool *s, const void *record, size_t size, uint32_t flags)
+static bool spool_put(spool *s, const void *record, size_t size, uint32_t flags)
 {
     uint32_t head = (uint32_t)size | flags;
     (void)pthread_mutex_lock(&s->lock);
@@ -713,18 +713,18 @@ static bool put(spool *s, const void *record, size_t size, uint32_t flags)
 bool spool_write(spool *s, const void *record, size_t size)
 {
     assert(size > 0 && size <= SPOOL_RECORD_MAX);
-    return put(s, record, size, 0);
+    return spool_put(s, record, size, 0);
 }
 
 bool spool_write_part(spool *s, const void *part, size_t size)
 {
     assert(size > 0 && size <= SPOOL_RECORD_MAX);
-    return put(s, part, size, PART);
+    return spool_put(s, part, size, PART);
 }
 
 bool spool_cut(spool *s)
 {
-    return put(s, "", 0, 0);
+    return spool_put(s, "", 0, 0);
 }
 
 void spool_look(spool *s)
@@ -809,7 +809,7 @@ bool spool_wait(spool *s, const struct timespec *until)
 }
 
 /* Removes the listener of the reports. Returns true when the spool has already ended. */
-static bool leave(spool *s)
+static bool spool_leave(spool *s)
 {
     (void)pthread_mutex_lock(&s->lock);
     s->notify = NULL;
@@ -823,7 +823,7 @@ bool spool_close(spool *s, unsigned patience_s)
     if (!s)
         return true;
     const struct timespec until = thread_in_seconds(patience_s);
-    if (!spool_wait(s, &until) && !leave(s))
+    if (!spool_wait(s, &until) && !spool_leave(s))
         return false;
     (void)pthread_join(s->thread, NULL);
     free_spool(s);

@@ -46,7 +46,7 @@ int unit_failure(void)
 }
 
 /* Returns FOLDERS for none. */
-static size_t find_folder(const char *path)
+static size_t unit_find_folder(const char *path)
 {
     size_t i = 0;
     while (i < FOLDERS && strncmp(path, private_folders[i].folder,
@@ -57,7 +57,7 @@ static size_t find_folder(const char *path)
 
 const char *unit_private_folder(const char *path)
 {
-    const size_t i = unit_instance() ? find_folder(path) : FOLDERS;
+    const size_t i = unit_instance() ? unit_find_folder(path) : FOLDERS;
     return i < FOLDERS ? private_folders[i].folder : NULL;
 }
 
@@ -77,7 +77,7 @@ const char *unit_hint(const char *path, int number)
 {
     if (!unit_instance() || (number != ENOENT && number != EACCES && number != EROFS))
         return "";
-    const size_t folder = path ? find_folder(path) : FOLDERS;
+    const size_t folder = path ? unit_find_folder(path) : FOLDERS;
     if (folder < FOLDERS)
         return private_folders[folder].hint;
     if (number == EROFS)

@@ -74,7 +74,7 @@ static void skip_mark(text_buffer *text)
 }
 
 /* Reads until the end or one byte over the limit; works for pipes, too. */
-static bool read_all(char *bytes, size_t *length, int fd, diag *errors)
+static bool yamlfile_read_all(char *bytes, size_t *length, int fd, diag *errors)
 {
     if (!bytes) {
         diag_add(errors, 0, 0, "out of memory");
@@ -95,7 +95,7 @@ static bool read_all(char *bytes, size_t *length, int fd, diag *errors)
 }
 
 /* Opens a file. Opening a pipe does not wait for its writer. */
-static int open_file(const char *file, bool regular, diag *errors)
+static int yamlfile_open_file(const char *file, bool regular, diag *errors)
 {
     struct stat info;
     int fd = open(file, O_RDONLY | O_CLOEXEC | O_NOCTTY | (regular ? O_NONBLOCK : 0));
@@ -113,12 +113,12 @@ static int open_file(const char *file, bool regular, diag *errors)
 
 char *yaml_file_read(size_t *size, const char *file, bool regular, diag *errors)
 {
-    int fd = open_file(file, regular, errors);
+    int fd = yamlfile_open_file(file, regular, errors);
 
     if (fd < 0)
         return NULL;
     char *bytes = malloc(YAML_FILE_MAX + 1);
-    bool done = read_all(bytes, size, fd, errors);
+    bool done = yamlfile_read_all(bytes, size, fd, errors);
     (void)close(fd);
     if (done)
         return bytes;
@@ -204,8 +204,8 @@ static bool check_depth(scan *self, const yaml_mark_t *mark)
     return within(self, &self->depth, YAML_DEPTH_MAX, mark, "lists and maps in each other");
 }
 
-static bool check_node(scan *self, const yaml_mark_t *mark, const yaml_char_t *anchor,
-                       const yaml_char_t *tag)
+static bool yamlfile_check_node(scan *self, const yaml_mark_t *mark, const yaml_char_t *anchor,
+                                const yaml_char_t *tag)
 {
     if (tag) {
         diag_add(self->errors, mark->line + 1, mark->column + 1, "YAML tags (%s) are not supported",
@@ -238,16 +238,18 @@ static bool check_event(scan *self, const yaml_event_t *event)
     case YAML_DOCUMENT_START_EVENT:
         return within(self, &self->documents, 1, mark, "document");
     case YAML_ALIAS_EVENT:
-        return check_node(self, mark, NULL, NULL);
+        return yamlfile_check_node(self, mark, NULL, NULL);
     case YAML_SCALAR_EVENT:
         return check_size(self, event) &&
-               check_node(self, mark, event->data.scalar.anchor, event->data.scalar.tag);
+               yamlfile_check_node(self, mark, event->data.scalar.anchor, event->data.scalar.tag);
     case YAML_SEQUENCE_START_EVENT:
-        return check_depth(self, mark) && check_node(self, mark, event->data.sequence_start.anchor,
-                                                     event->data.sequence_start.tag);
+        return check_depth(self, mark) &&
+               yamlfile_check_node(self, mark, event->data.sequence_start.anchor,
+                                   event->data.sequence_start.tag);
     case YAML_MAPPING_START_EVENT:
-        return check_depth(self, mark) && check_node(self, mark, event->data.mapping_start.anchor,
-                                                     event->data.mapping_start.tag);
+        return check_depth(self, mark) &&
+               yamlfile_check_node(self, mark, event->data.mapping_start.anchor,
+                                   event->data.mapping_start.tag);
     case YAML_SEQUENCE_END_EVENT:
     case YAML_MAPPING_END_EVENT:
         self->depth--;

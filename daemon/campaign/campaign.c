@@ -107,8 +107,8 @@ static bool keep_text(campaign_owner *o, schema *self, char *text, size_t size)
 }
 
 /* Reads the text of a scenario, which is a file or a map. */
-static bool read_text(campaign_owner *o, schema *self, const schema_key *key,
-                      const yaml_node_t *value)
+static bool campaign_read_text(campaign_owner *o, schema *self, const schema_key *key,
+                               const yaml_node_t *value)
 {
     size_t size = 0;
     if (value->type == YAML_MAPPING_NODE) {
@@ -153,7 +153,7 @@ static void read_scenario(schema *self, const schema_key *key, yaml_node_t *valu
 {
     campaign_owner *o = object;
     diag found = {.file.name = o->campaign.file};
-    if (!read_text(o, self, key, value) || !check_scenario(o, self)) {
+    if (!campaign_read_text(o, self, key, value) || !check_scenario(o, self)) {
         schema_complain(self, value, "%s: there are errors in the scenario", key->name);
         return;
     }
@@ -260,7 +260,7 @@ static void read_ftti(schema *self, const schema_key *key, yaml_node_t *value, v
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
-static void read_root(campaign_owner *o, diag *errors, yaml_document_t *document)
+static void campaign_read_root(campaign_owner *o, diag *errors, yaml_document_t *document)
 {
     schema self = {.errors = errors, .arena = &o->arena, .document = document, .user = o};
     yaml_node_t *root = yaml_document_get_root_node(document);
@@ -283,7 +283,7 @@ static void read_root(campaign_owner *o, diag *errors, yaml_document_t *document
         names_check_keys(&self, list, o);
 }
 
-static bool read_file(campaign_owner *o, diag *errors)
+static bool campaign_read_file(campaign_owner *o, diag *errors)
 {
     yaml_document_t document;
     size_t size = 0;
@@ -292,7 +292,7 @@ static bool read_file(campaign_owner *o, diag *errors)
     free(text);
     if (!loaded)
         return false;
-    read_root(o, errors, &document);
+    campaign_read_root(o, errors, &document);
     yaml_document_delete(&document);
     return errors->errors == 0;
 }
@@ -311,7 +311,7 @@ campaign *campaign_load(const char *file, FILE *errors)
     o->campaign.file = arena_print(&o->arena, "%s", file);
     if (!o->campaign.file)
         diag_add(&found, 0, 0, "out of memory");
-    const bool good = o->campaign.file && read_file(o, &found);
+    const bool good = o->campaign.file && campaign_read_file(o, &found);
     diag_flush(&found, errors);
     if (good)
         return &o->campaign;

@@ -15,13 +15,14 @@
 #define NS_PER_MS UINT64_C(1000000)
 #define SECOND_NS UINT64_C(1000000000)
 
-static schema_reader read_name, read_node, read_run, read_interface, read_env, read_cwd,
-    read_after, read_ready, read_line, read_frame, read_within, read_grace, read_preload, read_bus;
+static schema_reader ecus_read_name, read_node, read_run, read_interface, read_env, read_cwd,
+    read_after, read_ready, ecus_read_line, ecus_read_frame, read_within, read_grace, read_preload,
+    read_bus;
 
 static const schema_key ready_keys[] = {
-    {.name = "line", .read = read_line, .type = TYPE_STRING,
+    {.name = "line", .read = ecus_read_line, .type = TYPE_STRING,
      .help = "A part of a line of its output."},
-    {.name = "frame", .read = read_frame, .type = "{'type': ['string', 'integer']}",
+    {.name = "frame", .read = ecus_read_frame, .type = "{'type': ['string', 'integer']}",
      .help = "A frame that its node sends: a filter as can-utils write it."},
     {.name = "within", .read = read_within, .type = "realTime",
      .help = "Real time from its start on; default 10s."},
@@ -32,7 +33,7 @@ static const schema_key ready_keys[] = {
 const schema_key campaign_ecu_keys[] = {
     {.name = "node", .read = read_node, .type = TYPE_STRING,
      .help = "The node that the program is; it has no traffic of its own."},
-    {.name = "name", .read = read_name,
+    {.name = "name", .read = ecus_read_name,
      .type = "{'type': 'string', 'pattern': '^[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}$'}",
      .help = "Of its files, and in rows; by default that of the node."},
     {.name = "run", .read = read_run, .required = true,
@@ -71,7 +72,7 @@ const schema_key campaign_ecu_keys[] = {
 
 /* ---- Names ----------------------------------------------------------------------------------- */
 
-static void read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void ecus_read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
                                   "_.-";
@@ -85,7 +86,7 @@ static void read_name(schema *self, const schema_key *key, yaml_node_t *value, v
         e->name = schema_copy(self, text);
 }
 
-static const cfg_node *find_node(const cfg *config, const char *name)
+static const cfg_node *ecus_find_node(const cfg *config, const char *name)
 {
     for (size_t i = 0; i < config->node_count; i++)
         if (strcmp(config->nodes[i].name, name) == 0)
@@ -100,7 +101,7 @@ static void read_node(schema *self, const schema_key *key, yaml_node_t *value, v
     const char *text = schema_text(self, key, value, "the name of a node");
     if (!text || !o->config)
         return;
-    const cfg_node *node = find_node(o->config, text);
+    const cfg_node *node = ecus_find_node(o->config, text);
     if (!node)
         schema_complain(self, value, "%s: the scenario has no node '%s'", key->name, text);
     else if (node->traffic_count > 0)
@@ -243,7 +244,7 @@ static void read_grace(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Ready ----------------------------------------------------------------------------------- */
 
-static void read_line(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void ecus_read_line(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     ecu *e = object;
     const char *text = schema_text(self, key, value, "a part of a line of its output");
@@ -251,7 +252,7 @@ static void read_line(schema *self, const schema_key *key, yaml_node_t *value, v
     e->line = text ? schema_copy(self, text) : NULL;
 }
 
-static void read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void ecus_read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     ecu *e = object;
     unsigned count = 0;
@@ -264,7 +265,7 @@ static void read_frame(schema *self, const schema_key *key, yaml_node_t *value, 
 static void read_ready(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     if (value->type != YAML_MAPPING_NODE) {
-        read_line(self, key, value, object);
+        ecus_read_line(self, key, value, object);
         return;
     }
     schema_map(self, key->name, value, ready_keys, object);

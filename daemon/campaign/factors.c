@@ -33,8 +33,9 @@ typedef struct space_map {
     space space;
 } space_map;
 
-static schema_reader read_name, read_set, read_frame, read_values, read_range, read_uniform,
-    read_normal, read_positions, read_nodes, read_bits, read_pairs, read_number, read_space_frame,
+static schema_reader factors_read_name, read_set, factors_read_frame, read_values, read_range,
+    read_uniform, read_normal, read_positions, read_nodes, read_bits, read_pairs,
+    factors_read_number, read_space_frame,
     read_space_from, read_space_at, read_space_field;
 
 static const schema_range draw_range = {1, CAMPAIGN_VALUES_MAX, sizeof(uint64_t)};
@@ -42,8 +43,9 @@ static const schema_range skip_range = {0, UINT32_MAX, sizeof(uint64_t)};
 
 #define NUMBER(text, m)                                                                            \
     {                                                                                              \
-        .name = text, .read = read_number, .offset = offsetof(factor, m), .required = true,        \
-        .type = "number", .help = "A number, with or without a unit."                              \
+        .name = text, .read = factors_read_number, .offset = offsetof(factor, m),                  \
+        .required = true, .type = "number",                                                        \
+        .help = "A number, with or without a unit."                                                \
     }
 #define DRAWS                                                                                      \
     {                                                                                              \
@@ -79,11 +81,11 @@ static const schema_key space_keys[] = {
 };
 
 const schema_key campaign_factor_keys[] = {
-    {.name = "name", .read = read_name, .type = TYPE_TEXT("^[A-Za-z0-9_.-]{1,64}$"),
+    {.name = "name", .read = factors_read_name, .type = TYPE_TEXT("^[A-Za-z0-9_.-]{1,64}$"),
      .help = "Its name in rows; by default the path."},
     {.name = "set", .read = read_set, .type = TYPE_STRING,
      .help = "The path of the value in the scenario, such as nodes.engine.ppm."},
-    {.name = "frame", .read = read_frame, .type = "frame",
+    {.name = "frame", .read = factors_read_frame, .type = "frame",
      .help = "With positions: those that this frame lacks are left out."},
     {.name = "values", .read = read_values, .type = "{'type': 'array', 'minItems': 1}",
      .help = "Values of any kind."},
@@ -113,7 +115,7 @@ const schema_key campaign_factor_keys[] = {
 
 /* ---- Names and paths ------------------------------------------------------------------------- */
 
-static void read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void factors_read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
                                   "_.-";
@@ -155,7 +157,8 @@ static void parse_frame(schema *self, const schema_key *key, const yaml_node_t *
     *has = text && !wrong;
 }
 
-static void read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void factors_read_frame(schema *self, const schema_key *key, yaml_node_t *value,
+                               void *object)
 {
     reading *r = object;
     parse_frame(self, key, value, &r->frame, &r->has_frame);
@@ -220,8 +223,8 @@ static bool is_all(const yaml_node_t *value)
 }
 
 /* Complains about a node that does not exist. Returns its number, or CW_NO_NODE. */
-static uint8_t find_node(schema *self, const schema_key *key, const yaml_node_t *value,
-                         const char *name)
+static uint8_t factors_find_node(schema *self, const schema_key *key, const yaml_node_t *value,
+                                 const char *name)
 {
     const campaign_owner *o = self->user;
     const uint8_t node = o->config ? cfg_find_node(o->config, name) : CW_NO_NODE;
@@ -247,7 +250,7 @@ static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, 
     for (size_t i = 0; i < count; i++) {
         const yaml_node_t *item = schema_item(self, value, i);
         const char *text = schema_text(self, key, item, "the name of a node, or all");
-        if (text && find_node(self, key, item, text) != CW_NO_NODE)
+        if (text && factors_find_node(self, key, item, text) != CW_NO_NODE)
             space_add(&list, schema_print(self, "\"%s\"", text));
     }
     take_list(r, self, value, &list);
@@ -255,7 +258,8 @@ static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-static void read_number(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void factors_read_number(schema *self, const schema_key *key, yaml_node_t *value,
+                                void *object)
 {
     const char *text = schema_text(self, key, value, "a number, perhaps with a unit");
     if (text && !number_text_parse(schema_member(key, object), text))
@@ -345,7 +349,7 @@ static void read_space_from(schema *self, const schema_key *key, yaml_node_t *va
 {
     space_map *m = object;
     const char *text = schema_text(self, key, value, "the node that sends the frames");
-    m->from = text ? find_node(self, key, value, text) : CW_NO_NODE;
+    m->from = text ? factors_find_node(self, key, value, text) : CW_NO_NODE;
     if (m->from != CW_NO_NODE)
         m->space.from = as_json(m->reading, self, value);
 }
@@ -359,7 +363,7 @@ static void read_space_at(schema *self, const schema_key *key, yaml_node_t *valu
         const yaml_node_t *item = schema_item(self, value, i);
         const char *text = schema_text(self, key, item, "the name of a node");
         if (text)
-            (void)find_node(self, key, item, text);
+            (void)factors_find_node(self, key, item, text);
     }
     if (self->errors->errors == errors)
         m->space.at = as_json(m->reading, self, value);

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static bool is_same(const rowtext *a, const rowtext *b)
+static bool loaded_is_same(const rowtext *a, const rowtext *b)
 {
     const size_t length = buffer_length(&a->bytes);
     return !a->no_memory && !b->no_memory && length == buffer_length(&b->bytes) &&
@@ -19,7 +19,7 @@ loaded *loaded_find(loaded_list *list, const rowtext *key)
 {
     for (size_t i = 0; i < list->room; i++) {
         loaded *l = &list->places[i];
-        if (!l->scenario || !is_same(&l->key, key))
+        if (!l->scenario || !loaded_is_same(&l->key, key))
             continue;
         l->used = ++list->uses;
         return l;
@@ -38,7 +38,7 @@ static void empty(loaded *l)
 }
 
 /* Returns an empty place, or the one that was used least recently. An empty one has the use 0. */
-static loaded *find_place(loaded_list *list)
+static loaded *loaded_find_place(loaded_list *list)
 {
     loaded *found = &list->places[0];
     for (size_t i = 1; i < list->room; i++)
@@ -62,7 +62,7 @@ loaded *loaded_keep(loaded_list *list, scenario *s, const rowtext *key, const ru
                     size_t slot_count)
 {
     assert(list->room > 0 && list->room <= LOADED_MAX);
-    loaded *l = find_place(list);
+    loaded *l = loaded_find_place(list);
     empty(l);
     l->scenario = s;
     l->used = ++list->uses;

@@ -69,7 +69,7 @@ static int64_t wall_ms(void)
     return wall_ns() / NS_PER_MS;
 }
 
-static bool fail(pool *p, int error)
+static bool pool_fail(pool *p, int error)
 {
     p->error = p->error ? p->error : error;
     return false;
@@ -91,7 +91,7 @@ _Noreturn static void be_worker(pool *p, const int ends[2])
 }
 
 /* Returns false with errno. */
-static bool start(pool *p, worker *w)
+static bool pool_start(pool *p, worker *w)
 {
     int ends[2];
     if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
@@ -152,12 +152,12 @@ static void take_over(pool *p, worker *w)
  * are no others. */
 static bool provide(pool *p, worker *w)
 {
-    if (w->pid > 0 || start(p, w))
+    if (w->pid > 0 || pool_start(p, w))
         return true;
     const int error = errno;
     const unsigned others = count_processes(p);
     if (others == 0)
-        return fail(p, error);
+        return pool_fail(p, error);
     if (!p->crowded && p->work->calls->few)
         p->work->calls->few(p->work->user, others, error);
     p->crowded = true;
@@ -295,7 +295,7 @@ static bool sort_lines(pool *p, worker *w)
         if (buffer_length(&w->part) < size)
             break;
         if (!buffer_append(&w->chunk->lines, buffer_first(&w->part), size))
-            return fail(p, ENOMEM);
+            return pool_fail(p, ENOMEM);
         buffer_take(&w->part, size);
         count_line(p, w);
     }
@@ -310,7 +310,7 @@ static bool lose_line(pool *p, worker *w, int status)
     rowtext_clear(&p->line);
     if (!pool_add_line(&w->chunk->lines, p->work->calls->lose(p->work->user, number, &loss,
                                                               &p->line), &p->line))
-        return fail(p, ENOMEM);
+        return pool_fail(p, ENOMEM);
     count_line(p, w);
     return true;
 }
@@ -340,7 +340,7 @@ static bool replace(pool *p, worker *w)
 static bool listen_to(pool *p, worker *w)
 {
     if (!buffer_reserve(&w->part, READ_BYTES))
-        return fail(p, ENOMEM);
+        return pool_fail(p, ENOMEM);
     const ssize_t count = read(w->fd, w->part.data + w->part.end, READ_BYTES);
     if (count < 0 && errno == EINTR)
         return true;
@@ -368,7 +368,7 @@ static void end_late(pool *p, int64_t now)
     }
 }
 
-static void look(pool *p, int64_t now)
+static void pool_look(pool *p, int64_t now)
 {
     if (!p->work->calls->look || now - p->looked_ms < LOOK_MS)
         return;
@@ -400,14 +400,14 @@ static bool wait_for_lines(pool *p)
     const int ready = poll(polled, count,
                            limit_ms > 0 && limit_ms < LOOK_MS ? (int)limit_ms : LOOK_MS);
     if (ready < 0 && errno != EINTR)
-        return fail(p, errno);
+        return pool_fail(p, errno);
     bool good = true;
     for (unsigned i = 0; i < count && ready > 0 && good; i++)
         if (polled[i].revents && workers[i]->pid > 0) /* another one may have its process now */
             good = listen_to(p, workers[i]);
     const int64_t now = wall_ms();
     end_late(p, now);
-    look(p, now);
+    pool_look(p, now);
     return good;
 }
 
@@ -418,7 +418,7 @@ static bool set_up(pool *p)
     p->chunk_size = size < CHUNK_MAX ? size : CHUNK_MAX;
     p->chunk_room = p->work->jobs * AHEAD_A_JOB;
     p->chunks = calloc(p->chunk_room, sizeof *p->chunks);
-    return p->chunks || fail(p, ENOMEM);
+    return p->chunks || pool_fail(p, ENOMEM);
 }
 
 static void tear_down(pool *p)

@@ -53,18 +53,18 @@ bool pool_add_line(buffer *lines, unsigned char flag, const rowtext *line)
 }
 
 /* Adds a line to those that wait. */
-static bool add(const pool_work *work, uint64_t number, rowtext *line, buffer *lines)
+static bool pool_worker_add(const pool_work *work, uint64_t number, rowtext *line, buffer *lines)
 {
     rowtext_clear(line);
     return pool_add_line(lines, work->calls->make(work->user, number, line), line);
 }
 
-static bool obey(const pool_work *work, int fd, const pool_order *order, rowtext *line,
-                 buffer *lines)
+static bool pool_worker_obey(const pool_work *work, int fd, const pool_order *order, rowtext *line,
+                             buffer *lines)
 {
     int64_t given = wall_ns();
     for (uint64_t i = 0; i < order->count; i++) {
-        if (!add(work, order->first + i, line, lines)) {
+        if (!pool_worker_add(work, order->first + i, line, lines)) {
             (void)give(fd, lines);
             _exit(POOL_EXIT_SHORT);
         }
@@ -84,6 +84,6 @@ _Noreturn void pool_worker(const pool_work *work, int fd)
     buffer lines = {.data = NULL};
     bool good = true;
     while (good && get(fd, &order))
-        good = obey(work, fd, &order, &line, &lines);
+        good = pool_worker_obey(work, fd, &order, &line, &lines);
     _exit(good ? EXIT_SUCCESS : EXIT_FAILURE);
 }

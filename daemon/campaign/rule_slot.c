@@ -69,7 +69,7 @@ uint64_t rule_slot_value(const rule_slot *slot, const campaign *c, const choice 
     return value;
 }
 
-static int find_rule(const cfg *config, const char *name)
+static int rule_slot_find_rule(const cfg *config, const char *name)
 {
     for (size_t i = 0; i < config->rule_count; i++)
         if (strcmp(config->rules[i].name, name) == 0)
@@ -77,7 +77,7 @@ static int find_rule(const cfg *config, const char *name)
     return -1;
 }
 
-static void forget(rule_slot *slot)
+static void rule_slot_forget(rule_slot *slot)
 {
     for (uint64_t i = 0; slot->rules && i < slot->values; i++)
         free(slot->rules[i]);
@@ -87,11 +87,11 @@ static void forget(rule_slot *slot)
 
 bool rule_slot_begin(rule_slot *slot, const cfg *config)
 {
-    forget(slot);
+    rule_slot_forget(slot);
     slot->rules = calloc((size_t)slot->values, sizeof(cw_rule *));
     slot->shown = UINT64_MAX;
     for (unsigned i = 0; i < 2 && slot->names[i]; i++) {
-        slot->index[i] = find_rule(config, slot->names[i]);
+        slot->index[i] = rule_slot_find_rule(config, slot->names[i]);
         if (slot->index[i] < 0)
             return false;
     }
@@ -100,5 +100,5 @@ bool rule_slot_begin(rule_slot *slot, const cfg *config)
 
 void rule_slot_free(rule_slot *slot)
 {
-    forget(slot);
+    rule_slot_forget(slot);
 }

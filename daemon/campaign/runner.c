@@ -54,7 +54,7 @@ void runner_free(runner *r)
 
 /* ---- Loading --------------------------------------------------------------------------------- */
 
-static scenario *load(runner *r, const choice *choices, FILE *messages)
+static scenario *runner_load(runner *r, const choice *choices, FILE *messages)
 {
     const campaign *c = r->campaign;
     rowtext_clear(&r->text);
@@ -85,7 +85,7 @@ static void find_room(runner *r, const scenario *s)
 
 static loaded *load_base(runner *r, const choice *choices)
 {
-    scenario *s = load(r, choices, NULL);
+    scenario *s = runner_load(r, choices, NULL);
     if (!s)
         return NULL;
     if (r->loaded.room == 0)
@@ -153,7 +153,7 @@ static cw_rule *copy_rules(const rule_slot *slot, const cfg *config)
 static bool load_rules(runner *r, const scenario *base, rule_slot *slot, uint64_t value,
                        const choice *choices)
 {
-    scenario *s = load(r, choices, NULL);
+    scenario *s = runner_load(r, choices, NULL);
     const bool same = s && s->alone && s->alone->rule_count == base->alone->rule_count;
     if (same)
         slot->rules[value] = copy_rules(slot, s->alone);
@@ -162,7 +162,7 @@ static bool load_rules(runner *r, const scenario *base, rule_slot *slot, uint64_
 }
 
 /* Puts the rules of a slot into the configuration, which keeps their names. */
-static void show(const rule_slot *slot, uint64_t value, const cfg *config)
+static void runner_show(const rule_slot *slot, uint64_t value, const cfg *config)
 {
     for (unsigned i = 0; i < 2 && slot->names[i]; i++) {
         cw_rule *rule = &config->rules[slot->index[i]];
@@ -181,7 +181,7 @@ static bool fill_slots(runner *r, const loaded *l, const choice *choices)
             continue;
         if (!slot->rules[value] && !load_rules(r, l->scenario, slot, value, choices))
             return false;
-        show(slot, value, l->scenario->alone);
+        runner_show(slot, value, l->scenario->alone);
         slot->shown = value;
     }
     return true;
@@ -189,7 +189,7 @@ static bool fill_slots(runner *r, const loaded *l, const choice *choices)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static void write_head(runner *r, rowtext *row, uint64_t number, const choice *choices)
+static void runner_write_head(runner *r, rowtext *row, uint64_t number, const choice *choices)
 {
     const campaign *c = r->campaign;
     uint64_t seed = c->scenario_seed;
@@ -210,7 +210,7 @@ void runner_begin(runner *r, uint64_t number, rowtext *row)
 {
     choice choices[CAMPAIGN_FACTORS_MAX];
     sample_choose(choices, r->campaign, number);
-    write_head(r, row, number, choices);
+    runner_write_head(r, row, number, choices);
 }
 
 void runner_head(runner *r, uint64_t number, rowtext *row)
@@ -235,7 +235,7 @@ static outcome write_invalid(runner *r, rowtext *row, const choice *choices)
     char *messages = NULL;
     size_t size = 0;
     FILE *out = open_memstream(&messages, &size);
-    scenario *s = out ? load(r, choices, out) : NULL;
+    scenario *s = out ? runner_load(r, choices, out) : NULL;
     const bool told = out && fclose(out) == 0 && !s;
     const outcome o = outcome_write_invalid(row, told ? messages : NULL);
     scenario_close(s);
@@ -243,7 +243,7 @@ static outcome write_invalid(runner *r, rowtext *row, const choice *choices)
     return o;
 }
 
-static outcome run(runner *r, rowtext *row, const choice *choices)
+static outcome runner_run(runner *r, rowtext *row, const choice *choices)
 {
     uint64_t seed;
     const bool varies = variant_seed(&seed, r->campaign, choices);
@@ -259,8 +259,8 @@ outcome runner_row(runner *r, uint64_t number, rowtext *row)
 {
     choice choices[CAMPAIGN_FACTORS_MAX];
     sample_choose(choices, r->campaign, number);
-    write_head(r, row, number, choices);
-    const outcome o = run(r, row, choices);
+    runner_write_head(r, row, number, choices);
+    const outcome o = runner_run(r, row, choices);
     write_repeat(r, row, number);
     return o;
 }
@@ -269,7 +269,7 @@ outcome runner_lost(runner *r, uint64_t number, const pool_loss *loss, rowtext *
 {
     choice choices[CAMPAIGN_FACTORS_MAX];
     sample_choose(choices, r->campaign, number);
-    write_head(r, row, number, choices);
+    runner_write_head(r, row, number, choices);
     const outcome o = tally_lost(row, loss);
     write_repeat(r, row, number);
     return o;
@@ -294,7 +294,7 @@ void runner_explain(const campaign *c, uint64_t number, FILE *out)
     scenario *s = NULL;
     sample_choose(choices, c, number);
     if (r)
-        s = load(r, choices, out);
+        s = runner_load(r, choices, out);
     if (s)
         explain_run(c, s, choices, out);
     scenario_close(s);

@@ -23,7 +23,7 @@ static void take_event(void *user, const cw_event *event)
         expect_event(b->judge, event);
 }
 
-static bool open_bus(scenario *s, cfg *config, FILE *messages)
+static bool scenario_open_bus(scenario *s, cfg *config, FILE *messages)
 {
     scenario_bus *b = &s->buses[s->count];
     sim_sink sink = {.user = b, .event = take_event, .kinds = OBSERVED_KINDS | LOSSES_KINDS};
@@ -52,15 +52,15 @@ static bool open_buses(scenario *s, FILE *messages)
     s->told = open_memstream(&s->told_text, &s->told_size);
     bool good = s->told && sim_group_open(&s->group, s->rig);
     for (size_t i = 0; i < count && good; i++)
-        good = open_bus(s, s->rig ? s->rig->buses[i] : s->alone, messages);
+        good = scenario_open_bus(s, s->rig ? s->rig->buses[i] : s->alone, messages);
     if (!good && messages)
         plain_print(messages, "canwire: %s\n", bus_why_not());
     return good;
 }
 
 /* Buses: of a rig; none: the file says all. */
-static bool load(scenario *s, const cfg_file *file, const cfg_file *buses, size_t count,
-                 FILE *errors)
+static bool scenario_load(scenario *s, const cfg_file *file, const cfg_file *buses, size_t count,
+                          FILE *errors)
 {
     if (count == 0)
         return rig_load_either(&s->rig, &s->alone, file, errors);
@@ -81,8 +81,8 @@ scenario *scenario_open_rig(const cfg_file *file, const cfg_file *buses, size_t 
     if (s)
         s->until = CW_NEVER;
     FILE *errors = messages ? messages : nowhere;
-    const bool good = s && errors && load(s, file, buses, count, errors) &&
-                      open_buses(s, messages);
+    const bool good =
+        s && errors && scenario_load(s, file, buses, count, errors) && open_buses(s, messages);
     if (nowhere)
         (void)fclose(nowhere);
     if (good)
@@ -144,7 +144,7 @@ uint64_t scenario_now(const scenario *s)
 /* ---- Runs ------------------------------------------------------------------------------------ */
 
 /* Puts a bus to its start. */
-static bool prepare(const scenario *s, scenario_bus *b, const uint64_t *seed)
+static bool scenario_prepare(const scenario *s, scenario_bus *b, const uint64_t *seed)
 {
     static const cw_bus_stats start = {.bits = 0};
     cfg *config = s->rig ? s->rig->buses[b->index] : s->alone;
@@ -162,7 +162,7 @@ static bool restart(scenario *s)
     return s->rig ? sim_group_restart(&s->group, s->rig) : sim_restart(&s->buses[0].run);
 }
 
-static bool conclude(scenario *s)
+static bool scenario_conclude(scenario *s)
 {
     bool good = !s->failed;
     for (size_t i = 0; i < s->count; i++) {
@@ -182,7 +182,7 @@ bool scenario_run(scenario *s, const uint64_t *seed)
     s->failed = false;
     (void)fseeko(s->told, 0, SEEK_SET);
     for (size_t i = 0; i < s->count; i++)
-        if (!prepare(s, &s->buses[i], seed))
+        if (!scenario_prepare(s, &s->buses[i], seed))
             return false;
     if (!restart(s))
         return false;
@@ -191,7 +191,7 @@ bool scenario_run(scenario *s, const uint64_t *seed)
     else
         (void)sim_go(&s->buses[0].run);
     s->failed = sim_group_failed(&s->group);
-    return conclude(s);
+    return scenario_conclude(s);
 }
 
 const char *scenario_notes(const scenario *s)

@@ -9,19 +9,19 @@
 
 /* ---- Calls of the player --------------------------------------------------------------------- */
 
-static bool advance(void *user, uint64_t tick)
+static bool scenario_journal_advance(void *user, uint64_t tick)
 {
     scenario *s = user;
     return sim_advance(&s->buses[0].run, tick);
 }
 
-static void drain(void *user)
+static void scenario_journal_drain(void *user)
 {
     scenario *s = user;
     sim_pass_on(&s->buses[0].run, NULL);
 }
 
-static void pass_on(void *user, const cw_event *event)
+static void scenario_journal_pass_on(void *user, const cw_event *event)
 {
     scenario *s = user;
     sim_pass_on(&s->buses[0].run, event);
@@ -49,7 +49,7 @@ static void end_judging(scenario *s)
 }
 
 /* A reload begins, which an ECU may have asked for. Counters are kept by the numbers of nodes. */
-static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
+static void scenario_journal_leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
 {
     scenario *s = user;
     observation *seen = &s->buses[0].seen;
@@ -64,7 +64,7 @@ static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
         }
 }
 
-static void go_over(void *user)
+static void scenario_journal_go_over(void *user)
 {
     scenario *s = user;
     sim_change(&s->buses[0].run, s->buses[0].config, journal_player_bus(s->player));
@@ -83,7 +83,7 @@ static void take_event(void *user, const cw_event *event)
         expect_event(b->judge, event);
 }
 
-static bool open_bus(scenario *s, uint64_t until_ns, FILE *messages)
+static bool scenario_journal_open_bus(scenario *s, uint64_t until_ns, FILE *messages)
 {
     const cfg_time until = {.ns = until_ns};
     const cfg_time beyond = {.ns = 1};
@@ -116,12 +116,16 @@ static void play(scenario *s)
 
 scenario *scenario_replay(const char *file, uint64_t until_ns, FILE *messages)
 {
-    static const journal_calls calls = {.advance = advance, .drain = drain, .event = pass_on,
-                                        .leaving = leave, .changed = go_over};
+    static const journal_calls calls = {.advance = scenario_journal_advance,
+                                        .drain = scenario_journal_drain,
+                                        .event = scenario_journal_pass_on,
+                                        .leaving = scenario_journal_leave,
+                                        .changed = scenario_journal_go_over};
     scenario *s = calloc(1, sizeof *s);
     if (s)
         s->player = journal_player_open(file, &calls, s, messages);
-    if (s && s->player && sim_group_open(&s->group, NULL) && open_bus(s, until_ns, messages)) {
+    if (s && s->player && sim_group_open(&s->group, NULL) &&
+        scenario_journal_open_bus(s, until_ns, messages)) {
         play(s);
         if (!s->failed)
             return s;

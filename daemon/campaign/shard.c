@@ -49,10 +49,10 @@ static const source sources[] = {
     {"CI_NODE_INDEX", "CI_NODE_TOTAL", 1},
 };
 
-static bool refuse(char problem[SHARD_PROBLEM_MAX], const char *format, ...)
+static bool shard_refuse(char problem[SHARD_PROBLEM_MAX], const char *format, ...)
     __attribute__((format(printf, 2, 3)));
 
-static bool refuse(char problem[SHARD_PROBLEM_MAX], const char *format, ...)
+static bool shard_refuse(char problem[SHARD_PROBLEM_MAX], const char *format, ...)
 {
     va_list arguments;
     va_start(arguments, format);
@@ -67,9 +67,10 @@ static bool read_variable(uint64_t *out, const char *name, const char *reason,
 {
     const char *text = getenv(name);
     if (!text)
-        return refuse(problem, "%s is missing in the environment, which has %s", name, reason);
+        return shard_refuse(problem, "%s is missing in the environment, which has %s", name,
+                            reason);
     return !text_parse_uint(out, text) ||
-           refuse(problem, "%s=%.24s in the environment is no number", name, text);
+           shard_refuse(problem, "%s=%.24s in the environment is no number", name, text);
 }
 
 /* Reads the indices of an array of Slurm. Those of a whole one are all numbers from 0 or 1 on.
@@ -86,8 +87,10 @@ static bool read_array(source *s, char problem[SHARD_PROBLEM_MAX])
         return false;
     if (s->from <= 1 && max >= s->from && max - s->from + 1 == count && count > 1)
         return true;
-    return refuse(problem, "%s to %s are %" PRIu64 " to %" PRIu64 ", with %s: that may be a part "
-                  "of an array", least, most, s->from, max, counted(count, "task").text);
+    return shard_refuse(problem,
+                        "%s to %s are %" PRIu64 " to %" PRIu64 ", with %s: that may be a part "
+                        "of an array",
+                        least, most, s->from, max, counted(count, "task").text);
 }
 
 static bool read_source(shard *out, source s, char problem[SHARD_PROBLEM_MAX])
@@ -100,8 +103,10 @@ static bool read_source(shard *out, source s, char problem[SHARD_PROBLEM_MAX])
         return false;
     out->k = index - s.from + 1;
     return (index >= s.from && is_good(out)) ||
-           refuse(problem, "%s=%" PRIu64 " in the environment is none of %s=%" PRIu64
-                  ", from %" PRIu64 " on", s.index, index, s.count, out->n, s.from);
+           shard_refuse(problem,
+                        "%s=%" PRIu64 " in the environment is none of %s=%" PRIu64 ", from %" PRIu64
+                        " on",
+                        s.index, index, s.count, out->n, s.from);
 }
 
 bool shard_find(shard *out, char problem[SHARD_PROBLEM_MAX])

@@ -56,8 +56,8 @@ static const char *replace(splice_place *out, const splice_text *t, const yaml_n
 }
 
 /* Inserts a key in front of the others of a map. */
-static const char *insert(splice_place *out, const splice_text *t, yaml_node_t *map,
-                          const char *key)
+static const char *splice_insert(splice_place *out, const splice_text *t, yaml_node_t *map,
+                                 const char *key)
 {
     yaml_node_t *value;
     const yaml_node_t *first = NULL;
@@ -100,7 +100,7 @@ static yaml_node_t *find_numbered(const schema *self, const yaml_node_t *list, c
 }
 
 /* Returns the name of an item, or NULL. */
-static const char *name_of(schema *self, yaml_node_t *item)
+static const char *splice_name_of(schema *self, yaml_node_t *item)
 {
     const yaml_node_t *name =
         item && item->type == YAML_MAPPING_NODE ? schema_find(self, item, "name") : NULL;
@@ -146,11 +146,11 @@ static const char *walk(splice_place *out, const splice_text *t, const char *res
         valuepath_take(&rest, &p);
         yaml_node_t *next = step_down(&self, node, &p);
         if (depth == 1 && in_faults && !p.last)
-            *rule = name_of(&self, next);
+            *rule = splice_name_of(&self, next);
         if (*rule && strcmp(p.text, "name") == 0)
             *rule = NULL; /* the rule gets another name */
         if (!next && p.last && node->type == YAML_MAPPING_NODE && !p.number)
-            return insert(out, t, node, p.text);
+            return splice_insert(out, t, node, p.text);
         if (!next)
             return arena_print(t->memory, "the scenario has no '%s' there", p.text);
         if (count_places(&self, next) > 1)
@@ -179,7 +179,7 @@ const char *splice_find_rules(splice_place *out, const splice_text *t, bool firs
     yaml_node_t *root = yaml_document_get_root_node(t->document);
     const yaml_node_t *faults = schema_find(&self, root, "faults");
     if (!faults) {
-        const char *wrong = insert(out, t, root, "faults");
+        const char *wrong = splice_insert(out, t, root, "faults");
         if (wrong)
             return wrong;
         out->before = first ? "faults: [" : "";

@@ -66,8 +66,8 @@ typedef enum line_kind {
 
 #define LINE_COUNT (LINE_VALUE + 1)
 
-static int parse_options(options *out, int argc, char **argv);
-static void print_help(void);
+static int bits_parse_options(options *out, int argc, char **argv);
+static void bits_print_help(void);
 static void print_raw(const cw_bits *bits);
 static void print_annotated(const cw_frame *frame, const cw_bits *bits);
 static void print_summary(const cw_frame *frame, const cw_bits *bits);
@@ -76,13 +76,13 @@ static const char *encode(cw_frame *frame, cw_bits *bits, const options *chosen)
 int cli_bits(int argc, char **argv)
 {
     options chosen = {0};
-    int status = parse_options(&chosen, argc, argv);
+    int status = bits_parse_options(&chosen, argc, argv);
 
     if (status != CLI_OK) {
         return status;
     }
     if (chosen.help) {
-        print_help();
+        bits_print_help();
         return CLI_OK;
     }
     cw_frame frame;
@@ -125,7 +125,7 @@ static void print_usage(FILE *out)
     fputs("usage: canwire bits FRAME [--raw] [--fd-non-iso]\n", out);
 }
 
-static void print_help(void)
+static void bits_print_help(void)
 {
     print_usage(stdout);
     fputs(
@@ -167,7 +167,7 @@ static int refuse_option(char **argv)
 }
 
 /* Takes the frame, the only argument that is no option. */
-static int take_frame(options *out, int argc, char **argv)
+static int bits_take_frame(options *out, int argc, char **argv)
 {
     if (out->help) {
         return CLI_OK;
@@ -182,7 +182,7 @@ static int take_frame(options *out, int argc, char **argv)
     return CLI_OK;
 }
 
-static int parse_options(options *out, int argc, char **argv)
+static int bits_parse_options(options *out, int argc, char **argv)
 {
     static const struct option known[] = {{"raw", no_argument, NULL, 'r'},
                                           {"fd-non-iso", no_argument, NULL, 'n'},
@@ -202,7 +202,7 @@ static int parse_options(options *out, int argc, char **argv)
             return refuse_option(argv);
         }
     }
-    return take_frame(out, argc, argv);
+    return bits_take_frame(out, argc, argv);
 }
 
 /* ---- Raw ------------------------------------------------------------------------------------- */
@@ -469,7 +469,7 @@ static bool line_is_empty(const display *shown, unsigned first, unsigned end, li
     return true;
 }
 
-static void print_line(const display *shown, unsigned first, unsigned end, line_kind kind)
+static void bits_print_line(const display *shown, unsigned first, unsigned end, line_kind kind)
 {
     static const char *const labels[] = {"field", "bit", "level", "rate", "stuff", "hex"};
     unsigned start = GUTTER; /* column at which the part begins */
@@ -491,7 +491,7 @@ static void print_row(const display *shown, unsigned first, unsigned end)
 {
     for (unsigned kind = 0; kind < LINE_COUNT; kind++) {
         if (!line_is_empty(shown, first, end, (line_kind)kind)) {
-            print_line(shown, first, end, (line_kind)kind);
+            bits_print_line(shown, first, end, (line_kind)kind);
         }
     }
     putchar('\n');

@@ -33,12 +33,12 @@
 #define ELLIPSIS "..."
 #define MESSAGE_BYTES 16384 /* of a message; a longer one is cut */
 
-static void print_line(const char *text)
+static void client_print_line(const char *text)
 {
     fprintf(stderr, "%s\n", text);
 }
 
-static void (*teller)(const char *text) = print_line;
+static void (*teller)(const char *text) = client_print_line;
 static int reply_patience_s = PATIENCE_S;
 static uint64_t wait_ns;   /* for buses that are just starting */
 static int64_t wait_began; /* 0: not yet */
@@ -81,7 +81,8 @@ static void print_plain(char *text)
     teller(text);
 }
 
-static void __attribute__((format(printf, 2, 3))) complain(const client *c, const char *format, ...)
+static void __attribute__((format(printf, 2, 3)))
+client_complain(const client *c, const char *format, ...)
 {
     char text[MESSAGE_BYTES];
     va_list args;
@@ -140,12 +141,12 @@ static void complain_of_absence(const client *c, const char *unit)
         free(names[i]);
     }
     if (strchr(c->bus, '.') && !is_path(c->bus))
-        complain(c, "no such bus or socket: a bus has a name, or the path of its socket");
+        client_complain(c, "no such bus or socket: a bus has a name, or the path of its socket");
     else if (count > 0)
-        complain(c, "no such bus; those in %s: %s%s", buses_folder(), text,
-                 used < sizeof text ? "" : ELLIPSIS);
+        client_complain(c, "no such bus; those in %s: %s%s", buses_folder(), text,
+                        used < sizeof text ? "" : ELLIPSIS);
     else
-        complain(c, "no such bus (is %s running?)", unit);
+        client_complain(c, "no such bus (is %s running?)", unit);
 }
 
 static void complain_unreachable(const client *c, const char *path, int error)
@@ -156,13 +157,13 @@ static void complain_unreachable(const client *c, const char *path, int error)
     if (error == ENOENT)
         complain_of_absence(c, unit);
     else if (error == ECONNREFUSED)
-        complain(c, "nobody listens at %s (is %s running?)", path, unit);
+        client_complain(c, "nobody listens at %s (is %s running?)", path, unit);
     else if (error == EACCES)
-        complain(c, "%s: %s (are you in the group canwire?)", path, strerror(error));
+        client_complain(c, "%s: %s (are you in the group canwire?)", path, strerror(error));
     else if (error == EAGAIN)
-        complain(c, "%s: it does not answer", path);
+        client_complain(c, "%s: it does not answer", path);
     else
-        complain(c, "%s: %s", path, strerror(error));
+        client_complain(c, "%s: %s", path, strerror(error));
 }
 
 /* Returns the moment up to which a bus is waited for. When several are asked at once, each has a
@@ -184,7 +185,7 @@ static void set_patience(int fd)
     (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
 }
 
-static int connect_to(client *c, const struct sockaddr_un *address)
+static int client_connect_to(client *c, const struct sockaddr_un *address)
 {
     while (connect(c->fd, (const struct sockaddr *)address, sizeof *address) != 0)
         if (!client_wait(errno))
@@ -197,13 +198,13 @@ bool client_open(client *c, const char *bus)
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     *c = (client){.bus = bus, .fd = -1};
     if (!find_socket(&address, bus)) {
-        complain(c, "the path of its socket is too long");
+        client_complain(c, "the path of its socket is too long");
         return false;
     }
     c->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
     if (c->fd >= 0)
         set_patience(c->fd);
-    const int error = c->fd < 0 ? errno : connect_to(c, &address);
+    const int error = c->fd < 0 ? errno : client_connect_to(c, &address);
     passed_over = pass_over && error == EPROTOTYPE;
     if (error != 0) {
         if (!passed_over)
@@ -237,8 +238,8 @@ static bool send_all(const client *c, const char *text, size_t length, int64_t u
         if (count < 0 && errno == EPIPE)
             return true;
         if (count < 0 && errno != EINTR && errno != EAGAIN) {
-            complain(c, "%s", errno == ETIMEDOUT ? "it does not take requests"
-                                               : strerror(errno));
+            client_complain(c, "%s",
+                            errno == ETIMEDOUT ? "it does not take requests" : strerror(errno));
             return false;
         }
         sent += count > 0 ? (size_t)count : 0;
@@ -325,9 +326,9 @@ const char *client_next(client *c)
 bool client_report_end(const client *c)
 {
     if (c->error == 0)
-        complain(c, "it has ended");
+        client_complain(c, "it has ended");
     else
-        complain(c, "it cannot be read any more: %s", strerror(c->error));
+        client_complain(c, "it cannot be read any more: %s", strerror(c->error));
     return c->error == 0;
 }
 
@@ -341,7 +342,7 @@ static void print_refusal(const client *c, const json_t *reply)
         teller(text ? text : "?");
     }
     if (json_array_size(errors) == 0)
-        complain(c, "%s", error ? error : "refused without a reason");
+        client_complain(c, "%s", error ? error : "refused without a reason");
 }
 
 static const char *why_no_reply(int number)
@@ -362,9 +363,10 @@ static json_t *read_reply(client *c, int64_t until)
     if (!c->exact || !json_is_true(json_object_get(reply, "ok")))
         clean(reply);
     if (!line)
-        complain(c, "%s", why_no_reply(number));
+        client_complain(c, "%s", why_no_reply(number));
     else if (!json_is_object(reply))
-        complain(c, "what it answers is no JSON object%s%s", *error.text ? ": " : "", error.text);
+        client_complain(c, "what it answers is no JSON object%s%s", *error.text ? ": " : "",
+                        error.text);
     else if (json_is_true(json_object_get(reply, "ok")))
         return reply;
     else

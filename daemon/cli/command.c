@@ -16,7 +16,7 @@
 #define WAIT_DEFAULT_NS UINT64_C(2000000000)
 #define OPTION_BASE 256 /* first value of our options for getopt, beyond all letters */
 
-static void print_help(const command *c)
+static void command_print_help(const command *c)
 {
     printf("usage: %s\n\n%s"
            "      --wait T     for a bus that is just starting; default 2s\n"
@@ -28,7 +28,7 @@ static void print_help(const command *c)
            c->usage, c->help);
 }
 
-static int refuse(const command *c)
+static int command_refuse(const command *c)
 {
     plain_print(stderr, "usage: %s\n", c->usage);
     return CLI_USAGE;
@@ -60,7 +60,7 @@ static bool take_wait(const command *c, const char *text)
     return !wrong;
 }
 
-static bool take_option(const command *c, int value)
+static bool command_take_option(const command *c, int value)
 {
     if (value == 'w')
         return take_wait(c, optarg);
@@ -94,21 +94,21 @@ int command_parse(const command *c, int *first, int argc, char **argv)
     optind = 0; /* starts anew after earlier calls of getopt */
     while ((value = getopt_long(argc, argv, c->options_first ? "+h" : "h", known, NULL)) != -1) {
         if (value == 'h') {
-            print_help(c);
+            command_print_help(c);
             return CLI_OK;
         }
         if (value == '?')
-            return refuse(c);
-        if (!take_option(c, value))
+            return command_refuse(c);
+        if (!command_take_option(c, value))
             return CLI_BAD_INPUT;
     }
     int words = argc - optind;
     if (words < c->words_min || (c->words_max >= 0 && words > c->words_max))
-        return refuse(c);
+        return command_refuse(c);
     if (words > 1 && !c->is_program && is_swapped(argv[optind], argv[optind + 1])) {
         plain_print(stderr, "%s: the bus comes first, and that is %s\n", argv[0],
                     argv[optind + 1]);
-        return refuse(c);
+        return command_refuse(c);
     }
     *first = optind;
     return -1;

@@ -93,7 +93,7 @@ static int check_filter(const char *filter)
 
 /* ---- Capture --------------------------------------------------------------------------------- */
 
-static int refuse(const char *name, const char *why)
+static int extcap_refuse(const char *name, const char *why)
 {
     plain_print(stderr, "canwire extcap: %s: %s\n", name, why);
     return CLI_BAD_INPUT;
@@ -104,13 +104,13 @@ static int capture(const request *r)
     static char name[] = "the fifo";
     record_order order = {.frames_only = r->frames_only, .quiet = true, .tool = "canwire extcap"};
     if (r->filter && *r->filter)
-        return refuse(r->filter, "there are no capture filters: use a display filter");
+        return extcap_refuse(r->filter, "there are no capture filters: use a display filter");
     cfg_record_default(&order.what);
     order.what.format = CFG_RECORD_PCAPNG;
     order.what.file = name;
     order.stream = open(r->fifo, O_WRONLY | O_CLOEXEC);
     if (order.stream < 0)
-        return refuse(r->fifo, strerror(errno));
+        return extcap_refuse(r->fifo, strerror(errno));
     int status = record_bus(r->interface + strlen(PREFIX), &order);
     (void)close(order.stream);
     return status;
@@ -150,7 +150,7 @@ static int wrong_usage(void)
     return CLI_USAGE;
 }
 
-static void take_option(request *r, int option)
+static void extcap_take_option(request *r, int option)
 {
     switch (option) {
     case INTERFACES: r->interfaces = true; break;
@@ -165,14 +165,14 @@ static void take_option(request *r, int option)
     }
 }
 
-static int answer(const request *r)
+static int extcap_answer(const request *r)
 {
     if (r->interfaces)
         return show_interfaces();
     if (!r->interface)
         return wrong_usage();
     if (strncmp(r->interface, PREFIX, strlen(PREFIX)) != 0 || !r->interface[strlen(PREFIX)])
-        return refuse(r->interface, "no such interface: they are named " PREFIX "BUS");
+        return extcap_refuse(r->interface, "no such interface: they are named " PREFIX "BUS");
     if (r->dlts)
         return show_dlts();
     if (r->config)
@@ -194,7 +194,7 @@ int cli_extcap(int argc, char **argv)
         }
         if (option == '?')
             return wrong_usage();
-        take_option(&r, option);
+        extcap_take_option(&r, option);
     }
-    return optind == argc ? answer(&r) : wrong_usage();
+    return optind == argc ? extcap_answer(&r) : wrong_usage();
 }

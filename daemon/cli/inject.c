@@ -69,7 +69,7 @@ static bool add_parameter(void *user, const char *argument)
 }
 
 /* Reads the text, or as much as exceeds the limit; the bus then refuses it. */
-static bool read_all(buffer *text, FILE *in)
+static bool inject_read_all(buffer *text, FILE *in)
 {
     while (buffer_length(text) <= TEXT_MAX) {
         if (!buffer_reserve(text, READ_BYTES)) {
@@ -85,11 +85,11 @@ static bool read_all(buffer *text, FILE *in)
     return false;
 }
 
-static bool read_file(injection *in, const char *file)
+static bool inject_read_file(injection *in, const char *file)
 {
     bool standard = strcmp(file, "-") == 0;
     FILE *stream = standard ? stdin : fopen(file, "re");
-    bool good = stream && read_all(&in->text, stream);
+    bool good = stream && inject_read_all(&in->text, stream);
     if (!good)
         plain_print(stderr, "canwire inject: %s: %s\n", file, strerror(errno));
     if (stream && !standard)
@@ -139,7 +139,7 @@ static bool find_profile(injection *in, const char *bus, const char *name)
     return found;
 }
 
-static bool read_text(injection *in, const char *bus, const char *word)
+static bool inject_read_text(injection *in, const char *bus, const char *word)
 {
     const bool is_file = file_exists(word) || looks_like_file(word);
     if (is_file && !file_exists(word) && profilefile_is_name(word)) {
@@ -148,7 +148,7 @@ static bool read_text(injection *in, const char *bus, const char *word)
         word = in->file;
     }
     in->name = !is_file ? "inject" : strcmp(word, "-") == 0 ? "stdin" : word;
-    if (is_file ? !read_file(in, word) : !append(&in->text, word, strlen(word)))
+    if (is_file ? !inject_read_file(in, word) : !append(&in->text, word, strlen(word)))
         return false;
     return append(&in->text, in->with.data, buffer_length(&in->with));
 }
@@ -186,8 +186,8 @@ int cli_inject(int argc, char **argv)
                        .user = &in};
     int status = command_parse(&c, &first, argc, argv);
     if (status < 0)
-        status = read_text(&in, argv[first], argv[first + 1]) ? send_text(argv[first], &in)
-                                                              : CLI_BAD_INPUT;
+        status = inject_read_text(&in, argv[first], argv[first + 1]) ? send_text(argv[first], &in)
+                                                                     : CLI_BAD_INPUT;
     buffer_free(&in.text);
     buffer_free(&in.with);
     return status;

@@ -57,7 +57,7 @@ static bool read_more(lines_reader *l, int fd, int64_t until)
 }
 
 /* Returns a line of that many bytes; one more is its end. */
-static char *show(lines_reader *l, size_t length)
+static char *lines_show(lines_reader *l, size_t length)
 {
     char *line = buffer_first(&l->bytes);
     line[length] = '\0';
@@ -72,7 +72,7 @@ static char *show_rest(lines_reader *l)
     const size_t length = buffer_length(&l->bytes);
     if (length == 0 || !buffer_append(&l->bytes, "", 1))
         return NULL;
-    return show(l, length);
+    return lines_show(l, length);
 }
 
 char *lines_next(lines_reader *l, int fd, int64_t until)
@@ -84,7 +84,7 @@ char *lines_next(lines_reader *l, int fd, int64_t until)
         const char *rest = length > l->seen ? buffer_first(&l->bytes) + l->seen : NULL;
         const char *end = rest ? memchr(rest, '\n', length - l->seen) : NULL;
         if (end)
-            return show(l, l->seen + (size_t)(end - rest));
+            return lines_show(l, l->seen + (size_t)(end - rest));
         l->seen = length;
         if (length > LINES_MAX_BYTES) {
             errno = EMSGSIZE;

@@ -49,18 +49,18 @@ static const command commands[] = {
 #define COMMAND_COUNT (sizeof commands / sizeof commands[0])
 
 static int run_tool(int argc, char **argv);
-static int finish(int status);
+static int cli_finish(int status);
 
 int main(int argc, char **argv)
 {
     standardfds_hold();
     json_must_have_memory();
     plain_options(argc, argv);
-    return finish(run_tool(argc, argv));
+    return cli_finish(run_tool(argc, argv));
 }
 
 /* Returns the exit status; output that could not be written (a full disk) is an error. */
-static int finish(int status)
+static int cli_finish(int status)
 {
     errno = 0;
     if (fflush(stdout) == 0 && !ferror(stdout)) {

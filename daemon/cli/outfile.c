@@ -18,7 +18,7 @@
 #define BUFFER_BYTES (256u << 10)
 #define REASON_BYTES 200u
 
-static bool complain(const outfile *self, const char *why, const char *program)
+static bool outfile_complain(const outfile *self, const char *why, const char *program)
 {
     plain_print(stderr, "%s: %s: %s\n", program, self->name, why);
     return false;
@@ -73,7 +73,8 @@ bool outfile_open(outfile *self, const char *name, const char *program)
         enlarge_buffer(self);
         return true;
     }
-    bool good = complain(self, busy ? "another program is writing it" : strerror(errno), program);
+    bool good =
+        outfile_complain(self, busy ? "another program is writing it" : strerror(errno), program);
     if (fd >= 0)
         (void)close(fd);
     return good;
@@ -96,7 +97,7 @@ static bool remove_again(const outfile *self, const char *program)
     if (unlink(self->name) == 0 || errno == ENOENT)
         return true;
     (void)snprintf(why, sizeof why, "it is empty and cannot be removed: %s", strerror(errno));
-    return complain(self, why, program);
+    return outfile_complain(self, why, program);
 }
 
 bool outfile_close(outfile *self, const char *program)
@@ -110,7 +111,8 @@ bool outfile_close(outfile *self, const char *program)
     free(self->buffer);
     self->buffer = NULL;
     if (!closed || failed)
-        (void)complain(self, closed ? "not all could be written" : strerror(errno), program);
+        (void)outfile_complain(self, closed ? "not all could be written" : strerror(errno),
+                               program);
     bool left = self->begun || !self->made || remove_again(self, program);
     return closed && !failed && left;
 }

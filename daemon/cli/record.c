@@ -61,7 +61,7 @@ static bool take_files(void *user, const char *text)
     return good;
 }
 
-static int refuse(const char *file, const char *why)
+static int record_refuse(const char *file, const char *why)
 {
     plain_print(stderr, "canwire record: %s: %s\n", file, why);
     return CLI_USAGE;
@@ -72,10 +72,10 @@ static int complete_format(recording *r)
 {
     const char *file = r->order.what.file;
     if (!r->has_format && strcmp(file, "-") == 0)
-        return refuse(file, "standard output says no format: --format is needed");
+        return record_refuse(file, "standard output says no format: --format is needed");
     if (!r->has_format && !cfg_record_format_of_file(&r->order.what.format, file))
-        return refuse(file,
-                      "the name ends in none of .log, .candump and .pcapng: --format is needed");
+        return record_refuse(
+            file, "the name ends in none of .log, .candump and .pcapng: --format is needed");
     if (r->order.what.format != CFG_RECORD_VCD)
         return -1;
     plain_print(stderr,
@@ -92,9 +92,9 @@ static int complete_stream(recording *r)
     if (strcmp(file, "-") != 0)
         return -1;
     if (r->has_limits)
-        return refuse(file, "standard output is not rotated: without --size and --files");
+        return record_refuse(file, "standard output is not rotated: without --size and --files");
     if (r->order.what.format == CFG_RECORD_PCAPNG && isatty(STDOUT_FILENO))
-        return refuse(file, "a terminal cannot show pcapng: give it to a program");
+        return record_refuse(file, "a terminal cannot show pcapng: give it to a program");
     r->order.what.file = name;
     r->order.stream = STDOUT_FILENO;
     return -1;

@@ -133,7 +133,7 @@ static event_read_result look_again(recording *r, cw_event *event, uint64_t *tim
     return event_read(event, time_ns, line, &r->config);
 }
 
-static void take_line(recording *r, const char *text)
+static void record_bus_take_line(recording *r, const char *text)
 {
     json_t *line = client_parse(text, NULL);
     const json_t *lost = json_object_get(line, "lost");
@@ -181,7 +181,7 @@ static void end_events(void)
     (void)shutdown(bus_fd, SHUT_RD);
 }
 
-static void on_signal(int number)
+static void record_bus_on_signal(int number)
 {
     int error = errno;
     interrupted = number;
@@ -191,7 +191,7 @@ static void on_signal(int number)
 
 static void catch_signals(const recording *r)
 {
-    const struct sigaction action = {.sa_handler = on_signal, .sa_flags = SA_RESTART};
+    const struct sigaction action = {.sa_handler = record_bus_on_signal, .sa_flags = SA_RESTART};
     bus_fd = r->bus.fd;
     (void)sigaction(SIGINT, &action, NULL);
     (void)sigaction(SIGTERM, &action, NULL);
@@ -222,7 +222,7 @@ static bool has_reader(const record_order *order)
     return order->stream < 0 || poll(&stream, 1, 0) <= 0;
 }
 
-static bool begin(recording *r)
+static bool record_bus_begin(recording *r)
 {
     const record_order *order = r->order;
     int error = 0;
@@ -259,7 +259,7 @@ static void tell_end(const recording *r, bool written)
 }
 
 /* Returns the exit status. That a reader has ended is no error. */
-static int finish(recording *r)
+static int record_bus_finish(recording *r)
 {
     const bool reader = has_reader(r->order);
     const struct timespec until =
@@ -276,24 +276,24 @@ static int finish(recording *r)
     return error != 0 || !written ? CLI_BAD_INPUT : CLI_OK;
 }
 
-static int run(recording *r)
+static int record_bus_run(recording *r)
 {
     const char *line;
     if (!ask_status(r, true) || !begin_watch(r))
         return CLI_BAD_INPUT;
     catch_signals(r);
-    if (!begin(r))
+    if (!record_bus_begin(r))
         return CLI_BAD_INPUT;
     if (!r->order->quiet)
         plain_print(stderr, "%s: writing %s\n", r->order->tool, r->order->what.file);
     while (recorder_error(r->recorder) == 0 && (line = client_next(&r->bus))) {
-        take_line(r, line);
+        record_bus_take_line(r, line);
         if (r->order->stream >= 0)
             tell_left_out(r);
     }
     bool good = interrupted || recorder_error(r->recorder) != 0 || !has_reader(r->order) ||
                 client_report_end(&r->bus);
-    int status = finish(r);
+    int status = record_bus_finish(r);
     return good ? status : CLI_BAD_INPUT;
 }
 
@@ -302,7 +302,7 @@ int record_bus(const char *bus, const record_order *order)
     recording r = {.order = order};
     if (!client_open(&r.bus, bus))
         return CLI_BAD_INPUT;
-    int status = run(&r);
+    int status = record_bus_run(&r);
     client_close(&r.bus);
     free_nodes(&r.config);
     return status;

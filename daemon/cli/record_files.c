@@ -27,7 +27,7 @@ typedef struct bus_files {
     char folder[PATH_MAX]; /* in which canwired runs; empty: unknown */
 } bus_files;
 
-static void find_folder(char folder[PATH_MAX], const json_t *status)
+static void record_files_find_folder(char folder[PATH_MAX], const json_t *status)
 {
     char link[64];
     (void)snprintf(link, sizeof link, "/proc/%" JSON_INTEGER_FORMAT "/cwd",
@@ -145,7 +145,7 @@ bool record_check_files(const cfg_record *what, const json_t *status)
         fputs(CHECK_NAME ": out of memory\n", stderr);
         return false;
     }
-    find_folder(files.folder, status);
+    record_files_find_folder(files.folder, status);
     add_files(&files, status);
     fileuses_add(
         &files.uses,

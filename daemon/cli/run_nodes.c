@@ -54,7 +54,7 @@ static void consider(search *s, const told_node *told)
     s->there = true;
 }
 
-static bool refuse(const search *s, const char *why)
+static bool run_nodes_refuse(const search *s, const char *why)
 {
     plain_print(stderr, "canwire run: node '%s' of bus %s: %s\n", s->node->name, s->node->bus, why);
     return false;
@@ -103,29 +103,29 @@ static bool await_port(const search *s)
     while (client_wait(error));
     (void)snprintf(why, sizeof why, "%.120s: %s%s", s->node->path, strerror(error),
                    error == ENOENT || error == ECONNREFUSED ? " (does canwired run?)" : "");
-    return error == 0 || refuse(s, why);
+    return error == 0 || run_nodes_refuse(s, why);
 }
 
 /* Takes the path of the port of the node that was found. */
-static bool take(search *s)
+static bool run_nodes_take(search *s)
 {
     char why[NAMES_MAX + 64];
     run_node *n = s->node;
     (void)snprintf(why, sizeof why, "there is no such node, and there are no guests; it has: %s",
                    s->names);
     if (!s->there)
-        return refuse(s, why);
+        return run_nodes_refuse(s, why);
     if (!s->found.port)
-        return refuse(s, "it has no port: it needs 'port: unix:PATH' (canwire-ports(7))");
+        return run_nodes_refuse(s, "it has no port: it needs 'port: unix:PATH' (canwire-ports(7))");
     const portname port = portname_parse(s->found.port);
     (void)snprintf(why, sizeof why, "its port is %.64s: it needs 'port: unix:PATH', or the program "
                    "needs no canwire run", s->found.port);
     if (port.kind != PORTNAME_UNIX)
-        return refuse(s, why);
+        return run_nodes_refuse(s, why);
     n->fd = s->found.fd;
     n->guest = s->found.guest;
     if (!resolve(s, n->path, port.path) || (s->time && !resolve(s, n->time, s->time)))
-        return refuse(s, "the path of its port is too long from here");
+        return run_nodes_refuse(s, "the path of its port is too long from here");
     return await_port(s);
 }
 
@@ -153,7 +153,7 @@ static bool find_in_status(search *s)
         if (told.name)
             consider(s, &told);
     }
-    const bool good = reply && take(s);
+    const bool good = reply && run_nodes_take(s);
     json_decref(reply);
     return good;
 }
@@ -180,7 +180,7 @@ static bool find_in_file(search *s)
                                 .guest = config->nodes[i].guest > 0};
         consider(s, &told);
     }
-    const bool good = take(s);
+    const bool good = run_nodes_take(s);
     cfg_free(config);
     return good;
 }

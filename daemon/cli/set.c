@@ -49,7 +49,7 @@ static void print_key(FILE *out, const schema_key *key)
 }
 
 /* Puts the help of all keys that change while a node is in use, from their table. */
-static const char *print_help(char text[HELP_MAX])
+static const char *set_print_help(char text[HELP_MAX])
 {
     FILE *out = fmemopen(text, HELP_MAX, "w");
     if (!out)
@@ -87,7 +87,8 @@ int cli_set(int argc, char **argv)
 {
     int first = 0;
     char text[HELP_MAX];
-    const command c = {.usage = usage, .help = print_help(text), .words_min = 3, .words_max = -1};
+    const command c = {
+        .usage = usage, .help = set_print_help(text), .words_min = 3, .words_max = -1};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;

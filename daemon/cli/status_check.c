@@ -26,7 +26,7 @@ static const char *const states[] = {"error-active", "error-warning", "error-pas
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
-static bool refuse(const char *option, const char *text, const char *expected)
+static bool status_check_refuse(const char *option, const char *text, const char *expected)
 {
     plain_print(stderr, "canwire status: --%s %s: expected %s\n", option, text, expected);
     return false;
@@ -54,10 +54,11 @@ bool check_take_load(void *user, const char *text)
         good = *parts[i] == '\0' || (!text_parse_uint(&percent, parts[i]) && percent <= 100);
         limits->load_permille[CHECK_WARNING + i] = percent * 10;
     }
-    return good || refuse("load", text, "two percentages, such as 70,90");
+    return good || status_check_refuse("load", text, "two percentages, such as 70,90");
 }
 
-static bool find(unsigned *place, const char *const *words, size_t count, const char *word)
+static bool status_check_find(unsigned *place, const char *const *words, size_t count,
+                              const char *word)
 {
     for (*place = 0; *place < count; (*place)++)
         if (strcmp(words[*place], word) == 0)
@@ -72,9 +73,11 @@ bool check_take_state(void *user, const char *text)
     bool good = split(parts, text);
     limits->given = true;
     for (size_t i = 0; good && i < 2; i++)
-        good = find(&limits->state[CHECK_WARNING + i], states, COUNT_OF(states), parts[i]);
-    return good || refuse("state", text, "two of error-active, error-warning, error-passive, "
-                                         "bus-off and none, such as error-passive,bus-off");
+        good = status_check_find(&limits->state[CHECK_WARNING + i], states, COUNT_OF(states),
+                                 parts[i]);
+    return good || status_check_refuse("state", text,
+                                       "two of error-active, error-warning, error-passive, "
+                                       "bus-off and none, such as error-passive,bus-off");
 }
 
 static bool take_level(check_limits *limits, check_level *level, const char *option,
@@ -82,8 +85,8 @@ static bool take_level(check_limits *limits, check_level *level, const char *opt
 {
     unsigned place;
     limits->given = true;
-    if (!find(&place, levels, COUNT_OF(levels), text))
-        return refuse(option, text, "ok, warning or critical");
+    if (!status_check_find(&place, levels, COUNT_OF(levels), text))
+        return status_check_refuse(option, text, "ok, warning or critical");
     *level = (check_level)place;
     return true;
 }
@@ -103,7 +106,8 @@ bool check_take_links(void *user, const char *text)
 /* ---- Findings -------------------------------------------------------------------------------- */
 
 /* Appends to a text, which grows. Without memory it stays as it is. */
-static void __attribute__((format(printf, 2, 3))) add(char **text, const char *format, ...)
+static void __attribute__((format(printf, 2, 3)))
+status_check_add(char **text, const char *format, ...)
 {
     char *more = NULL, *all = NULL;
     va_list args;
@@ -127,13 +131,13 @@ static void raise_to(check *c, check_level level)
         c->level = level;
 }
 
-static const char *text_of(const json_t *object, const char *key)
+static const char *status_check_text_of(const json_t *object, const char *key)
 {
     const char *text = json_string_value(json_object_get(object, key));
     return text ? text : "";
 }
 
-static uint64_t number_of(const json_t *object, const char *key)
+static uint64_t status_check_number_of(const json_t *object, const char *key)
 {
     const json_int_t number = json_integer_value(json_object_get(object, key));
     return number > 0 ? (uint64_t)number : 0;
@@ -147,22 +151,24 @@ static check_level reached(uint64_t value, uint64_t warning, uint64_t critical)
                                               : CHECK_OK;
 }
 
-static void check_node(check *c, const json_t *node)
+static void status_check_check_node(check *c, const json_t *node)
 {
-    const char *state = text_of(node, "state"), *link = text_of(node, "link");
+    const char *state = status_check_text_of(node, "state"),
+               *link = status_check_text_of(node, "link");
     unsigned place;
     const check_level level =
-        find(&place, states, COUNT_OF(states), state)
+        status_check_find(&place, states, COUNT_OF(states), state)
             ? reached(place, c->limits.state[CHECK_WARNING], c->limits.state[CHECK_CRITICAL])
         : strcmp(state, SLEEPING) == 0 ? CHECK_OK
                                        : CHECK_UNKNOWN;
     if (level > CHECK_OK)
-        add(&c->text, ", %s %s", text_of(node, "name"), *state ? state : "without a state");
+        status_check_add(&c->text, ", %s %s", status_check_text_of(node, "name"),
+                         *state ? state : "without a state");
     raise_to(c, level);
     if (c->limits.links == CHECK_OK || *link == '\0' || strcmp(link, "up") == 0 ||
         json_object_get(node, "guest"))
         return;
-    add(&c->text, ", %s link %s", text_of(node, "name"), link);
+    status_check_add(&c->text, ", %s link %s", status_check_text_of(node, "name"), link);
     raise_to(c, c->limits.links);
 }
 
@@ -170,25 +176,26 @@ static void check_sink(check *c, const json_t *sink)
 {
     if (c->limits.sinks == CHECK_OK || json_is_true(json_object_get(sink, "good")))
         return;
-    const char *why = text_of(sink, "why");
-    add(&c->text, ", %s %s %s%s%s", text_of(sink, "kind"), text_of(sink, "name"),
-        text_of(sink, "state"), *why ? ": " : "", why);
+    const char *why = status_check_text_of(sink, "why");
+    status_check_add(&c->text, ", %s %s %s%s%s", status_check_text_of(sink, "kind"),
+                     status_check_text_of(sink, "name"), status_check_text_of(sink, "state"),
+                     *why ? ": " : "", why);
     raise_to(c, c->limits.sinks);
 }
 
 static void check_rules(check *c, const json_t *status)
 {
-    const char *lost = text_of(json_object_get(status, "lost_rules"), "note");
+    const char *lost = status_check_text_of(json_object_get(status, "lost_rules"), "note");
     const json_t *kept = json_object_get(status, "kept_rules");
     if (*lost) {
-        add(&c->text, ", %s", lost);
+        status_check_add(&c->text, ", %s", lost);
         raise_to(c, CHECK_WARNING);
     }
     for (size_t i = 0; i < json_array_size(kept); i++) {
         const json_t *one = json_array_get(kept, i);
         if (!json_is_true(json_object_get(one, "refused")))
             continue;
-        add(&c->text, ", rules of %s are refused", text_of(one, "name"));
+        status_check_add(&c->text, ", rules of %s are refused", status_check_text_of(one, "name"));
         raise_to(c, CHECK_WARNING);
     }
 }
@@ -196,13 +203,14 @@ static void check_rules(check *c, const json_t *status)
 /* Adds "powertrain_load=12.3%;70;90;0;100". */
 static void add_figure(check *c, const char *bus, uint64_t permille)
 {
-    add(&c->figures, " %s_load=%" PRIu64 ".%" PRIu64 "%%;", bus, permille / 10, permille % 10);
+    status_check_add(&c->figures, " %s_load=%" PRIu64 ".%" PRIu64 "%%;", bus, permille / 10,
+                     permille % 10);
     for (size_t i = CHECK_WARNING; i <= CHECK_CRITICAL; i++)
         if (c->limits.load_permille[i] > 0)
-            add(&c->figures, "%" PRIu64 ";", c->limits.load_permille[i] / 10);
+            status_check_add(&c->figures, "%" PRIu64 ";", c->limits.load_permille[i] / 10);
         else
-            add(&c->figures, ";");
-    add(&c->figures, "0;100");
+            status_check_add(&c->figures, ";");
+    status_check_add(&c->figures, "0;100");
 }
 
 /* Returns what a status lacks, or NULL when it is one. */
@@ -211,7 +219,7 @@ static const char *lack_of(const json_t *status)
     const json_t *now = json_object_get(status, "bus");
     if (!json_is_object(status))
         return "a status";
-    if (*text_of(now, "name") == '\0')
+    if (*status_check_text_of(now, "name") == '\0')
         return "the name of a bus";
     if (!json_is_integer(json_object_get(now, "load_second_permille")))
         return "a load";
@@ -225,26 +233,27 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
     const json_t *now = json_object_get(status, "bus");
     const json_t *nodes = json_object_get(status, "nodes");
     const json_t *sinks = json_object_get(status, "sinks");
-    const uint64_t load = number_of(now, "load_second_permille");
+    const uint64_t load = status_check_number_of(now, "load_second_permille");
     if (!status) {
-        add(&c->text, "%s%s", c->text ? "; " : "", why);
+        status_check_add(&c->text, "%s%s", c->text ? "; " : "", why);
         raise_to(c, CHECK_CRITICAL);
         return;
     }
     if (lack_of(status)) {
-        add(&c->text, "%sbus %s: what it answers has not got %s", c->text ? "; " : "", bus,
-            lack_of(status));
+        status_check_add(&c->text, "%sbus %s: what it answers has not got %s", c->text ? "; " : "",
+                         bus, lack_of(status));
         raise_to(c, CHECK_UNKNOWN);
         return;
     }
-    add(&c->text, "%s%s: load %" PRIu64 ".%" PRIu64 " %%, %s, %s", c->text ? "; " : "",
-        text_of(now, "name"), load / 10, load % 10, counted(json_array_size(nodes), "node").text,
-        counted(json_array_size(sinks), "sink").text);
+    status_check_add(&c->text, "%s%s: load %" PRIu64 ".%" PRIu64 " %%, %s, %s", c->text ? "; " : "",
+                     status_check_text_of(now, "name"), load / 10, load % 10,
+                     counted(json_array_size(nodes), "node").text,
+                     counted(json_array_size(sinks), "sink").text);
     raise_to(c, reached(load, c->limits.load_permille[CHECK_WARNING],
                         c->limits.load_permille[CHECK_CRITICAL]));
-    add_figure(c, text_of(now, "name"), load);
+    add_figure(c, status_check_text_of(now, "name"), load);
     for (size_t i = 0; i < json_array_size(nodes); i++)
-        check_node(c, json_array_get(nodes, i));
+        status_check_check_node(c, json_array_get(nodes, i));
     for (size_t i = 0; i < json_array_size(sinks); i++)
         check_sink(c, json_array_get(sinks, i));
     check_rules(c, status);

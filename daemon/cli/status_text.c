@@ -32,7 +32,7 @@ static intmax_t number(const json_t *object, const char *key)
 }
 
 /* Returns "" for a missing text. The client has made all texts plain. */
-static const char *text_of(const json_t *string)
+static const char *status_text_text_of(const json_t *string)
 {
     const char *value = json_string_value(string);
     return value ? value : "";
@@ -40,7 +40,7 @@ static const char *text_of(const json_t *string)
 
 static const char *text(const json_t *object, const char *key)
 {
-    return text_of(json_object_get(object, key));
+    return status_text_text_of(json_object_get(object, key));
 }
 
 static const char *upper(char out[UPPER_MAX], const char *word)
@@ -52,7 +52,7 @@ static const char *upper(char out[UPPER_MAX], const char *word)
     return out;
 }
 
-static intmax_t sum(const json_t *object)
+static intmax_t status_text_sum(const json_t *object)
 {
     intmax_t total = 0;
     json_t *members = (json_t *)(uintptr_t)object; /* the iterator does not accept a const object */
@@ -369,8 +369,8 @@ static void print_traffic(FILE *out, const json_t *node)
     fputs("    TX:  bytes packets errors dropped carrier collsns\n", out);
     fprintf(out, "    %10jd %7jd %6jd %7jd %7d %7d\n", number(node, "tx_bytes"),
             number(node, "tx_frames"), number(node, "tx_errors"),
-            sum(json_object_get(node, "dropped")) + number(interface, "kernel_dropped") +
-                number(interface, "loopless"),
+            status_text_sum(json_object_get(node, "dropped")) +
+                number(interface, "kernel_dropped") + number(interface, "loopless"),
             0, 0);
 }
 
@@ -507,7 +507,7 @@ static void print_kept(FILE *out, const json_t *kept)
         const json_t *one = json_array_get(kept, i), *rules = json_object_get(one, "rules");
         fprintf(out, "kept %s:", text(one, "name"));
         for (size_t k = 0; k < json_array_size(rules); k++)
-            fprintf(out, "%s %s", k > 0 ? "," : "", text_of(json_array_get(rules, k)));
+            fprintf(out, "%s %s", k > 0 ? "," : "", status_text_text_of(json_array_get(rules, k)));
         fputs(json_is_true(json_object_get(one, "refused")) ? " (refused, see the log)\n" : "\n",
               out);
     }

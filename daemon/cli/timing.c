@@ -233,7 +233,7 @@ static void print_controllers(FILE *out)
     fputc('\n', out);
 }
 
-static void print_help(void)
+static void timing_print_help(void)
 {
     fputs(usage, stdout);
     fputs(help, stdout);
@@ -241,14 +241,14 @@ static void print_help(void)
 }
 
 /* Complains; returns the exit status. */
-static int refuse(const char *what, const char *why)
+static int timing_refuse(const char *what, const char *why)
 {
     plain_print(stderr, "canwire timing: %s: %s\n%s", what, why, usage);
     return CLI_USAGE;
 }
 
 /* Returns false after a message about a bad value. */
-static bool take_option(timing_options *o, int option)
+static bool timing_take_option(timing_options *o, int option)
 {
     timing_request *r = &o->request;
 
@@ -287,21 +287,23 @@ static bool take_option(timing_options *o, int option)
 static int check_options(const timing_options *o, const char *word)
 {
     if (word)
-        return refuse(word, "FILE stands alone, or with --json; else only options are taken");
+        return timing_refuse(word,
+                             "FILE stands alone, or with --json; else only options are taken");
     if (o->request.bitrate_bps == 0 || o->request.clock_hz == 0)
-        return refuse("--bitrate and --clock", "both are needed");
+        return timing_refuse("--bitrate and --clock", "both are needed");
     if (o->has_delay && o->has_line)
-        return refuse("--delay", "it is the whole round trip, without --length, --tx-delay and "
-                                 "--rx-delay");
+        return timing_refuse("--delay",
+                             "it is the whole round trip, without --length, --tx-delay and "
+                             "--rx-delay");
     if (o->data.sample_permille > 0 && o->data.bitrate_bps == 0)
-        return refuse("--dsample-point", "it needs --dbitrate");
+        return timing_refuse("--dsample-point", "it needs --dbitrate");
     if (o->kernel && (o->request.quanta > 0 || o->has_delay || o->has_line))
-        return refuse("--kernel", "Linux knows no --tq and no delays");
+        return timing_refuse("--kernel", "Linux knows no --tq and no delays");
     return -1;
 }
 
 /* Returns -1 to go on, else the exit status. */
-static int parse_options(timing_options *o, int argc, char **argv)
+static int timing_parse_options(timing_options *o, int argc, char **argv)
 {
     static const struct option options[] = {
         {"bitrate", required_argument, NULL, 'b'},  {"clock", required_argument, NULL, 'c'},
@@ -317,14 +319,14 @@ static int parse_options(timing_options *o, int argc, char **argv)
 
     while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
         if (c == 'h') {
-            print_help();
+            timing_print_help();
             return CLI_OK;
         }
         if (c == '?') {
             fputs(usage, stderr);
             return CLI_USAGE;
         }
-        if (!take_option(o, c))
+        if (!timing_take_option(o, c))
             return CLI_BAD_INPUT;
         o->has_numbers = o->has_numbers || c != 'j';
     }
@@ -400,7 +402,7 @@ static bool find_both(bit_timing found[2], char problem[TIMING_PROBLEM_MAX],
                        : timing_by_kernel(&found[1], problem, &o->data);
 }
 
-static void show(const timing_options *o, const bit_timing found[2])
+static void timing_show(const timing_options *o, const bit_timing found[2])
 {
     const timing_limits *limits = o->request.limits;
     const bool has_data = o->data.bitrate_bps > 0;
@@ -421,7 +423,7 @@ int cli_timing(int argc, char **argv)
                         .rx_ns = TRANSCEIVER_NS};
     char problem[TIMING_PROBLEM_MAX];
     bit_timing found[2];
-    int status = parse_options(&o, argc, argv);
+    int status = timing_parse_options(&o, argc, argv);
 
     if (status >= 0)
         return status;
@@ -437,6 +439,6 @@ int cli_timing(int argc, char **argv)
         plain_print(stderr, "canwire timing: %s\n", problem);
         return CLI_BAD_INPUT;
     }
-    show(&o, found);
+    timing_show(&o, found);
     return CLI_OK;
 }

@@ -72,7 +72,7 @@ typedef struct plan {
     bool made[CW_NODES_MAX];
 } plan;
 
-static int run(const char *verb, const char *file);
+static int vcan_run(const char *verb, const char *file);
 
 int cli_vcan(int argc, char **argv)
 {
@@ -90,13 +90,13 @@ int cli_vcan(int argc, char **argv)
     }
     const char *verb = argc - optind == 2 ? argv[optind] : "";
     if (strcmp(verb, "up") == 0 || strcmp(verb, "down") == 0)
-        return run(verb, argv[optind + 1]);
+        return vcan_run(verb, argv[optind + 1]);
     fputs(usage, stderr);
     return CLI_USAGE;
 }
 
 /* Complains with a message and the reason from the kernel or the system. */
-static bool complain(const char *what, const char *why)
+static bool vcan_complain(const char *what, const char *why)
 {
     plain_print(stderr, "canwire vcan: %s: %s\n", what, why);
     return false;
@@ -134,11 +134,11 @@ static bool resolve(char out[PATH_MAX], const char *file)
         snprintf(folder, sizeof folder, "%.*s", slash ? (int)(base - file) : 1, slash ? file : ".");
 
     if (length >= (int)sizeof folder || !realpath(folder, real))
-        return complain(file, strerror(length >= (int)sizeof folder ? ENAMETOOLONG : errno));
+        return vcan_complain(file, strerror(length >= (int)sizeof folder ? ENAMETOOLONG : errno));
     if (snprintf(out, PATH_MAX, "canwire %s/%s", strcmp(real, "/") ? real : "", base) <=
         (int)OWNER_MAX)
         return true;
-    return complain(file, "the path is too long for the alias of an interface");
+    return vcan_complain(file, "the path is too long for the alias of an interface");
 }
 
 static void print_peer(char out[PEER_BYTES], const cfg_node *node)
@@ -173,7 +173,7 @@ static unsigned mtu_of(const plan *p, size_t node)
 
 /* Decides the step for an existing interface. Of a pair, the other end may be in another namespace
  * by now. */
-static bool judge(step *out, const plan *p, size_t index, const link_info *info)
+static bool vcan_judge(step *out, const plan *p, size_t index, const link_info *info)
 {
     const cfg_node *node = &p->config->nodes[index];
     char alias[LINKS_ALIAS_BYTES];
@@ -187,9 +187,10 @@ static bool judge(step *out, const plan *p, size_t index, const link_info *info)
     if (ours && strcmp(info->alias, alias) != 0)
         *out = STEP_REPLACE;
     else if (!pair && node->peer)
-        return complain(node->port, "it exists and is no vxcan interface, but has a peer in FILE");
+        return vcan_complain(node->port,
+                             "it exists and is no vxcan interface, but has a peer in FILE");
     else if (!pair && strcmp(info->kind, "vcan") != 0)
-        return complain(node->port, "it exists and is no vcan or vxcan interface");
+        return vcan_complain(node->port, "it exists and is no vcan or vxcan interface");
     return true;
 }
 
@@ -226,7 +227,7 @@ static bool plan_port(plan *p, size_t i)
     if (number != 0 && number != ENODEV)
         return complain_link(p, "look at", node->port, number);
     p->steps[i] = STEP_MAKE;
-    if (number == 0 && !judge(&p->steps[i], p, i, &info))
+    if (number == 0 && !vcan_judge(&p->steps[i], p, i, &info))
         return false;
     if (number == 0 && p->steps[i] != STEP_REPLACE && p->steps[i] != STEP_MTU)
         warn_of_mtu(node, &info, mtu_of(p, i));
@@ -255,7 +256,7 @@ static int make_pair(plan *p, size_t index)
     return number;
 }
 
-static bool make(plan *p, size_t i)
+static bool vcan_make(plan *p, size_t i)
 {
     const cfg_node *node = &p->config->nodes[i];
     char alias[LINKS_ALIAS_BYTES];
@@ -288,7 +289,7 @@ static bool carry_out(plan *p, size_t i)
     if (number != 0 && number != ENODEV)
         return complain_link(p, "remove", port, number);
     if (p->steps[i] == STEP_MAKE || p->steps[i] == STEP_REPLACE)
-        return make(p, i);
+        return vcan_make(p, i);
     if (p->steps[i] == STEP_SET_UP)
         number = links_set(p->links, port, NULL);
     else if (p->steps[i] == STEP_MTU)
@@ -395,7 +396,7 @@ static bool bring_down(const plan *p)
     bool good = number == 0 && !list.no_memory;
 
     if (!good)
-        (void)complain("interfaces", list.no_memory ? "out of memory" : links_error(p->links));
+        (void)vcan_complain("interfaces", list.no_memory ? "out of memory" : links_error(p->links));
     for (size_t i = 0; i < list.count; i++) {
         number = links_remove(p->links, list.names[i]);
         if (number == 0)
@@ -413,7 +414,7 @@ static bool up(links *l, const char *owner, const cfg *const *buses, size_t coun
     plan *plans = calloc(count, sizeof *plans);
 
     if (!plans)
-        return complain("interfaces", "out of memory");
+        return vcan_complain("interfaces", "out of memory");
     for (size_t i = 0; i < count; i++)
         plans[i] = (plan){
             .links = l, .owner = owner, .config = buses[i], .fd = cfg_fd_nodes(buses[i])};
@@ -436,14 +437,14 @@ static bool up_file(links *l, const char *owner, const char *file)
     return good;
 }
 
-static int run(const char *verb, const char *file)
+static int vcan_run(const char *verb, const char *file)
 {
     char owner[PATH_MAX];
 
     if (!resolve(owner, file))
         return CLI_BAD_INPUT;
     links *l = links_open();
-    bool good = l || complain("netlink", strerror(errno));
+    bool good = l || vcan_complain("netlink", strerror(errno));
     if (good)
         good = strcmp(verb, "up") == 0 ? up_file(l, owner, file)
                                        : bring_down(&(plan){.links = l, .owner = owner});

@@ -62,7 +62,7 @@ static void print_event(json_t *event)
     putchar('\n');
 }
 
-static void print_line(const char *line)
+static void watch_print_line(const char *line)
 {
     json_error_t error;
     json_t *event = client_parse(line, &error);
@@ -87,7 +87,7 @@ static int show_events(client *c, bool json)
         if (json)
             puts(line);
         else
-            print_line(line);
+            watch_print_line(line);
     }
     if (!ferror(stdout))
         (void)client_report_end(c);

@@ -29,7 +29,7 @@ typedef struct action {
 } action;
 
 static schema_reader read_level, read_levels, read_at, read_groups,
-    read_load, read_change, read_id, read_dlc, read_bytes;
+    read_load, read_change, action_read_id, read_dlc, read_bytes;
 static action_completer complete_force, complete_stuck, complete_wrong_crc, complete_counters,
     complete_set, complete_side, complete_change, complete_send, complete_babble,
     complete_reply, complete_making;
@@ -242,7 +242,7 @@ static const schema_key reorder_keys[] = {
 };
 /* The keys of `change: { ... }`, a cw_change. */
 static const schema_key change_part_keys[] = {
-    {.name = "id", .read = read_id, .type = "id", .help = "New identifier, 3 or 8 digits."},
+    {.name = "id", .read = action_read_id, .type = "id", .help = "New identifier, 3 or 8 digits."},
     {.name = "dlc", .read = read_dlc, .offset = offsetof(cw_change, dlc), .arg = &dlc_range,
      .type = TYPE_UINT, .help = "New data length code."},
     DATA("set", set, "data", "New data; '.' or 'x' leaves a digit as it is."),
@@ -522,7 +522,7 @@ static void read_change(schema *self, const schema_key *key, yaml_node_t *value,
     schema_map(self, key->name, value, change_part_keys, schema_member(key, object));
 }
 
-static void read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void action_read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_change *change = object;
     const char *text = schema_text(self, key, value, "an identifier such as 123");
@@ -572,8 +572,8 @@ static void read_mode(schema *self, const schema_key *key, const yaml_node_t *va
         settings->modes |= mode;
 }
 
-static void read_number(schema *self, const schema_key *key, yaml_node_t *value,
-                        cw_settings *settings)
+static void action_read_number(schema *self, const schema_key *key, yaml_node_t *value,
+                               cw_settings *settings)
 {
     schema_range range = *(const schema_range *)key->arg;
     uint64_t number = 0;
@@ -598,7 +598,7 @@ void cfg_read_setting(schema *self, const schema_key *set, yaml_node_t *value, v
     if (live->kind == CFG_LIVE_MODE)
         read_mode(self, key, value, settings);
     else if (live->kind == CFG_LIVE_NUMBER)
-        read_number(self, key, value, settings);
+        action_read_number(self, key, value, settings);
     else if (live->kind == CFG_LIVE_ORDER)
         schema_read_choice(self, &(schema_key){.name = key->name, .arg = key->arg}, value,
                            &settings->order);

@@ -152,7 +152,7 @@ static void put_bits(cw_rule *rule, const cw_bits *bits)
 /* Lets a controller receive the bits. Returns the bit in which it finds an error, or before which
  * the frame ends. Returns the last bit if the frame does not end with it, and else the number of
  * bits. */
-static unsigned receive(cw_mac *mac, const cw_rule *rule)
+static unsigned action_raw_receive(cw_mac *mac, const cw_rule *rule)
 {
     cw_mac_report report = {.what = 0};
     unsigned n = 0;
@@ -174,7 +174,7 @@ static bool find_frame(cw_rule *rule, unsigned *wrong)
 {
     cw_mac mac;
     cw_bits bits;
-    const unsigned n = receive(&mac, rule);
+    const unsigned n = action_raw_receive(&mac, rule);
 
     rule->frame = (cw_frame){0};
     memcpy(&rule->frame, cw_mac_received(&mac), sizeof(cw_short_frame));

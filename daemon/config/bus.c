@@ -14,7 +14,7 @@
 #define LINE_PS_MAX 100000u /* of a metre */
 #define BITRATE_ERROR_INVERSE 1000u /* the used rate differs by at most 1/1000 */
 
-static schema_reader read_bus_name, read_bitrate, read_dbitrate, read_line, read_line_delay;
+static schema_reader read_bus_name, read_bitrate, read_dbitrate, bus_read_line, read_line_delay;
 static const schema_range bitrate_range = {BITRATE_MIN, BITRATE_MAX, sizeof(uint32_t)};
 
 static const schema_range dbitrate_range = {BITRATE_MIN, DBITRATE_MAX, sizeof(uint32_t)};
@@ -58,7 +58,7 @@ const schema_key cfg_bus_keys[] = {
     {.name = "fd-non-iso", .read = schema_read_bool, .offset = offsetof(cfg, fd_non_iso),
      .preset = "false",
      .help = "CAN FD frames have the format from before ISO 11898-1:2015."},
-    {.name = "line", .read = read_line, .map = line_keys,
+    {.name = "line", .read = bus_read_line, .map = line_keys,
      .help = "The line between the nodes, see position."},
     {.name = "termination", .read = schema_read_choice, .offset = offsetof(cfg, termination),
      .arg = terminations,
@@ -87,7 +87,7 @@ static void read_bus_name(schema *self, const schema_key *key, yaml_node_t *valu
     config->bus_name = cfg_read_name(self, key, value, NODE_NAME_MAX);
 }
 
-static void read_line(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void bus_read_line(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     schema_map(self, key->name, value, line_keys, object);
 }

@@ -198,7 +198,7 @@ static void read_model_name(schema *self, const schema_key *key, yaml_node_t *va
 }
 
 /* Complains about keys that the model does not have. */
-static void check_keys(schema *self, const yaml_node_t *map, cfg_model model)
+static void controller_check_keys(schema *self, const yaml_node_t *map, cfg_model model)
 {
     cfg_model known;
 
@@ -251,7 +251,7 @@ static void read_model(schema *self, const schema_key *key, yaml_node_t *value, 
         node->time.limits = NULL; /* that of `defaults` */
     forget_model(&node->controller);
     schema_map(self, key->name, value, cfg_model_keys, node);
-    check_keys(self, value, node->controller.model);
+    controller_check_keys(self, value, node->controller.model);
     check_reception(self, value, &node->controller);
 }
 
@@ -281,8 +281,8 @@ void cfg_complete_controllers(schema *self, yaml_node_t *nodes)
 
 /* ---- The name of a real one ------------------------------------------------------------------ */
 
-static void read_name(schema *self, const schema_key *key, const yaml_node_t *value,
-                      cfg_node *node)
+static void controller_read_name(schema *self, const schema_key *key, const yaml_node_t *value,
+                                 cfg_node *node)
 {
     const char *text = schema_text(self, key, value, "a controller such as sja1000, or a map");
     const timing_limits *found = text ? timing_controller(text) : NULL;
@@ -323,7 +323,7 @@ void cfg_read_controller(schema *self, const schema_key *key, yaml_node_t *value
     if (value->type == YAML_MAPPING_NODE)
         read_model(self, key, value, object);
     else
-        read_name(self, key, value, object);
+        controller_read_name(self, key, value, object);
 }
 
 /* ---- Filters --------------------------------------------------------------------------------- */

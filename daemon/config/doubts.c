@@ -161,7 +161,8 @@ static uint64_t release_tick(const cfg *config, const cfg_traffic *t, uint64_t d
 
 /* Takes all releases of the first tick that has any. Returns how many these are; 0: there are no
  * more. */
-static unsigned take_first(const cfg *config, const cfg_node *node, uint64_t *done, uint64_t *tick)
+static unsigned doubts_take_first(const cfg *config, const cfg_node *node, uint64_t *done,
+                                  uint64_t *tick)
 {
     unsigned count = 0;
     *tick = CW_NEVER;
@@ -187,7 +188,7 @@ unsigned doubts_at_once(const cfg *config, size_t i, uint64_t *tick)
     *tick = 0;
     for (size_t work = 0; done && count > 0 && work < WORK_MAX; work += node->traffic_count + 1) {
         uint64_t at;
-        count = take_first(config, node, done, &at);
+        count = doubts_take_first(config, node, done, &at);
         if (count > most)
             *tick = at;
         most = count > most ? count : most;

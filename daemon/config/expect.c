@@ -71,7 +71,7 @@ static const condition conditions[] = {
 
 #define CONDITIONS (sizeof conditions / sizeof conditions[0])
 
-static schema_reader read_name, read_count, read_delay, read_whether, read_states, read_load,
+static schema_reader expect_read_name, read_count, read_delay, read_whether, read_states, read_load,
     read_percent, read_types, read_whys, read_rule, read_rate, read_windows;
 
 static const schema_range count_range = {0, UINT64_MAX, sizeof(uint64_t)};
@@ -123,7 +123,7 @@ static const schema_key delay_keys[] = {
 };
 
 const schema_key cfg_expect_keys[] = {
-    {.name = "name", .read = read_name,
+    {.name = "name", .read = expect_read_name,
      .type = "{'type': ['string', 'number'], 'minLength': 1, 'maxLength': 200, 'pattern': "
              "'^[^\\u0000-\\u001f\\u007f]+$'}",
      .help = "In reports; default: what is wanted, in words."},
@@ -276,7 +276,7 @@ static void read_percent(schema *self, const schema_key *key, yaml_node_t *value
 
 /* ---- Conditions ------------------------------------------------------------------------------ */
 
-static void read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void expect_read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "a text of 1 to 200 bytes on one line";
     cfg_expect *e = object;
@@ -497,17 +497,17 @@ typedef struct expects_owner {
     arena arena;
 } expects_owner;
 
-static void read_root(schema *self, yaml_node_t *root)
+static void expect_read_root(schema *self, yaml_node_t *root)
 {
     static const schema_key key = {.name = "expect"};
 
     read_list(self, root, schema_count_one(self, &key, root, 0, EXPECT_MAX));
 }
 
-static bool read_text(expects_owner *owner, cfg_walk *walk, diag *errors, const char *text,
-                      size_t size)
+static bool expect_read_text(expects_owner *owner, cfg_walk *walk, diag *errors, const char *text,
+                             size_t size)
 {
-    if (!cfg_read_text(&owner->arena, walk, errors, text, size, read_root,
+    if (!cfg_read_text(&owner->arena, walk, errors, text, size, expect_read_root,
                        "there is no expectation"))
         return false;
     owner->expects.expects = walk->config->expects;
@@ -527,7 +527,7 @@ cfg_expects *cfg_load_expects(const char *text, size_t size, const char *name, c
     scratch.expect_count = 0;
     if (!owner)
         diag_add(&found, 0, 0, "out of memory");
-    else if (read_text(owner, &walk, &found, text, size) &&
+    else if (expect_read_text(owner, &walk, &found, text, size) &&
              cfg_keep_warnings(&owner->expects.warnings, &owner->arena, &found))
         return &owner->expects;
     diag_flush(&found, errors);

@@ -10,8 +10,8 @@
 #define PS_PER_NS 1000u
 
 /* Returns the first of these keys that a node has, or the node. */
-static const yaml_node_t *place_of(schema *self, const yaml_node_t *node,
-                                   const char *const names[])
+static const yaml_node_t *limits_place_of(schema *self, const yaml_node_t *node,
+                                          const char *const names[])
 {
     const yaml_node_t *value = NULL;
 
@@ -31,9 +31,10 @@ static void complain_of_bit(schema *self, const yaml_node_t *node, const cw_bus_
     static const char *const names[] = {"brp", "clock", "ppm", NULL};
     static const char *const fast[] = {"dbrp", "dsample-point", "ppm", "clock", NULL};
 
-    schema_complain(self, place_of(self, node, f->fast ? fast : names),
+    schema_complain(self, limits_place_of(self, node, f->fast ? fast : names),
                     "a bit of a node%s lasts between 1/64 and 64 bits of the bus: it lasts %s, "
-                    "expected at %s %s", f->fast ? " in the data phase" : "", ns(self, f->is),
+                    "expected at %s %s",
+                    f->fast ? " in the data phase" : "", ns(self, f->is),
                     f->limit == CW_LIMIT_BIT_MOST ? "most" : "least", ns(self, f->allowed));
 }
 
@@ -41,13 +42,14 @@ static void complain_of_way(schema *self, const yaml_node_t *node, const cw_bus_
 {
     static const char *const names[] = {"position", "stub", "rx-delay", "tx-delay", NULL};
 
-    schema_complain(self, place_of(self, node, names),
+    schema_complain(self, limits_place_of(self, node, names),
                     "no edge is under way for longer than %d of the shortest bits, but those from "
-                    "'%s' are: %s, expected at most %s", CW_DELAY_BITS_MAX,
-                    cfg_of(self)->nodes[f->node].name, ns(self, f->is), ns(self, f->allowed));
+                    "'%s' are: %s, expected at most %s",
+                    CW_DELAY_BITS_MAX, cfg_of(self)->nodes[f->node].name, ns(self, f->is),
+                    ns(self, f->allowed));
 }
 
-static void complain(schema *self, yaml_node_t *nodes, const cw_bus_finding *f)
+static void limits_complain(schema *self, yaml_node_t *nodes, const cw_bus_finding *f)
 {
     static const char *const none[] = {NULL};
     static const char *const ways[] = {"position", "stub", "tx-delay", "rx-delay", "ringing", NULL};
@@ -63,7 +65,7 @@ static void complain(schema *self, yaml_node_t *nodes, const cw_bus_finding *f)
         complain_of_way(self, node, f);
         return;
     case CW_LIMIT_WAY:
-        schema_complain(self, place_of(self, node, ways),
+        schema_complain(self, limits_place_of(self, node, ways),
                         "no delay and no way is longer than 10 ms");
         return;
     case CW_LIMIT_LONG_BITS:
@@ -79,9 +81,9 @@ static void complain(schema *self, yaml_node_t *nodes, const cw_bus_finding *f)
     case CW_LIMIT_NONE:
         break;
     }
-    schema_complain(self, place_of(self, node, none), "the bus does not take this node: its %s",
-                    f->limit == CW_LIMIT_TIMING ? "bit timing is out of range"
-                                                : "settings are out of range");
+    schema_complain(
+        self, limits_place_of(self, node, none), "the bus does not take this node: its %s",
+        f->limit == CW_LIMIT_TIMING ? "bit timing is out of range" : "settings are out of range");
 }
 
 /* Each node has its message about its own values. It has none of them when the others are looked
@@ -98,7 +100,7 @@ void cfg_check_limits(schema *self, yaml_node_t *nodes, bool early)
         const bool late = found.limit == CW_LIMIT_BUS || found.limit > CW_LIMIT_DELAY;
         if (found.limit == CW_LIMIT_NONE || (early && late))
             return;
-        complain(self, nodes, &found);
+        limits_complain(self, nodes, &found);
         more = !late && found.limit != CW_LIMIT_DELAY;
         of_nodes[found.node].timing = (cw_node_timing){.place = 0};
     }

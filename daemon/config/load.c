@@ -104,8 +104,8 @@ const schema_key cfg_file_keys[] = {
 typedef enum wanted { WANTED_CONFIGURATION, WANTED_ANY } wanted;
 static cfg_owner *make_owner(const char *file);
 
-static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *walk, diag *errors,
-                      wanted kind);
+static bool load_read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *walk, diag *errors,
+                           wanted kind);
 
 static void free_owner(cfg_owner *owner)
 {
@@ -115,7 +115,7 @@ static void free_owner(cfg_owner *owner)
     free(owner);
 }
 
-static cfg *load(const char *file, const cfg_walk *walk, FILE *errors)
+static cfg *load_text(const char *file, const cfg_walk *walk, FILE *errors)
 {
     diag found = {.file.name = file};
     cfg_owner *owner = make_owner(file);
@@ -123,7 +123,7 @@ static cfg *load(const char *file, const cfg_walk *walk, FILE *errors)
 
     if (!owner)
         diag_add(&found, 0, 0, "out of memory");
-    else if (read_file(owner, &is_profile, walk, &found, WANTED_CONFIGURATION) &&
+    else if (load_read_file(owner, &is_profile, walk, &found, WANTED_CONFIGURATION) &&
              cfg_keep_warnings(&owner->config.warnings, &owner->arena, &found))
         return &owner->config;
     diag_flush(&found, errors);
@@ -135,28 +135,28 @@ cfg *cfg_load(const char *file, FILE *errors)
 {
     const cfg_walk walk = {.given = NULL};
 
-    return load(file, &walk, errors);
+    return load_text(file, &walk, errors);
 }
 
 cfg *cfg_load_regular(const char *file, FILE *errors)
 {
     const cfg_walk walk = {.regular = true};
 
-    return load(file, &walk, errors);
+    return load_text(file, &walk, errors);
 }
 
 cfg *cfg_load_given(const cfg_file *files, size_t count, FILE *errors)
 {
     const cfg_walk walk = {.given = files, .given_count = count};
 
-    return load(files[0].name, &walk, errors);
+    return load_text(files[0].name, &walk, errors);
 }
 
 cfg *cfg_load_text(const cfg_file *file, FILE *errors)
 {
     const cfg_walk walk = {.given = file, .given_count = 1, .others = true};
 
-    return load(file->name, &walk, errors);
+    return load_text(file->name, &walk, errors);
 }
 
 bool cfg_check(cfg **config, size_t *rule_count, const char *file, FILE *errors)
@@ -165,7 +165,7 @@ bool cfg_check(cfg **config, size_t *rule_count, const char *file, FILE *errors)
     cfg_owner *owner = make_owner(file);
     const cfg_walk walk = {.given = NULL};
     bool is_profile = false;
-    bool good = owner && read_file(owner, &is_profile, &walk, &found, WANTED_ANY) &&
+    bool good = owner && load_read_file(owner, &is_profile, &walk, &found, WANTED_ANY) &&
                 cfg_keep_warnings(&owner->config.warnings, &owner->arena, &found);
 
     if (!owner)
@@ -227,7 +227,7 @@ static void complete_control(schema *self, cfg *config)
         schema_print(self, UNIT_RUN_FOLDER "/%s.sock", own ? instance : config->bus_name);
 }
 
-static void read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted kind)
+static void load_read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted kind)
 {
     cfg_walk *walk = self->user;
 
@@ -263,8 +263,8 @@ static bool is_whole(const cfg *config)
     return whole;
 }
 
-static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start, diag *errors,
-                      wanted kind)
+static bool load_read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start, diag *errors,
+                           wanted kind)
 {
     yaml_document_t document;
     cfg_walk walk = *start;
@@ -287,7 +287,7 @@ static bool read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start,
         diag_add(errors, 1, 1, "the file is empty; it needs at least the keys bus and nodes");
     } else {
         complete_root(&document, &self);
-        read_root(&self, yaml_document_get_root_node(&document), is_profile, kind);
+        load_read_root(&self, yaml_document_get_root_node(&document), is_profile, kind);
     }
     yaml_document_delete(&document);
     assert(errors->errors > 0 || *is_profile || is_whole(&owner->config));

@@ -34,7 +34,7 @@ static const schema_choice replies[] = {
 
 /* ---- Keys ------------------------------------------------------------------------------------ */
 
-static void read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void mailbox_read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     mailbox_keys *keys = object;
     static const char expected[] = "one frame filter, such as 123 or 100:700";
@@ -58,7 +58,7 @@ static void read_reply(schema *self, const schema_key *key, yaml_node_t *value, 
     (void)schema_choose(self, &reply, key, value, replies);
 }
 
-static void read_data(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void mailbox_read_data(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "1 to 8 bytes in hexadecimal digits, such as DEADBEEF";
     cw_frame *frame = &((mailbox_keys *)object)->box.frame;
@@ -81,11 +81,11 @@ const schema_key cfg_mailbox_keys[] = {
     {.name = "direction", .read = schema_read_choice,
      .offset = offsetof(mailbox_keys, direction), .arg = directions, .required = true,
      .help = "For received frames, or for frames to send."},
-    {.name = "id", .read = read_id, .type = "nodeFilter",
+    {.name = "id", .read = mailbox_read_id, .type = "nodeFilter",
      .help = "The frames that it takes. Default: all. With `reply`, one identifier."},
     {.name = "reply", .read = read_reply, .needs = "id", .type = "{'const': 'auto'}",
      .help = "It keeps the data frame that its host writes, and answers remote frames with it."},
-    {.name = "data", .read = read_data, .needs = "reply",
+    {.name = "data", .read = mailbox_read_data, .needs = "reply",
      .type = "{'type': ['string', 'integer'], 'pattern': '^([0-9A-Fa-f]{2} *){1,8}$'}",
      .help = "With `reply`: the data up to what the host writes."},
     {.name = NULL,

@@ -61,7 +61,7 @@ static void check_tdc(schema *self, const yaml_node_t *item, const cfg_node_time
         schema_complain(self, item, "tdcv is missing: tdc-mode manual needs it, in clocks");
 }
 
-static void check_node(schema *self, const yaml_node_t *item, const cfg_node *node)
+static void node_data_check_node(schema *self, const yaml_node_t *item, const cfg_node *node)
 {
     const cfg *config = cfg_of(self);
     const bool knows_fd = cfg_knows_fd(config, node);
@@ -93,7 +93,7 @@ void cfg_check_fd(schema *self, yaml_node_t *nodes)
     if (walk->default_map)
         check_defaults(self, walk->default_map);
     for (size_t i = 0; i < config->node_count; i++)
-        check_node(self, cfg_node_map(self, nodes, i), &config->nodes[i]);
+        node_data_check_node(self, cfg_node_map(self, nodes, i), &config->nodes[i]);
     if ((config->dbitrate_bps > 0 || config->fd_non_iso) && !cfg_has_fd(config))
         schema_complain(self, nodes, "nodes: none is of kind fd, so the bus has no use for %s",
                         config->dbitrate_bps > 0 ? "dbitrate" : "fd-non-iso");
@@ -102,7 +102,7 @@ void cfg_check_fd(schema *self, yaml_node_t *nodes)
 /* ---- The data phase -------------------------------------------------------------------------- */
 
 /* Returns the value of a key of the data phase that the node has, this one first, or the node. */
-static yaml_node_t *place_of(schema *self, yaml_node_t *item, const char *first)
+static yaml_node_t *node_data_place_of(schema *self, yaml_node_t *item, const char *first)
 {
     const cfg_walk *walk = self->user;
     yaml_node_t *found = schema_find(self, item, first);
@@ -121,11 +121,12 @@ static void check_rate(schema *self, yaml_node_t *item, const bit_timing *data)
 
     if (timing_bit_clocks(data) * 64u * cfg_of(self)->bitrate_bps < data->clock_hz &&
         wanted <= UINT64_C(64) * cfg_of(self)->bitrate_bps)
-        schema_complain(self, place_of(self, item, "dbrp"),
+        schema_complain(self, node_data_place_of(self, item, "dbrp"),
                         "a bit of the data phase lasts at least 1/64 of a bit of the bus; the "
-                        "node's data bit rate is %" PRIu32 " bit/s", timing_bitrate_bps(data));
+                        "node's data bit rate is %" PRIu32 " bit/s",
+                        timing_bitrate_bps(data));
     else if (error * RATE_ERROR_INVERSE > bus)
-        schema_warn(self, place_of(self, item, "dbrp"),
+        schema_warn(self, node_data_place_of(self, item, "dbrp"),
                     "the node's data bit rate is %" PRIu32 " bit/s, the bus has %" PRIu32,
                     timing_bitrate_bps(data), wanted);
 }
@@ -136,9 +137,10 @@ static void check_delay(schema *self, yaml_node_t *item, const cfg_node_time *ti
     const uint64_t most = CW_TDC_BITS_MAX * timing_bit_clocks(&time->phase[1].bit);
 
     if ((uint64_t)tdc->tdco + tdc->tdcv >= most)
-        schema_complain(self, place_of(self, item, "tdco"),
+        schema_complain(self, node_data_place_of(self, item, "tdco"),
                         "tdco and tdcv together are less than %u bits of the data phase, here "
-                        "%" PRIu64 " clocks", CW_TDC_BITS_MAX, most);
+                        "%" PRIu64 " clocks",
+                        CW_TDC_BITS_MAX, most);
 }
 
 /* ---- The delay of the transmitter ------------------------------------------------------------ */
@@ -147,7 +149,7 @@ static void check_delay(schema *self, yaml_node_t *item, const cfg_node_time *ti
 static void warn_of_late_bits(schema *self, yaml_node_t *item, const cfg_late_sample *sample)
 {
     if (sample->at <= sample->from)
-        schema_warn(self, place_of(self, item, "tdc-mode"),
+        schema_warn(self, node_data_place_of(self, item, "tdc-mode"),
                     "without delay compensation the node cannot send at the data rate: its bits "
                     "come back after %" PRIu64 " ns, and are sampled after %" PRIu64
                     " ns; tdc-mode: auto measures the delay",
@@ -164,14 +166,14 @@ static void warn_of_offset(schema *self, yaml_node_t *item, const cfg_node_time 
     const uint64_t most = SSP_BITS_MAX * timing_bit_clocks(&time->phase[1].bit);
 
     if (tdco > held)
-        schema_warn(self, place_of(self, item, "tdco"),
+        schema_warn(self, node_data_place_of(self, item, "tdco"),
                     "tdco: %s holds at most %" PRIu32 " clocks, not %" PRIu32, time->limits->name,
                     held, tdco);
     if (late >= most)
-        schema_warn(self, place_of(self, item, "tdco"),
+        schema_warn(self, node_data_place_of(self, item, "tdco"),
                     "the secondary sample point is %" PRIu64 " clocks behind the begin of its "
-                    "bit; controllers compare within %u bits of the data phase, %" PRIu64
-                    " clocks", late, SSP_BITS_MAX, most);
+                    "bit; controllers compare within %u bits of the data phase, %" PRIu64 " clocks",
+                    late, SSP_BITS_MAX, most);
 }
 
 /* At the secondary sample point the bit has to be back, and the next one must not be. */
@@ -182,7 +184,7 @@ static void warn_of_compare(schema *self, yaml_node_t *item, const cfg_node_time
 
     if (sample->at > sample->from && sample->at <= sample->until)
         return;
-    schema_warn(self, place_of(self, item, given ? "tdcv" : "tdco"),
+    schema_warn(self, node_data_place_of(self, item, given ? "tdcv" : "tdco"),
                 "the node cannot send at the data rate: its bits come back from %" PRIu64
                 " ns to %" PRIu64 " ns behind their begin, and it compares them after %" PRIu64
                 " ns (tdcv %" PRIu64 " and tdco %" PRIu32 " clocks); %s",
@@ -220,7 +222,7 @@ void cfg_complete_data(schema *self, yaml_node_t *item, cfg_node *node)
     }
     if (cfg_gives_segments(self, item, "d") ? !cfg_fit_phase(time, 1, problem)
                                             : !cfg_find_phase(time, 1, problem, config)) {
-        schema_complain(self, place_of(self, item, "dbrp"), "data phase: %s", problem);
+        schema_complain(self, node_data_place_of(self, item, "dbrp"), "data phase: %s", problem);
         return;
     }
     time->timing.data = cfg_data_timing(time);

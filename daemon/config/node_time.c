@@ -85,7 +85,7 @@ void cfg_read_edge_delays(schema *self, const schema_key *key, yaml_node_t *valu
 /* ---- Bit timing ------------------------------------------------------------------------------ */
 
 /* Returns the value of the first of these keys that the node has, or the node. */
-static yaml_node_t *place_of(schema *self, yaml_node_t *item, const char *const *names)
+static yaml_node_t *node_time_place_of(schema *self, yaml_node_t *item, const char *const *names)
 {
     yaml_node_t *found = NULL;
 
@@ -102,7 +102,7 @@ static void use_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
     if (!cfg_fit_phase(time, 0, problem)) {
         const char *const first = schema_print(self, "%.*s", (int)strcspn(problem, " "), problem);
         const char *const names[] = {first, NULL};
-        schema_complain(self, place_of(self, item, names), "%s", problem);
+        schema_complain(self, node_time_place_of(self, item, names), "%s", problem);
     }
 }
 
@@ -113,7 +113,7 @@ static void find_segments(schema *self, yaml_node_t *item, cfg_node_time *time)
     char problem[TIMING_PROBLEM_MAX];
 
     if (!cfg_find_phase(time, 0, problem, cfg_of(self)))
-        schema_complain(self, place_of(self, item, names), "%s", problem);
+        schema_complain(self, node_time_place_of(self, item, names), "%s", problem);
 }
 
 /* Warns about a bit rate that is far from the bus's. */
@@ -124,7 +124,7 @@ static void check_rate(schema *self, yaml_node_t *item, const bit_timing *bit)
     const uint64_t error = bus > bit->clock_hz ? bus - bit->clock_hz : bit->clock_hz - bus;
 
     if (error * RATE_ERROR_INVERSE > bus)
-        schema_warn(self, place_of(self, item, names),
+        schema_warn(self, node_time_place_of(self, item, names),
                     "the node's bit rate is %" PRIu32 " bit/s, the bus has %" PRIu32,
                     timing_bitrate_bps(bit), cfg_of(self)->bitrate_bps);
 }

@@ -104,8 +104,8 @@ static void bind(schema *self, parameters *declared, const parameters *given,
                  const yaml_node_t *at);
 static void expand_faults(schema *self, const yaml_node_t *root, yaml_node_t *faults,
                           const parameters *known);
-static bool read_text(rules_owner *owner, cfg_walk *walk, diag *errors, const char *text,
-                      size_t size);
+static bool profile_read_text(rules_owner *owner, cfg_walk *walk, diag *errors, const char *text,
+                              size_t size);
 static bool put_in_order(rules_owner *owner, const cfg_walk *walk, diag *errors);
 
 bool cfg_is_profile(schema *self, const yaml_node_t *root)
@@ -166,7 +166,7 @@ cfg_rules *cfg_load_rules(const char *text, size_t size, const char *name, const
     scratch.rules = NULL;
     if (!owner)
         diag_add(&found, 0, 0, "out of memory");
-    else if (read_text(owner, &walk, &found, text, size) &&
+    else if (profile_read_text(owner, &walk, &found, text, size) &&
              cfg_keep_warnings(&owner->rules.warnings, &owner->arena, &found))
         return &owner->rules;
     diag_flush(&found, errors);
@@ -553,7 +553,7 @@ static void expand_faults(schema *self, const yaml_node_t *root, yaml_node_t *fa
 }
 
 /* Reads a rule, a list of rules, or a map that contains the rules. */
-static void read_root(schema *self, yaml_node_t *root)
+static void profile_read_root(schema *self, yaml_node_t *root)
 {
     bool map = root->type == YAML_MAPPING_NODE;
 
@@ -566,10 +566,11 @@ static void read_root(schema *self, yaml_node_t *root)
                         "expected a rule ({ name, when, do }), a list of rules, or a profile");
 }
 
-static bool read_text(rules_owner *owner, cfg_walk *walk, diag *errors, const char *text,
-                      size_t size)
+static bool profile_read_text(rules_owner *owner, cfg_walk *walk, diag *errors, const char *text,
+                              size_t size)
 {
-    return cfg_read_text(&owner->arena, walk, errors, text, size, read_root, "there is no rule") &&
+    return cfg_read_text(&owner->arena, walk, errors, text, size, profile_read_root,
+                         "there is no rule") &&
            put_in_order(owner, walk, errors);
 }
 

@@ -68,7 +68,7 @@ static void print_folder(char out[PATH_MAX], int length, const char *text, const
 
 /* Writes the folder with this number, with its final '/', or "". Returns false when there are no
  * more. */
-static bool find_folder(char out[PATH_MAX], const profilefile *wanted, unsigned number)
+static bool profilefile_find_folder(char out[PATH_MAX], const profilefile *wanted, unsigned number)
 {
     const bool alone = is_alone(wanted->name);
     for (size_t i = 0; i < PROFILEFILE_BESIDE && wanted->beside[i]; i++) {
@@ -90,7 +90,7 @@ static bool find_folder(char out[PATH_MAX], const profilefile *wanted, unsigned 
 bool profilefile_place(char out[PATH_MAX], const profilefile *wanted, unsigned number)
 {
     char folder[PATH_MAX];
-    if (!find_folder(folder, wanted, number / ENDS))
+    if (!profilefile_find_folder(folder, wanted, number / ENDS))
         return false;
     if (snprintf(out, PATH_MAX, "%s%s%s", folder, wanted->name, ends[number % ENDS]) >= PATH_MAX)
         out[0] = '\0';
@@ -117,11 +117,11 @@ static void add_folder(char *list, const char *folder, bool last)
 void profilefile_list(char out[PROFILEFILE_LIST_BYTES], const profilefile *wanted)
 {
     char folder[PATH_MAX], next[PATH_MAX];
-    bool more = find_folder(next, wanted, 0);
+    bool more = profilefile_find_folder(next, wanted, 0);
     out[0] = '\0';
     for (unsigned i = 1; more; i++) {
         strcpy(folder, next);
-        more = find_folder(next, wanted, i);
+        more = profilefile_find_folder(next, wanted, i);
         add_folder(out, folder, !more);
     }
 }

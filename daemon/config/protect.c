@@ -91,7 +91,7 @@ static const schema_choice modes[] = {
     {.name = NULL},
 };
 
-static schema_reader read_place, read_id;
+static schema_reader read_place, protect_read_id;
 
 static const schema_range bits_range = {1, COUNTER_BITS_MAX, sizeof(uint8_t)};
 static const schema_range byte_range = {0, CW_FRAME_DATA_MAX - 1, sizeof(uint8_t)};
@@ -129,7 +129,7 @@ const schema_key cfg_checksum_keys[] = {
     {.name = "at", .read = schema_read_uint, MEMBER(what.checksum.at), .arg = &byte_range,
      .required = true,
      .help = "Its byte; e2e-p5 has two, the low one first."},
-    {.name = "data-id", .read = read_id,
+    {.name = "data-id", .read = protect_read_id,
      .type = TYPE_ANY(NUMBER_TEXT ", " TYPE_LIST(1, 16, BYTE_TEXT)),
      .help = "What takes part in the checksum and is not sent: of e2e-p1, e2e-p5 and e2e-p11 a "
              "number, of e2e-p2 and e2e-p22 a list of 16 bytes, else a byte or a list of bytes."},
@@ -238,7 +238,7 @@ static void read_id_number(schema *self, const schema_key *key, const yaml_node_
         schema_expected(self, key, value, what);
 }
 
-static void read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void protect_read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_protect *p = object;
 
@@ -277,7 +277,7 @@ static bool has(schema *self, const yaml_node_t *map, const char *name)
     return map && schema_find(self, map, name);
 }
 
-static const char *name_of(const cfg_protect *p)
+static const char *protect_name_of(const cfg_protect *p)
 {
     return kinds[p->kind].name;
 }
@@ -287,7 +287,7 @@ static void check_fixed(schema *self, const entry *e, const char *key, unsigned 
 {
     if (has(self, e->counter, key) && is != must)
         schema_complain(self, at_key(self, e->counter, key), "%s: the counter of '%s' has %s %u",
-                        key, name_of(e->p), key, must);
+                        key, protect_name_of(e->p), key, must);
 }
 
 /* Gives a profile its counter, with what `counter` says of it. */
@@ -304,11 +304,11 @@ static void complete_profile_counter(schema *self, const entry *e)
     if (at && !k->moves && n->bit != usual)
         schema_complain(self, at_key(self, e->counter, "at"),
                         "at: the counter of '%s' is at %u.%u, behind the checksum",
-                        name_of(e->p), usual / 8, usual % 8);
+                        protect_name_of(e->p), usual / 8, usual % 8);
     if (at && k->moves && n->bit % NIBBLE != 0)
         schema_complain(self, at_key(self, e->counter, "at"),
                         "at: the counter of '%s' is half a byte, at BYTE.0 or BYTE.4",
-                        name_of(e->p));
+                        protect_name_of(e->p));
     if (!at)
         n->bit = (uint16_t)usual;
     if (!has(self, e->counter, "start"))
@@ -369,7 +369,7 @@ static void complete_modes(schema *self, const entry *e)
 
     if (e->kind->nibbles_only && p->mode != MODE_BOTH && p->mode != MODE_NIBBLE)
         schema_complain(self, at_key(self, e->checksum, "data-id-mode"),
-                        "data-id-mode: '%s' has both and nibble", name_of(p));
+                        "data-id-mode: '%s' has both and nibble", protect_name_of(p));
     if (p->mode == MODE_NIBBLE && high > 0xF)
         schema_complain(self, at_key(self, e->checksum, "data-id"),
                         "data-id: at most 0xFFF with the mode nibble");
@@ -398,7 +398,7 @@ static bool check_id_form(schema *self, const entry *e)
     if (p->id_count > 0 && (form == ID_BYTES ? bytes : list))
         return true;
     schema_complain(self, at_key(self, e->checksum, "data-id"), "data-id: '%s' needs %s",
-                    name_of(p), wanted[form]);
+                    protect_name_of(p), wanted[form]);
     return false;
 }
 
@@ -541,7 +541,7 @@ static bool check_entries(schema *self, const yaml_node_t *list, const cfg_node 
     return used;
 }
 
-static int compare(const void *left, const void *right)
+static int protect_compare(const void *left, const void *right)
 {
     const cw_protection *a = left, *b = right;
 
@@ -550,7 +550,7 @@ static int compare(const void *left, const void *right)
     return (a->id > b->id) - (a->id < b->id);
 }
 
-static size_t add_node(cw_protection *list, const cfg_node *node, size_t index)
+static size_t protect_add_node(cw_protection *list, const cfg_node *node, size_t index)
 {
     size_t count = 0;
 
@@ -583,9 +583,10 @@ void cfg_collect_protections(schema *self, yaml_node_t *nodes)
     if (!config->protections)
         return;
     for (size_t i = 0; i < config->node_count; i++)
-        config->protection_count += (uint32_t)add_node(
+        config->protection_count += (uint32_t)protect_add_node(
             &config->protections[config->protection_count], &config->nodes[i], i);
-    qsort(config->protections, config->protection_count, sizeof *config->protections, compare);
+    qsort(config->protections, config->protection_count, sizeof *config->protections,
+          protect_compare);
 }
 
 /* ---- Rules ----------------------------------------------------------------------------------- */

@@ -14,7 +14,7 @@
 #define SIZE_DEFAULT 100000000u
 #define FILES_DEFAULT 5u
 
-static schema_reader read_file, read_size;
+static schema_reader record_read_file, read_size;
 
 static const schema_range files_range = {1, SPOOL_FILES_MAX, sizeof(uint32_t)};
 
@@ -38,7 +38,7 @@ static const struct {
 #define MEMBER(member) .offset = offsetof(cfg_record, member)
 
 const schema_key cfg_record_keys[] = {
-    {.name = "file", .read = read_file, .required = true, .type = "text",
+    {.name = "file", .read = record_read_file, .required = true, .type = "text",
      .help = "Relative to this file; the directory must exist."},
     {.name = "format", .read = schema_read_choice, MEMBER(format), .arg = formats,
      .help = "Default: by the end of the name (.log, .candump, .pcapng, .vcd)."},
@@ -150,7 +150,7 @@ static void check_file(schema *self, const schema_key *key, const yaml_node_t *v
             schema_complain(self, value, "duplicate %s '%s'", key->name, record->file);
 }
 
-static void read_file(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void record_read_file(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_record *record = object;
     const char *text = schema_text(self, key, value, "the path of a file");

@@ -27,7 +27,7 @@ void cfg_data_present(cfg_retime *out, const cfg_node_time *time)
 }
 
 /* Returns false, for the caller to return. */
-static bool refuse(char *problem, size_t size, const char *why)
+static bool redata_refuse(char *problem, size_t size, const char *why)
 {
     (void)snprintf(problem, size, "%s", why);
     return false;
@@ -60,8 +60,8 @@ static bool change_segments(cfg_node_time *time, char *problem, size_t size, con
                         (time->phase[1].found || other_clock));
     char wrong[TIMING_PROBLEM_MAX];
     if ((given & RETIME_SEGMENTS) && (given & RETIME_BIT(RETIME_SAMPLE_POINT)))
-        return refuse(problem, size,
-                      "dsample-point: the segments say where it is; use one or the other");
+        return redata_refuse(problem, size,
+                             "dsample-point: the segments say where it is; use one or the other");
     time->phase[1].bit.clock_hz = time->phase[0].bit.clock_hz;
     if (finds)
         time->phase[1].bit.sjw = 0;
@@ -90,12 +90,11 @@ static bool change_tdc(cfg_node_time *time, char *problem, size_t size, const cf
         time->tdcv = change->tdcv;
     const cw_tdc tdc = cfg_data_timing(time).tdc;
     if ((given & RETIME_BIT(RETIME_TDCO)) && tdc.mode == CW_TDC_OFF)
-        return refuse(problem, size, "tdco: tdc-mode is off; auto or manual is needed");
+        return redata_refuse(problem, size, "tdco: tdc-mode is off; auto or manual is needed");
     if ((given & RETIME_BIT(RETIME_TDCV)) && tdc.mode != CW_TDC_MANUAL)
-        return refuse(problem, size, "tdcv: only tdc-mode manual has it; auto measures it");
+        return redata_refuse(problem, size, "tdcv: only tdc-mode manual has it; auto measures it");
     if (tdc.mode == CW_TDC_MANUAL && tdc.tdcv == 0)
-        return refuse(problem, size,
-                      "tdcv is missing: tdc-mode manual needs it, in clocks");
+        return redata_refuse(problem, size, "tdcv is missing: tdc-mode manual needs it, in clocks");
     if ((uint64_t)tdc.tdco + tdc.tdcv < most)
         return true;
     (void)snprintf(problem, size, "tdco and tdcv together are less than %u bits of the data "

@@ -31,8 +31,8 @@ typedef struct rig_walk {
     size_t given_count;
 } rig_walk;
 
-static schema_reader read_buses, read_gateways, read_name, read_between, read_rules, read_filter,
-    read_id, read_delay;
+static schema_reader read_buses, read_gateways, rig_read_name, read_between, read_rules,
+    read_filter, rig_read_id, read_delay;
 
 static const schema_range queue_range = {1, RIG_QUEUE_MAX, sizeof(uint32_t)};
 
@@ -48,7 +48,7 @@ static const schema_choice directions[] = {
 static const schema_key rule_keys[] = {
     {.name = "filter", .read = read_filter, .type = TYPE_SOME(8, "{'type': ['string', 'integer']}"),
      .help = "Frames as candump's filters name them; by default all."},
-    {.name = "id", .read = read_id,
+    {.name = "id", .read = rig_read_id,
      .type = "{'type': ['string', 'integer'], 'pattern': "
              "'^([0-7][0-9A-Fa-f]{2}|[01][0-9A-Fa-f]{7})$'}",
      .help = "The new identifier, 3 digits or 8."},
@@ -64,7 +64,7 @@ static const schema_key rule_keys[] = {
 };
 
 static const schema_key gateway_keys[] = {
-    {.name = "name", .read = read_name, .required = true,
+    {.name = "name", .read = rig_read_name, .required = true,
      .type = "{'type': 'string', 'pattern': '^[A-Za-z0-9_.-]{1,32}$'}",
      .help = "Its name in statistics."},
     {.name = "between", .read = read_between, .required = true,
@@ -94,8 +94,8 @@ static rig *rig_of(const schema *self)
 /* ---- Buses ----------------------------------------------------------------------------------- */
 
 /* Complains about what only one bus of a rig can have. */
-static void compare(schema *self, const schema_key *key, const yaml_node_t *item, const cfg *one,
-                    const cfg *other)
+static void rig_compare(schema *self, const schema_key *key, const yaml_node_t *item,
+                        const cfg *one, const cfg *other)
 {
     if (strcmp(one->file, other->file) == 0)
         schema_complain(self, item, "%s: duplicate file '%s'", key->name, one->file);
@@ -145,7 +145,7 @@ static void read_bus(schema *self, const schema_key *key, const yaml_node_t *ite
         schema_complain(self, item, "%s: '%s' has 'pacing: virtual', which a bus of a rig cannot "
                         "have", key->name, file);
     for (size_t i = 0; i < r->bus_count; i++)
-        compare(self, key, item, config, r->buses[i]);
+        rig_compare(self, key, item, config, r->buses[i]);
     r->names[r->bus_count] = schema_copy(self, config->bus_name);
     r->buses[r->bus_count++] = config;
 }
@@ -162,7 +162,7 @@ static void read_buses(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Gateways -------------------------------------------------------------------------------- */
 
-static void read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void rig_read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     rig_gateway *gateway = object;
     const rig *r = rig_of(self);
@@ -270,7 +270,7 @@ static void read_filter(schema *self, const schema_key *key, yaml_node_t *value,
                                                        rule->filter_count, CW_RULE_FILTERS_MAX);
 }
 
-static void read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void rig_read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     rig_rule *rule = object;
     const char *text = schema_text(self, key, value, "an identifier such as 123 or 12345678");
@@ -327,7 +327,7 @@ static void check_loop(rig *r, diag *errors)
              frame, names, loop.gateways[0]->name);
 }
 
-static bool read_root(rig_owner *owner, rig_walk *walk, yaml_document_t *document, diag *found)
+static bool rig_read_root(rig_owner *owner, rig_walk *walk, yaml_document_t *document, diag *found)
 {
     schema self = {
         .errors = found, .arena = &owner->arena, .document = document, .user = walk};
@@ -396,7 +396,7 @@ rig *rig_load_given(const cfg_file *file, const cfg_file *buses, size_t count, F
     if (!owner || !owner->rig.file)
         diag_add(&found, 0, 0, "out of memory");
     else if (load_document(&document, &owner->rig.text, &owner->rig.size, file, &found)) {
-        good = read_root(owner, &walk, &document, &found);
+        good = rig_read_root(owner, &walk, &document, &found);
         yaml_document_delete(&document);
     }
     diag_flush(&found, errors);

@@ -174,7 +174,7 @@ static bool hand_over(const rig *r, visit *next, const rig_gateway *gateway, uns
            !(cfg_is_old(out) && cw_frame_can_id(&next->frame) & CW_FILTER_EXTENDED);
 }
 
-static void describe(rig_loop *loop, const visits *v, unsigned last, const cw_frame *frame)
+static void rig_loop_describe(rig_loop *loop, const visits *v, unsigned last, const cw_frame *frame)
 {
     unsigned count = 1;
     for (unsigned i = last; i != 0; i = v->list[i].from)
@@ -188,7 +188,7 @@ static void describe(rig_loop *loop, const visits *v, unsigned last, const cw_fr
 }
 
 /* Goes on from a visit. Returns true when the first rule gets the frame again. */
-static bool go_on(visits *v, rig_loop *loop, unsigned at)
+static bool rig_loop_go_on(visits *v, rig_loop *loop, unsigned at)
 {
     const rig *r = v->rig;
     for (size_t g = 0; g < r->gateway_count; g++)
@@ -201,7 +201,7 @@ static bool go_on(visits *v, rig_loop *loop, unsigned at)
                 continue;
             if (next.hop.rule == v->list[0].hop.rule && end == v->list[0].hop.end &&
                 same_frame(&next.frame, &v->list[0].frame)) {
-                describe(loop, v, at, &here->frame);
+                rig_loop_describe(loop, v, at, &here->frame);
                 return true;
             }
             if (!is_known(v, &next) && v->count < VISITS_MAX)
@@ -216,7 +216,7 @@ static bool comes_back(visits *v, rig_loop *loop, const hop *first, uint32_t rem
     v->list[0] = (visit){.hop = *first, .frame = frame_of(first->rule->id | remote)};
     v->count = 1;
     for (unsigned at = 0; at < v->count; at++)
-        if (go_on(v, loop, at))
+        if (rig_loop_go_on(v, loop, at))
             return true;
     return false;
 }
@@ -412,7 +412,7 @@ static bool is_on_way(const search *s, const hop *h)
 
 /* Goes over a hop, if any of the frames can. Returns true when that closes a loop. A loop that does
  * not begin with the first hop is found from its own begin. */
-static bool go_over(search *s, const hop *h, const cw_filter *const filters[GATES])
+static bool rig_loop_go_over(search *s, const hop *h, const cw_filter *const filters[GATES])
 {
     frames set = s->sets[s->count];
     const hop *first = &s->way[0];
@@ -442,7 +442,7 @@ static bool find_way(search *s, const cw_filter *begin)
         hop h;
         const cw_filter *filters[GATES];
         if (take_hop(s, &h, filters, &s->next[s->count])) {
-            if (go_over(s, &h, filters))
+            if (rig_loop_go_over(s, &h, filters))
                 return true;
         } else if (s->count == 0) {
             return false;

@@ -9,7 +9,7 @@
 
 static schema_reader read_nothing, read_when, read_states, read_window, read_after, read_after_rule;
 static void check_period(schema *self, const yaml_node_t *map, const cw_rule *rule);
-static void read_name(schema *self, yaml_node_t *value, cw_rule *rule);
+static void rule_read_name(schema *self, yaml_node_t *value, cw_rule *rule);
 static void complete_trigger(schema *self, const yaml_node_t *map, cw_rule *rule);
 static const schema_range number_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range positive_range = {1, UINT32_MAX, sizeof(uint32_t)};
@@ -141,7 +141,7 @@ void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value)
         yaml_node_t *item = schema_item(self, value, i);
         config->rule_places[first + i] = (cfg_rule_place){.file = file,
                                                           .place = cfg_place_of(item)};
-        read_name(self, item, &config->rules[first + i]);
+        rule_read_name(self, item, &config->rules[first + i]);
         config->rule_count++;
     }
     for (size_t i = 0; i < count && !self->errors->overflow; i++)
@@ -166,7 +166,7 @@ static void read_nothing(schema *self, const schema_key *key, yaml_node_t *value
 }
 
 /* Returns the index of the rule of that name among those read so far, or rule_count. */
-static size_t find_rule(const cfg *config, size_t first, const char *name)
+static size_t rule_find_rule(const cfg *config, size_t first, const char *name)
 {
     size_t i = first;
 
@@ -189,7 +189,7 @@ static size_t find_running(const cfg_running *running, const char *name)
 static void check_distinct(schema *self, const yaml_node_t *value, const char *name)
 {
     const cfg_walk *walk = self->user;
-    size_t other = find_rule(walk->config, 0, name);
+    size_t other = rule_find_rule(walk->config, 0, name);
 
     if (walk->running && find_running(walk->running, name) < walk->running->count)
         schema_complain(self, value, "a rule '%s' is running already; clear it first", name);
@@ -212,7 +212,7 @@ static const char *full_name(schema *self, const char *name)
 }
 
 /* Reads the name; a rule with a missing or unknown name stays without one. */
-static void read_name(schema *self, yaml_node_t *value, cw_rule *rule)
+static void rule_read_name(schema *self, yaml_node_t *value, cw_rule *rule)
 {
     if (value->type != YAML_MAPPING_NODE)
         return;
@@ -314,7 +314,7 @@ static void read_after_rule(schema *self, const schema_key *key, yaml_node_t *va
     const char *full = text ? full_name(self, text) : NULL;
     if (!full)
         return;
-    size_t own = find_rule(config, walk->first_rule, full);
+    size_t own = rule_find_rule(config, walk->first_rule, full);
     size_t other = walk->running ? find_running(walk->running, text) : running;
     if (own < config->rule_count && &config->rules[own] == rule)
         schema_complain(self, value, "%s: a rule cannot come after itself", key->name);

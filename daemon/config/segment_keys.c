@@ -12,8 +12,8 @@
 static const char *const names[] = {"brp", "prop-seg", "phase-seg1", "phase-seg2"};
 #define NAMES (sizeof names / sizeof names[0])
 
-static yaml_node_t *find_key(schema *self, const yaml_node_t *map, const char *prefix,
-                             const char *name)
+static yaml_node_t *segment_keys_find_key(schema *self, const yaml_node_t *map, const char *prefix,
+                                          const char *name)
 {
     char full[NAME_MAX_BYTES];
 
@@ -26,18 +26,18 @@ static bool has_segments(schema *self, const yaml_node_t *map, const char *prefi
     bool any = false;
 
     for (size_t i = 0; i < NAMES; i++)
-        any = any || find_key(self, map, prefix, names[i]);
+        any = any || segment_keys_find_key(self, map, prefix, names[i]);
     return any;
 }
 
 void cfg_check_together(schema *self, const yaml_node_t *map, const char *prefix)
 {
-    const yaml_node_t *point = find_key(self, map, prefix, "sample-point");
+    const yaml_node_t *point = segment_keys_find_key(self, map, prefix, "sample-point");
 
     if (!has_segments(self, map, prefix))
         return;
     for (size_t i = 0; i < NAMES; i++)
-        if (!find_key(self, map, prefix, names[i])) {
+        if (!segment_keys_find_key(self, map, prefix, names[i])) {
             schema_complain(self, map, "%s%s is missing: %sbrp, %sprop-seg, %sphase-seg1 and "
                             "%sphase-seg2 are needed together", prefix, names[i], prefix, prefix,
                             prefix, prefix);
@@ -56,5 +56,5 @@ bool cfg_gives_segments(schema *self, const yaml_node_t *item, const char *prefi
     if (has_segments(self, item, prefix))
         return true;
     return walk->default_map && has_segments(self, walk->default_map, prefix) &&
-           !find_key(self, item, prefix, "sample-point");
+           !segment_keys_find_key(self, item, prefix, "sample-point");
 }

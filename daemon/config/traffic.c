@@ -14,7 +14,7 @@
 #define GAP_DEFAULT_NS 1000000u
 #define LOOK_ENTRIES 1000u /* of a file that are checked beforehand */
 
-static schema_reader read_every, read_delay, read_file, read_channel, read_filters;
+static schema_reader read_every, read_delay, traffic_read_file, read_channel, read_filters;
 
 static const schema_range count_range = {1, UINT64_MAX, sizeof(uint64_t)};
 static const schema_range replies_range = {1, UINT32_MAX, sizeof(uint64_t)};
@@ -59,7 +59,7 @@ static const schema_key send_keys[] = {
 };
 
 static const schema_key replay_keys[] = {
-    {.name = "replay", .read = read_file, .type = "text",
+    {.name = "replay", .read = traffic_read_file, .type = "text",
      .help = "A recording: candump (with or without -L), Vector ASC, pcapng or pcap; relative to "
              "this file."},
     {.name = "only", .read = read_filters, .type = TYPE_SOME(8, TYPE_REF("frameFilter")),
@@ -170,7 +170,7 @@ static void complain_missing(schema *self, const yaml_node_t *map)
 }
 
 /* Returns the kind of a map, or KINDS after a complaint. */
-static size_t find_kind(schema *self, yaml_node_t *map)
+static size_t traffic_find_kind(schema *self, yaml_node_t *map)
 {
     size_t found = KINDS;
     const yaml_node_t *database = schema_find(self, map, "dbc");
@@ -200,7 +200,7 @@ static void read_entry(schema *self, yaml_node_t *value, cfg_traffic *traffic)
         .place = cfg_place_of(value), .count = UINT64_MAX, .gap.ns = GAP_DEFAULT_NS};
     size_t kind = CFG_TRAFFIC_SEND; /* of a value that is no map, for the complaint */
     if (value->type == YAML_MAPPING_NODE)
-        kind = find_kind(self, value);
+        kind = traffic_find_kind(self, value);
     if (kind == KINDS)
         return;
     size_t errors = self->errors->errors;
@@ -227,7 +227,7 @@ void cfg_read_traffic(schema *self, const schema_key *key, yaml_node_t *value, v
 }
 
 /* Checks the traffic of a node against what the node knows. */
-static void check_node(schema *self, yaml_node_t *map, size_t index)
+static void traffic_check_node(schema *self, yaml_node_t *map, size_t index)
 {
     cfg_node *node = &cfg_of(self)->nodes[index];
     yaml_node_t *list = node->traffic_count > 0 ? schema_find(self, map, "traffic") : NULL;
@@ -247,7 +247,7 @@ static void check_node(schema *self, yaml_node_t *map, size_t index)
 void cfg_check_traffic(schema *self, yaml_node_t *nodes)
 {
     for (size_t i = 0; i < cfg_of(self)->node_count; i++)
-        check_node(self, cfg_node_map(self, nodes, i), i);
+        traffic_check_node(self, cfg_node_map(self, nodes, i), i);
     cfg_collect_protections(self, nodes);
 }
 
@@ -280,7 +280,7 @@ static void complete_send(schema *self, yaml_node_t *map, cfg_traffic *traffic)
 
 /* ---- replay ---------------------------------------------------------------------------------- */
 
-static void read_file(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+static void traffic_read_file(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_traffic *traffic = object;
     const char *text = schema_text(self, key, value, "the path of a file");

@@ -114,7 +114,7 @@ static bool unknown(reading *r, const pair *p)
                  r->name->tcp ? ", connect" : "");
 }
 
-static bool take(reading *r, const pair *p)
+static bool tunnelname_take(reading *r, const pair *p)
 {
     tunnelname *name = r->name;
     if (strcmp(p->key, "listen") == 0) {
@@ -145,7 +145,7 @@ static void complete_host(tunnelname *name)
 }
 
 /* Returns true when the ends of a tunnel fit: UDP needs a peer, and of TCP one end connects. */
-static bool fits(reading *r)
+static bool tunnelname_fits(reading *r)
 {
     const tunnelname *name = r->name;
     const bool six = strchr(name->listen.host, ':') != NULL;
@@ -179,12 +179,12 @@ bool tunnelname_read(tunnelname *out, const char *text, char why[ADDRESS_WHY_BYT
     text = take_transport(&r, text);
     while (text && *text) {
         text = take_pair(&r, &p, text + 1);
-        if (!text || !take(&r, &p))
+        if (!text || !tunnelname_take(&r, &p))
             return false;
     }
     if (text && !out->tcp && !r.host && out->has_peer)
         complete_host(out);
-    return text && fits(&r);
+    return text && tunnelname_fits(&r);
 }
 
 bool tunnelname_parse(tunnelname *out, const char *text)

@@ -45,7 +45,7 @@ void cfg_read_virtual(schema *self, const schema_key *key, yaml_node_t *value, v
 }
 
 /* Returns true for a path that a socket can have. */
-static bool fits(const char *path)
+static bool virtual_fits(const char *path)
 {
     return strlen(path) <= PORTNAME_PATH_MAX;
 }
@@ -67,7 +67,7 @@ void cfg_complete_virtual(schema *self, yaml_node_t *root, cfg *config)
                         "campaign needs none: it has 'virtual: on' beside 'ecu'");
     else if (!v->socket)
         v->socket = schema_print(self, "%s.time", config->control);
-    if (v->socket && !fits(v->socket))
+    if (v->socket && !virtual_fits(v->socket))
         schema_complain(self, at, "virtual: socket: the path of a socket has at most %u bytes, not "
                         "%zu (%s)", PORTNAME_PATH_MAX, strlen(v->socket), v->socket);
 }

@@ -88,7 +88,7 @@ static void from_bus(canwire_sim_frame *out, const cw_frame *in)
 }
 
 /* Makes room for one frame more. Returns false without memory. */
-static bool grow(embed_node *n)
+static bool hosts_grow(embed_node *n)
 {
     const size_t room = n->room ? 2 * n->room : FRAMES_FIRST;
     embed_frame *frames = malloc(room * sizeof *frames);
@@ -107,7 +107,7 @@ static bool grow(embed_node *n)
 static void keep_frame(embed_bus *b, unsigned node, const canwire_sim_frame *frame, uint64_t tick)
 {
     embed_node *n = &b->nodes[node];
-    if (n->count == n->room && !grow(n)) {
+    if (n->count == n->room && !hosts_grow(n)) {
         b->sim->no_memory = true;
         return;
     }
@@ -132,7 +132,7 @@ static void keep_error(embed_bus *b, unsigned node, const cw_event *event)
 }
 
 /* Gives an event to the host of a node. */
-static void deliver(embed_bus *b, unsigned node, const cw_event *event)
+static void hosts_deliver(embed_bus *b, unsigned node, const cw_event *event)
 {
     const unsigned listens = b->nodes[node].listens;
     const bool own = event->kind == CW_EVENT_TX;
@@ -219,7 +219,7 @@ void embed_event(void *user, const cw_event *event)
     for (uint64_t rest = event->nodes; rest; rest &= rest - 1) {
         const unsigned node = (unsigned)__builtin_ctzll(rest);
         if (b->nodes[node].listens)
-            deliver(b, node, event);
+            hosts_deliver(b, node, event);
     }
 }
 

@@ -26,7 +26,7 @@ void canwire_sim_free_text(char *text)
 
 /* ---- Buses ----------------------------------------------------------------------------------- */
 
-static void drain(void *user)
+static void load_drain(void *user)
 {
     embed_bus *b = user;
     sim_pass_on(&b->run, NULL);
@@ -44,7 +44,7 @@ static bool keep_times(embed_bus *b)
 }
 
 /* Opens a bus and takes its configuration over, also when it fails. Writes its warnings. */
-static bool open_bus(canwire_sim *sim, cfg *config, FILE *out)
+static bool load_open_bus(canwire_sim *sim, cfg *config, FILE *out)
 {
     embed_bus *b = &sim->buses[sim->count];
     const sim_sink sink = {.user = b, .event = embed_event, .kinds = CW_EVENTS_USUAL};
@@ -65,7 +65,7 @@ static bool open_bus(canwire_sim *sim, cfg *config, FILE *out)
     if (!b->lines.out || !keep_times(b) || !sim_open_roomy(&b->run, b->config, sim->told))
         return false;
     sim_add_sink(&b->run, &sink);
-    inputs_init(&b->in, b->live, b->run.bus, drain, b);
+    inputs_init(&b->in, b->live, b->run.bus, load_drain, b);
     sim->group.runs[sim->group.count++] = &b->run;
     return embed_judge_start(b);
 }
@@ -106,7 +106,7 @@ static bool open_all(canwire_sim *sim, cfg *alone, FILE *out)
     good = sim->told && sim->buses && sim_group_open(&sim->group, sim->rig);
     for (size_t i = 0; i < count && good; i++) {
         cfg *config = take_config(sim, i, &alone);
-        good = config && open_bus(sim, config, out);
+        good = config && load_open_bus(sim, config, out);
     }
     cfg_free(alone);
     if (good)
@@ -114,7 +114,7 @@ static bool open_all(canwire_sim *sim, cfg *alone, FILE *out)
     return good;
 }
 
-static canwire_sim *load(const cfg_file *file, FILE *out)
+static canwire_sim *load_configuration(const cfg_file *file, FILE *out)
 {
     rig *buses;
     cfg *alone;
@@ -137,7 +137,7 @@ static canwire_sim *load(const cfg_file *file, FILE *out)
 static canwire_sim *load_telling(const cfg_file *file, char **messages)
 {
     embed_told t;
-    canwire_sim *sim = embed_tell_begin(&t) ? load(file, t.out) : NULL;
+    canwire_sim *sim = embed_tell_begin(&t) ? load_configuration(file, t.out) : NULL;
     embed_tell_end(&t, messages);
     return sim;
 }
@@ -171,7 +171,7 @@ void canwire_sim_free(canwire_sim *sim)
 
 /* ---- Restart --------------------------------------------------------------------------------- */
 
-static void forget(embed_bus *b, const uint64_t *seed)
+static void load_forget(embed_bus *b, const uint64_t *seed)
 {
     embed_judge_end(b);
     live_restart(b->live, seed ? *seed : b->seed);
@@ -190,13 +190,13 @@ int canwire_sim_reset(canwire_sim *sim, const uint64_t *seed)
 {
     bool good = true;
     for (size_t i = 0; i < sim->count; i++)
-        forget(&sim->buses[i], seed);
+        load_forget(&sim->buses[i], seed);
     sim->reached = 0;
     sim->no_memory = false;
     good = sim_group_restart(&sim->group, sim->rig);
     for (size_t i = 0; i < sim->count && good; i++) {
         embed_bus *b = &sim->buses[i];
-        inputs_init(&b->in, b->live, b->run.bus, drain, b);
+        inputs_init(&b->in, b->live, b->run.bus, load_drain, b);
         good = embed_judge_start(b);
     }
     sim->no_memory = !good;

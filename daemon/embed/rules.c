@@ -52,7 +52,7 @@ int canwire_sim_inject(canwire_sim *sim, int bus, const char *text, size_t size,
     return take_text(sim, bus, inject, text, size, name, messages);
 }
 
-static bool judge(embed_bus *b, const char *text, size_t size, const char *name, FILE *told)
+static bool rules_judge(embed_bus *b, const char *text, size_t size, const char *name, FILE *told)
 {
     cfg_expects *own = cfg_load_expects(text, size, name, b->config, told);
     if (!own)
@@ -68,10 +68,10 @@ static bool judge(embed_bus *b, const char *text, size_t size, const char *name,
 int canwire_sim_expect(canwire_sim *sim, int bus, const char *text, size_t size, const char *name,
                        char **messages)
 {
-    return take_text(sim, bus, judge, text, size, name, messages);
+    return take_text(sim, bus, rules_judge, text, size, name, messages);
 }
 
-static int find_rule(canwire_sim *sim, const embed_bus *b, unsigned *index, const char *rule)
+static int rules_find_rule(canwire_sim *sim, const embed_bus *b, unsigned *index, const char *rule)
 {
     if (live_find(b->live, index, rule))
         return CANWIRE_SIM_OK;
@@ -95,7 +95,7 @@ int canwire_sim_clear(canwire_sim *sim, int bus, const char *rule)
         clear_injected(b);
         return CANWIRE_SIM_OK;
     }
-    if (find_rule(sim, b, &index, rule) != CANWIRE_SIM_OK)
+    if (rules_find_rule(sim, b, &index, rule) != CANWIRE_SIM_OK)
         return CANWIRE_SIM_REFUSED;
     inputs_clear(&b->in, index);
     return CANWIRE_SIM_OK;
@@ -107,7 +107,7 @@ int canwire_sim_fire(canwire_sim *sim, int bus, const char *rule)
     embed_bus *b = embed_find_bus(sim, bus);
     if (!b)
         return CANWIRE_SIM_INVALID;
-    if (find_rule(sim, b, &index, rule) != CANWIRE_SIM_OK)
+    if (rules_find_rule(sim, b, &index, rule) != CANWIRE_SIM_OK)
         return CANWIRE_SIM_REFUSED;
     if (inputs_fire(&b->in, index) == CW_OK)
         return CANWIRE_SIM_OK;
@@ -137,7 +137,7 @@ int canwire_sim_restart(canwire_sim *sim, int node)
                       b->config->nodes[number].name);
 }
 
-static int set(canwire_sim *sim, embed_bus *b, unsigned node, const json_t *object)
+static int rules_set(canwire_sim *sim, embed_bus *b, unsigned node, const json_t *object)
 {
     cw_settings settings = {.which = 0};
     cfg_retime time = {.given = 0};
@@ -161,7 +161,7 @@ int canwire_sim_set(canwire_sim *sim, int node, const char *json)
     json_t *object = json_loads(json, JSON_REJECT_DUPLICATES, &wrong);
     if (!object)
         return embed_fail(sim, CANWIRE_SIM_INVALID, "this is not JSON: %s", wrong.text);
-    const int status = set(sim, b, number, object);
+    const int status = rules_set(sim, b, number, object);
     json_decref(object);
     return status;
 }

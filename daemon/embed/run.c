@@ -44,7 +44,7 @@ static int fail_told(canwire_sim *sim, int status)
 }
 
 /* Awaits an event at all buses that know its words. Returns false after noting an error. */
-static bool await(canwire_sim *sim, const char *text)
+static bool run_await(canwire_sim *sim, const char *text)
 {
     bool any = false;
     sim->happened = false;
@@ -166,7 +166,7 @@ static int go_to(canwire_sim *sim, uint64_t tick)
 }
 
 /* Goes on to the end of the traffic. */
-static int finish(canwire_sim *sim)
+static int run_finish(canwire_sim *sim)
 {
     if (sim->rig)
         sim_group_simulate(&sim->group);
@@ -177,7 +177,7 @@ static int finish(canwire_sim *sim)
 }
 
 /* Goes on in steps, with a look after each of them. */
-static int watch(canwire_sim *sim, uint64_t until, bool awaits, int frame_at)
+static int embed_run_watch(canwire_sim *sim, uint64_t until, bool awaits, int frame_at)
 {
     for (;;) {
         if (sim->happened) {
@@ -224,12 +224,12 @@ int canwire_sim_run(canwire_sim *sim, int64_t until, const char *event, int fram
     int status;
     if (sim->no_memory)
         return embed_fail(sim, CANWIRE_SIM_NO_MEMORY, "out of memory");
-    if ((tick == CW_NEVER && !ends(sim)) || !await(sim, event))
+    if ((tick == CW_NEVER && !ends(sim)) || !run_await(sim, event))
         return CANWIRE_SIM_INVALID;
     if (event || frame_at != CANWIRE_SIM_NO_NODE)
-        status = watch(sim, tick, event || is_at(sim, frame_at, hears_more), frame_at);
+        status = embed_run_watch(sim, tick, event || is_at(sim, frame_at, hears_more), frame_at);
     else if (tick == CW_NEVER)
-        status = finish(sim);
+        status = run_finish(sim);
     else
         status = tick > sim->reached ? go_to(sim, tick) : outcome(sim, CANWIRE_SIM_AT_TIME);
     await_nothing(sim);

@@ -11,7 +11,7 @@
 #include <string.h>
 
 /* Returns the text of a value, which is released; NULL without memory. */
-static char *text_of(json_t *value, size_t flags)
+static char *tell_text_of(json_t *value, size_t flags)
 {
     char *text = embed_text_failed() ? NULL : json_dumps(value, flags | JSON_PRESERVE_ORDER);
     json_decref(value);
@@ -20,7 +20,7 @@ static char *text_of(json_t *value, size_t flags)
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
-static int find_kind(const char *word, size_t length)
+static int tell_find_kind(const char *word, size_t length)
 {
     for (unsigned kind = 0; kind < CW_EVENT_COUNT; kind++) {
         const char *name = cw_event_name((cw_event_kind)kind);
@@ -37,7 +37,7 @@ static bool read_kinds(canwire_sim *sim, uint32_t *kinds, const char *text)
     *kinds = 0;
     while (*text) {
         const size_t length = strcspn(text, ",");
-        const int kind = find_kind(text, length);
+        const int kind = tell_find_kind(text, length);
         if (kind < 0) {
             (void)embed_fail(sim, CANWIRE_SIM_INVALID, "there is no event '%.*s'; expected all, "
                              "none, or names with commas, such as error,state,fault",
@@ -197,9 +197,9 @@ char *canwire_sim_stats(canwire_sim *sim, int bus)
 {
     embed_text_begin();
     if (bus == -1)
-        return text_of(stats_of_all(sim), JSON_INDENT(2));
+        return tell_text_of(stats_of_all(sim), JSON_INDENT(2));
     const embed_bus *b = embed_find_bus(sim, bus);
-    return b ? text_of(output_all_stats(b->config, b->run.bus), JSON_INDENT(2)) : NULL;
+    return b ? tell_text_of(output_all_stats(b->config, b->run.bus), JSON_INDENT(2)) : NULL;
 }
 
 /* ---- Expectations ---------------------------------------------------------------------------- */
@@ -280,7 +280,7 @@ char *canwire_sim_expectations(canwire_sim *sim)
     for (size_t i = 0; i < sim->count; i++)
         for (const embed_judge *j = sim->buses[i].judges; j; j = j->next)
             put_outcomes(all, &sim->buses[i], j);
-    return text_of(all, JSON_COMPACT);
+    return tell_text_of(all, JSON_COMPACT);
 }
 
 /* ---- Losses ---------------------------------------------------------------------------------- */
@@ -315,5 +315,5 @@ char *canwire_sim_lost(canwire_sim *sim)
         loss_list list = {.all = all, .bus = b->config->bus_name};
         losses_tell(&b->lost, b->run.bus, "", put_loss, &list);
     }
-    return text_of(all, JSON_COMPACT);
+    return tell_text_of(all, JSON_COMPACT);
 }

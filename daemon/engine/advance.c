@@ -32,7 +32,7 @@ static void tell_clients(const engine *e, unsigned node, const cw_event *event)
         engine_settle(e, node, event);
 }
 
-static void deliver(engine *e, unsigned node, const cw_event *event)
+static void advance_deliver(engine *e, unsigned node, const cw_event *event)
 {
     errframe error;
     bool received = event->kind == CW_EVENT_RX;
@@ -87,7 +87,7 @@ void engine_handle_events(void *user)
         nodes |= event.nodes;
         for (unsigned i = 0; i < e->config->node_count; i++)
             if (event.nodes >> i & 1u)
-                deliver(e, i, &event);
+                advance_deliver(e, i, &event);
         if (event.nodes & e->carried)
             e->group_calls->carry(e, &event);
         engine_notify(e, &event);

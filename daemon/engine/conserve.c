@@ -12,7 +12,7 @@
 #define COUNTERS (sizeof(port_stats) / sizeof(uint64_t))
 
 /* Adds counters: port_stats has no other members. */
-static void add(port_stats *sum, const port_stats *more, bool subtract)
+static void conserve_add(port_stats *sum, const port_stats *more, bool subtract)
 {
     uint64_t *to = (uint64_t *)sum;
     const uint64_t *from = (const uint64_t *)more;
@@ -26,7 +26,7 @@ static void move_port(conserve *c, unsigned node, port *moved, bool opened)
     if (!moved)
         return;
     port_get_stats(moved, &stats);
-    add(&c->nodes[node].past, &stats, opened);
+    conserve_add(&c->nodes[node].past, &stats, opened);
 }
 
 void conserve_opened(conserve *c, unsigned node, port *opened)
@@ -59,7 +59,7 @@ void conserve_get_stats(port_stats *out, const conserve *c, unsigned node, port 
         return;
     port_stats now;
     port_get_stats(own_port, &now);
-    add(out, &now, false);
+    conserve_add(out, &now, false);
 }
 
 /* ---- Balance --------------------------------------------------------------------------------- */
@@ -94,7 +94,7 @@ bool conserve_balances(const conserve *c, const cw_bus *bus, unsigned node, port
     return balance(&b);
 }
 
-static uint64_t sum(const uint64_t counters[CW_DROP_COUNT])
+static uint64_t conserve_sum(const uint64_t counters[CW_DROP_COUNT])
 {
     uint64_t total = 0;
     for (unsigned i = 0; i < CW_DROP_COUNT; i++)
@@ -111,9 +111,9 @@ static void log_books(const char *name, const books *b)
                    ", stored %" PRIu64 ", queued %" PRIu32 ", held %" PRIu32 ", dropped %" PRIu64
                    "; accepted %" PRIu64 ", by rules %" PRIu64 ", received %" PRIu64
                    ", held %" PRIu32 ", dropped %" PRIu64 ", went %" PRIu64,
-                   b->came, s->handed_in, s->inbox, s->made_by_rules, s->tx_frames,
-                   s->stored, s->queue, s->held, sum(s->dropped), s->rx_accepted,
-                   s->rx_made_by_rules, s->rx_frames, s->rx_held, sum(s->rx_dropped), b->went);
+                   b->came, s->handed_in, s->inbox, s->made_by_rules, s->tx_frames, s->stored,
+                   s->queue, s->held, conserve_sum(s->dropped), s->rx_accepted, s->rx_made_by_rules,
+                   s->rx_frames, s->rx_held, conserve_sum(s->rx_dropped), b->went);
 }
 
 unsigned conserve_check(const conserve *c, const cfg *config, const cw_bus *bus, port *const *ports)

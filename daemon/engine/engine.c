@@ -21,7 +21,7 @@
 
 /* ---- Timer ----------------------------------------------------------------------------------- */
 
-static void arm(engine *e)
+static void engine_arm(engine *e)
 {
     if (!alarm_set(&e->alarm, e->wake_ns))
         engine_fail(e, "timer", strerror(errno));
@@ -115,7 +115,7 @@ static void on_port(struct ev_loop *loop, ev_io *io, int events)
         wake(e);
 }
 
-static void on_timer(struct ev_loop *loop, ev_io *io, int events)
+static void engine_on_timer(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
     engine *e = io->data;
@@ -138,7 +138,7 @@ static bool make_timer(engine *e)
         log_error("timerfd: %s", strerror(errno));
         return false;
     }
-    ev_io_init(&e->timer, on_timer, e->alarm.fd, EV_READ);
+    ev_io_init(&e->timer, engine_on_timer, e->alarm.fd, EV_READ);
     e->timer.data = e;
     return true;
 }
@@ -156,7 +156,7 @@ engine *engine_open(struct ev_loop *loop, live *config)
     e->clock = &e->own_clock;
     e->wake = wake;
     e->on_port = on_port;
-    e->arm = arm;
+    e->arm = engine_arm;
     e->over = break_loop;
     e->alarm = ALARM_CLOSED;
     if (e->config->pacing == CFG_PACING_VIRTUAL && !engine_open_virtual(e)) {

@@ -49,7 +49,7 @@ static void carry_books_over(engine *e, const reload *r)
             conserve_opened(&e->books, i, e->now.ports[r->port_from[i]]);
 }
 
-static void go_over(engine *e)
+static void go_over_go_over(engine *e)
 {
     reload *r = e->next;
     e->next = NULL;
@@ -97,7 +97,7 @@ void engine_run_to_boundary(engine *e, uint64_t now)
 {
     while (e->next) {
         if (cw_bus_idle(e->now.bus) || cw_bus_now(e->now.bus) >= e->next->deadline) {
-            go_over(e);
+            go_over_go_over(e);
             return;
         }
         uint64_t end = cw_bus_tick_after(e->now.bus, 1);

@@ -59,7 +59,7 @@ static void set_alarm(engine_group *g)
         engine_fail(g->buses[0], "timer", strerror(errno));
 }
 
-static void arm(engine *e)
+static void group_arm(engine *e)
 {
     if (!e->group->running)
         set_alarm(e->group);
@@ -92,7 +92,7 @@ static bool go(void *user, size_t bus, uint64_t tick)
     return engine_go(e, tick);
 }
 
-static meeting_outlook look(void *user, size_t bus)
+static meeting_outlook group_look(void *user, size_t bus)
 {
     engine_group *g = user;
     engine *e = g->buses[bus];
@@ -103,8 +103,8 @@ static meeting_outlook look(void *user, size_t bus)
     return found;
 }
 
-static cw_status send_frame(void *user, size_t bus, unsigned node, const cw_frame *frame,
-                            uint64_t received, uint64_t at_tick)
+static cw_status group_send_frame(void *user, size_t bus, unsigned node, const cw_frame *frame,
+                                  uint64_t received, uint64_t at_tick)
 {
     engine_group *g = user;
     engine *e = g->buses[bus];
@@ -124,7 +124,7 @@ static void carry(engine *e, const cw_event *event)
 
 /* Advances the buses that take part to the present. Those without gateways go first, since others
  * may need all the time of this wake-up. */
-static void advance(engine_group *g, uint64_t now)
+static void group_advance(engine_group *g, uint64_t now)
 {
     uint32_t waiting = g->awake;
     for (size_t i = 0; i < g->rig->bus_count; i++) {
@@ -198,7 +198,7 @@ static void wake_group(engine_group *g)
     g->now = clock_read();
     clock_follow(&g->clock, &g->now);
     wake_due(g);
-    advance(g, clock_tick(&g->clock, g->now.monotonic_ns));
+    group_advance(g, clock_tick(&g->clock, g->now.monotonic_ns));
     for (size_t i = 0; i < g->rig->bus_count; i++)
         if (g->changed & bit_of(g->buses[i]))
             engine_arm_timer(g->buses[i]);
@@ -231,7 +231,7 @@ static void on_before_wait(struct ev_loop *loop, ev_prepare *watcher, int events
         wake_group(g);
 }
 
-static void on_timer(struct ev_loop *loop, ev_io *io, int events)
+static void group_on_timer(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
     engine_group *g = io->data;
@@ -307,7 +307,7 @@ static void moved(engine *e, const uint8_t from[CW_NODES_MAX])
 
 static const group_calls calls = {.carry = carry, .may_take = may_take, .moved = moved};
 
-static bool open_bus(engine_group *g, size_t place, live *config)
+static bool group_open_bus(engine_group *g, size_t place, live *config)
 {
     (void)log_enter(g->rig->names[place]);
     engine *e = engine_open(g->loop, config);
@@ -322,7 +322,7 @@ static bool open_bus(engine_group *g, size_t place, live *config)
     e->clock = &g->clock;
     e->wake = wake;
     e->on_port = on_port;
-    e->arm = arm;
+    e->arm = group_arm;
     e->over = over;
     e->wake_ns = INT64_MAX;
     return true;
@@ -330,8 +330,8 @@ static bool open_bus(engine_group *g, size_t place, live *config)
 
 static bool open_all(engine_group *g, live *const *lives)
 {
-    static const meeting_calls meeting_of = {.go = go, .look = look};
-    g->meeting = (meeting){.gateways = gateways_new(g->rig, send_frame, g),
+    static const meeting_calls meeting_of = {.go = go, .look = group_look};
+    g->meeting = (meeting){.gateways = gateways_new(g->rig, group_send_frame, g),
                            .calls = &meeting_of,
                            .user = g,
                            .bus_count = g->rig->bus_count};
@@ -341,7 +341,7 @@ static bool open_all(engine_group *g, live *const *lives)
     }
     bool good = true;
     for (size_t i = 0; good && i < g->rig->bus_count; i++)
-        good = open_bus(g, i, lives[i]);
+        good = group_open_bus(g, i, lives[i]);
     (void)log_enter(NULL);
     if (good && !alarm_open(&g->alarm)) {
         log_error("timerfd: %s", strerror(errno));
@@ -366,7 +366,7 @@ engine_group *engine_group_start(struct ev_loop *loop, const rig *config, live *
     }
     clock_begin(&g->clock);
     catchup_begin(&g->catchup, clock_ns(CLOCK_BOOTTIME), g->clock.epoch_ns);
-    ev_io_init(&g->timer, on_timer, g->alarm.fd, EV_READ);
+    ev_io_init(&g->timer, group_on_timer, g->alarm.fd, EV_READ);
     g->timer.data = g;
     ev_io_start(loop, &g->timer);
     ev_prepare_init(&g->before_wait, on_before_wait);

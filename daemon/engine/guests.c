@@ -55,7 +55,7 @@ static unsigned find_name(const engine *e, const char *name)
 }
 
 /* Finds a free node. The name of a free one asks for that one. */
-static place find_place(const engine *e, const char *name)
+static place guests_find_place(const engine *e, const char *name)
 {
     const cfg *config = e->config;
     const unsigned named = find_name(e, name);
@@ -107,7 +107,7 @@ static void admit(engine *e)
     while ((said = door_next(e->now.door))) {
         char name[CFG_NODE_NAME_MAX + 1];
         (void)snprintf(name, sizeof name, "%s", said);
-        const place found = find_place(e, name);
+        const place found = guests_find_place(e, name);
         if (found.node == CW_NO_NODE)
             door_refuse(e->now.door, found.code, found.why);
         else

@@ -28,7 +28,7 @@ static uint64_t arrival_tick(engine *e, unsigned node, const port_frame *frame,
 
 /* Makes room in the inbox. Traffic that is due until then is handed in, too. Returns false when the
  * time of this wake-up ends before. */
-static bool make_room(engine *e)
+static bool intake_make_room(engine *e)
 {
     const uint64_t bit = cw_rate_ticks(e->config->rate, 1);
     release_look(e->now.plan, e->now.bus);
@@ -69,7 +69,7 @@ static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_
  * some. */
 static unsigned inbox_room(engine *e)
 {
-    while (cw_bus_inbox_room(e->now.bus) < KEPT_FREE + PORT_BATCH && make_room(e))
+    while (cw_bus_inbox_room(e->now.bus) < KEPT_FREE + PORT_BATCH && intake_make_room(e))
         continue;
     unsigned room = cw_bus_inbox_room(e->now.bus);
     room = room > KEPT_FREE ? room - KEPT_FREE : 0;

@@ -143,7 +143,7 @@ static bool has_index(const engine *e, unsigned node, unsigned index)
     return e->now.ports[node] && port_index(e->now.ports[node]) == index;
 }
 
-static bool has_name(const engine *e, unsigned node, const char *name)
+static bool links_has_name(const engine *e, unsigned node, const char *name)
 {
     const char *own = e->config->nodes[node].port;
     return own && strcmp(own, name) == 0;
@@ -152,7 +152,7 @@ static bool has_name(const engine *e, unsigned node, const char *name)
 static bool has_changed(const engine *e, unsigned node, unsigned index, const char *name,
                     report_link state)
 {
-    if (has_name(e, node, name))
+    if (links_has_name(e, node, name))
         return !has_index(e, node, index) || e->links.state[node] != state;
     return has_index(e, node, index);
 }
@@ -161,7 +161,7 @@ static bool has_changed(const engine *e, unsigned node, unsigned index, const ch
 static void lose_other_names(engine *e, unsigned index, const char *name)
 {
     for (unsigned i = 0; i < e->config->node_count; i++)
-        if (has_index(e, i, index) && !has_name(e, i, name))
+        if (has_index(e, i, index) && !links_has_name(e, i, name))
             lose_port(e, i);
 }
 
@@ -179,7 +179,7 @@ static void take_interface(engine *e, unsigned node, unsigned index, report_link
 static void note_kind(engine *e, const char *name, bool vcan)
 {
     for (unsigned i = 0; i < e->config->node_count; i++) {
-        if (!has_name(e, i, name))
+        if (!links_has_name(e, i, name))
             continue;
         e->links.vcans &= ~bit_of(i);
         e->links.vcans |= vcan ? bit_of(i) : 0;
@@ -195,14 +195,14 @@ static void on_seen(void *user, unsigned index, const char *name, const char *ki
     note_kind(e, name, strcmp(kind, "vcan") == 0);
     for (unsigned i = 0; i < e->config->node_count; i++) {
         changed = changed || has_changed(e, i, index, name, state);
-        e->links.mentioned |= has_name(e, i, name) ? bit_of(i) : 0;
+        e->links.mentioned |= links_has_name(e, i, name) ? bit_of(i) : 0;
     }
     if (!changed || e->stopping)
         return;
     e->wake(e); /* this may move nodes to other places */
     lose_other_names(e, index, name);
     for (unsigned i = 0; i < e->config->node_count; i++)
-        if (has_name(e, i, name))
+        if (links_has_name(e, i, name))
             take_interface(e, i, index, state);
     e->wake(e);
 }

@@ -7,7 +7,7 @@
  */
 #include "engine/core.h"
 
-static void obey(engine *e, unsigned node, const port_command *command)
+static void orders_obey(engine *e, unsigned node, const port_command *command)
 {
     char problem[SETTINGS_ERROR_MAX];
     const message_order order = command->order;
@@ -26,6 +26,6 @@ void engine_obey(engine *e)
     for (unsigned i = 0; i < e->config->node_count; i++) {
         const port_command *command = port_next_command(e->now.ports[i]);
         if (command)
-            obey(e, i, command);
+            orders_obey(e, i, command);
     }
 }

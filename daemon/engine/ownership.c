@@ -9,7 +9,8 @@
 #include <string.h>
 
 /* Changes the settings of a node, all or none. Returns false with the reason. */
-static bool set(engine *e, unsigned node, const char *text, char problem[SETTINGS_ERROR_MAX])
+static bool ownership_set(engine *e, unsigned node, const char *text,
+                          char problem[SETTINGS_ERROR_MAX])
 {
     cw_settings settings = {.which = 0};
     cfg_retime time = {.given = 0};
@@ -35,7 +36,7 @@ bool engine_set_or_say(engine *e, unsigned node, const char *text,
                        char problem[SETTINGS_ERROR_MAX])
 {
     *problem = '\0';
-    if (*text == '\0' || set(e, node, text, problem))
+    if (*text == '\0' || ownership_set(e, node, text, problem))
         return true;
     log_node_warning(e->config->nodes[node].name, "its controller asks for %s: %s", text, problem);
     return false;

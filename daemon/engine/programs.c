@@ -57,7 +57,7 @@ static void hang_up(connection *c)
     c->fd = -1;
 }
 
-static void forget(connection *c)
+static void programs_forget(connection *c)
 {
     hang_up(c);
     if (c->pidfd >= 0) {
@@ -75,7 +75,7 @@ static void on_process_end(struct ev_loop *loop, ev_io *io, int events)
     connection *c = io->data;
     (void)loop;
     (void)events;
-    forget(c);
+    programs_forget(c);
     c->owner->calls->changed(c->owner->user);
 }
 
@@ -93,7 +93,7 @@ static void keep_place(connection *c)
     const int pidfd = open_process(one->pid);
     hang_up(c);
     if (pidfd < 0) {
-        forget(c);
+        programs_forget(c);
         return;
     }
     one->state = TURN_ENDS;
@@ -103,17 +103,17 @@ static void keep_place(connection *c)
     ev_io_start(c->owner->loop, &c->end);
 }
 
-static void lose(connection *c)
+static void programs_lose(connection *c)
 {
     if (c->place == TURNS_NONE)
-        forget(c);
+        programs_forget(c);
     else
         keep_place(c);
 }
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
-static void refuse(connection *c, int code, const char *why)
+static void programs_refuse(connection *c, int code, const char *why)
 {
     timing_message m = {.head = {.type = TIMING_ERROR, .number = TIMING_JOIN}};
     m.error.code = (uint32_t)code;
@@ -121,7 +121,7 @@ static void refuse(connection *c, int code, const char *why)
     m.head.size = (uint16_t)(sizeof m.head + sizeof m.error);
     (void)send(c->fd, &m, m.head.size, MSG_DONTWAIT | MSG_NOSIGNAL);
     log_warning("virtual time: a program is refused: %s", why);
-    forget(c);
+    programs_forget(c);
 }
 
 /* Forgets the place of the program that the process was before. */
@@ -130,7 +130,7 @@ static void take_place_of(programs *p, int pid)
     for (unsigned i = 0; i < CONNECTIONS_MAX; i++) {
         connection *c = &p->all[i];
         if (c->pidfd >= 0 && p->turns.all[c->place].pid == pid)
-            forget(c);
+            programs_forget(c);
     }
 }
 
@@ -142,12 +142,12 @@ static void clean(char *words)
             *words = '?';
 }
 
-static void join(connection *c, timing_join *said, size_t size)
+static void programs_join(connection *c, timing_join *said, size_t size)
 {
     programs *p = c->owner;
     if (size < sizeof *said || memcmp(said->magic, MESSAGE_MAGIC, sizeof said->magic) != 0 ||
         said->version != TIMING_VERSION) {
-        refuse(c, EPROTO, "expected a message JOIN of version 1");
+        programs_refuse(c, EPROTO, "expected a message JOIN of version 1");
         return;
     }
     said->node[sizeof said->node - 1] = '\0';
@@ -159,18 +159,18 @@ static void join(connection *c, timing_join *said, size_t size)
     take_place_of(p, said->pid);
     c->place = turns_add(&p->turns, node, said);
     if (c->place == TURNS_NONE)
-        refuse(c, EBUSY, "there are 64 programs, which is the most");
+        programs_refuse(c, EBUSY, "there are 64 programs, which is the most");
 }
 
 /* Does what a message says. */
-static void obey(connection *c, timing_message *m, size_t size)
+static void programs_obey(connection *c, timing_message *m, size_t size)
 {
     turns *t = &c->owner->turns;
     if (c->place == TURNS_NONE) {
         if (m->head.type == TIMING_JOIN)
-            join(c, &m->join, size - sizeof m->head);
+            programs_join(c, &m->join, size - sizeof m->head);
         else
-            refuse(c, EPROTO, "the first message must be JOIN");
+            programs_refuse(c, EPROTO, "the first message must be JOIN");
     } else if (m->head.type == TIMING_CANCEL) {
         turns_cancel(t, c->place);
     } else if (m->head.type == TIMING_WAIT && t->all[c->place].state == TURN_RUNS) {
@@ -180,7 +180,7 @@ static void obey(connection *c, timing_message *m, size_t size)
     } else if (m->head.type == TIMING_CHILDREN && t->all[c->place].state == TURN_RUNS) {
         turns_wait_for_children(t, c->place);
     } else {
-        refuse(c, EPROTO, "a message that does not fit its turn");
+        programs_refuse(c, EPROTO, "a message that does not fit its turn");
     }
 }
 
@@ -195,9 +195,9 @@ static bool read_messages(connection *c)
             return any;
         any = true;
         if (size >= (ssize_t)sizeof m.head)
-            obey(c, &m, (size_t)size);
+            programs_obey(c, &m, (size_t)size);
         else
-            lose(c);
+            programs_lose(c);
     }
     return any;
 }
@@ -233,7 +233,7 @@ static connection *find_room(programs *p)
 }
 
 /* Takes a connection. Its first message may be there already. */
-static void take(programs *p, int fd)
+static void programs_take(programs *p, int fd)
 {
     connection *c = find_room(p);
     if (!c) {
@@ -256,7 +256,7 @@ void programs_let_in(programs *p)
         const int fd = accept4(p->listener.fd, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
         if (fd < 0)
             break;
-        take(p, fd);
+        programs_take(p, fd);
     }
 }
 
@@ -301,7 +301,7 @@ void programs_close(programs *p)
     if (!p)
         return;
     for (unsigned i = 0; i < CONNECTIONS_MAX; i++)
-        forget(&p->all[i]);
+        programs_forget(&p->all[i]);
     ev_io_stop(p->loop, &p->coming);
     pathsocket_close(&p->listener);
     free(p);

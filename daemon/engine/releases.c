@@ -9,7 +9,7 @@
 
 /* Makes room in the inbox, whose first frame leaves at the latest in the bit that holds its tick.
  * Returns false when the time of this wake-up ends before. */
-static bool make_room(engine *e)
+static bool releases_make_room(engine *e)
 {
     const uint64_t bit = cw_rate_ticks(e->config->rate, 1);
     return engine_advance(e, cw_bus_inbox_first(e->now.bus) + bit);
@@ -35,7 +35,7 @@ uint64_t engine_release_to(engine *e, uint64_t now)
         const cw_status status = inputs_release(&e->inputs, e->now.plan);
         if (status == CW_OK) {
             e->books.nodes[node].released += frame;
-        } else if (status == CW_FULL && !make_room(e)) {
+        } else if (status == CW_FULL && !releases_make_room(e)) {
             now = tick > 0 ? tick - 1 : 0;
             break;
         }

@@ -18,7 +18,7 @@
 /* ---- Setups ---------------------------------------------------------------------------------- */
 
 /* Reports about replayed files. */
-static void report(void *user, bool failed, const char *text)
+static void reload_report(void *user, bool failed, const char *text)
 {
     (void)user;
     if (failed)
@@ -29,7 +29,7 @@ static void report(void *user, bool failed, const char *text)
 
 bool setup_make(setup *s, const cfg *config)
 {
-    *s = (setup){.plan = release_plan_new(config, report, NULL)};
+    *s = (setup){.plan = release_plan_new(config, reload_report, NULL)};
     s->bus = bus_make(&s->memory, config);
     return s->bus && s->plan && release_read_ahead(s->plan);
 }

@@ -90,7 +90,7 @@ static reading *make_reading(const char *file, const fileuses *others, const rig
 
 /* ---- Rounds ---------------------------------------------------------------------------------- */
 
-static void go_on(reloader *r);
+static void reloader_go_on(reloader *r);
 
 static void on_done(void *user, void *task)
 {
@@ -105,7 +105,7 @@ static void on_done(void *user, void *task)
     bool reported = fflush(t->errors) == 0 && t->text && *t->text;
     r->calls->over(r->user, r->round, good ? NULL : reported ? t->text : none);
     free_reading(t);
-    go_on(r);
+    reloader_go_on(r);
 }
 
 static void on_late(void *user, double busy_s)
@@ -127,14 +127,14 @@ static void on_late(void *user, double busy_s)
         text = NULL;
     r->calls->over(r->user, r->round, text ? text : none);
     free(text);
-    go_on(r);
+    reloader_go_on(r);
 }
 
 static const aside_calls reading_calls = {
     .work = read_config, .drop = free_reading, .done = on_done, .late = on_late};
 
 /* Begins the next round and takes over the name. Returns false after writing the reason. */
-static bool begin(reloader *r, char *file, FILE *errors)
+static bool reloader_begin(reloader *r, char *file, FILE *errors)
 {
     free(r->file);
     r->file = file;
@@ -161,7 +161,7 @@ static bool begin(reloader *r, char *file, FILE *errors)
 }
 
 /* Begins the round that has been requested meanwhile. */
-static void go_on(reloader *r)
+static void reloader_go_on(reloader *r)
 {
     char *text = NULL;
     size_t size = 0;
@@ -170,7 +170,7 @@ static void go_on(reloader *r)
     if (!file)
         return;
     FILE *errors = open_memstream(&text, &size);
-    bool good = errors && begin(r, file, errors);
+    bool good = errors && reloader_begin(r, file, errors);
     if (errors) {
         (void)fclose(errors);
     } else {
@@ -207,7 +207,7 @@ uint64_t reloader_ask(reloader *r, const char *file, FILE *errors)
         return 0;
     }
     if (!reloader_is_busy(r))
-        return begin(r, copy, errors) ? r->round : 0;
+        return reloader_begin(r, copy, errors) ? r->round : 0;
     free(r->next);
     r->next = copy;
     return r->round + 1;

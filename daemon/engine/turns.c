@@ -8,7 +8,7 @@
 
 /* ---- Order ----------------------------------------------------------------------------------- */
 
-static int compare(const turn *a, const turn *b)
+static int turns_compare(const turn *a, const turn *b)
 {
     if (a->node != b->node)
         return a->node < b->node ? -1 : 1;
@@ -84,7 +84,7 @@ static bool has_ancestor_of(const turn *one, const turn *other)
     return one->pid == other->pid || descends(one, other->pid) || descends(other, one->pid);
 }
 
-static const turn *find(const turns *t, int pid)
+static const turn *turns_find(const turns *t, int pid)
 {
     for (unsigned i = 0; i < TURNS_MAX; i++)
         if (t->all[i].state != TURN_NONE && t->all[i].pid == pid)
@@ -94,7 +94,7 @@ static const turn *find(const turns *t, int pid)
 
 void turns_told(turns *t, int pid, unsigned what)
 {
-    const turn *told = find(t, pid);
+    const turn *told = turns_find(t, pid);
     for (unsigned i = 0; i < TURNS_MAX; i++) {
         turn *one = &t->all[i];
         if (one->state != TURN_WAITS || !(one->wants & what))
@@ -147,9 +147,9 @@ static unsigned first(const turns *t, int64_t now_ns, const turn *behind)
     unsigned found = TURNS_NONE;
     for (unsigned i = 0; i < TURNS_MAX; i++) {
         const turn *one = &t->all[i];
-        if (!is_ready(one, now_ns) || (behind && compare(one, behind) <= 0))
+        if (!is_ready(one, now_ns) || (behind && turns_compare(one, behind) <= 0))
             continue;
-        if (found == TURNS_NONE || compare(one, &t->all[found]) < 0)
+        if (found == TURNS_NONE || turns_compare(one, &t->all[found]) < 0)
             found = i;
     }
     return found;

@@ -26,7 +26,7 @@
 
 /* ---- Programs -------------------------------------------------------------------------------- */
 
-static unsigned find_node(void *user, const char *name)
+static unsigned virtual_find_node(void *user, const char *name)
 {
     const engine *e = user;
     const uint8_t node = cfg_find_node(e->config, name);
@@ -122,7 +122,7 @@ static int64_t limit_of(const engine *e)
 }
 
 /* Lets the bus go on to the next stop. Returns false when it rests. */
-static bool go_on(engine *e)
+static bool virtual_go_on(engine *e)
 {
     const struct engine_virtual *v = e->virtual_time;
     const int64_t limit_ns = limit_of(e);
@@ -157,7 +157,7 @@ static bool any_waits(const engine *e)
 }
 
 /* Reads what programs have sent up to now. */
-static void read_all(engine *e)
+static void virtual_read_all(engine *e)
 {
     programs_let_in(e->virtual_time->programs); /* a child has come before its parent waits */
     const clock_pair now = engine_now(e);
@@ -185,14 +185,14 @@ static bool give_turn(engine *e)
 }
 
 /* Goes on until somebody has a turn, the bus rests, or the time of this wake-up ends. */
-static void run(engine *e)
+static void virtual_run(engine *e)
 {
     struct engine_virtual *v = e->virtual_time;
     v->more = false;
     while (!engine_is_held(e)) {
         if (v->unread)
-            read_all(e);
-        if (give_turn(e) || !go_on(e))
+            virtual_read_all(e);
+        if (give_turn(e) || !virtual_go_on(e))
             return;
         if (engine_turn_is_over(e)) {
             v->more = true;
@@ -207,12 +207,12 @@ static void wake(engine *e)
     if (e->stopping)
         engine_run_out(e, e->stop_tick);
     else
-        run(e);
+        virtual_run(e);
     engine_arm_timer(e);
 }
 
 /* A timer of the machine has no place in virtual time, but wake-ups may be too short. */
-static void arm(engine *e)
+static void virtual_arm(engine *e)
 {
     const struct engine_virtual *v = e->virtual_time;
     const bool soon = (v->more || e->stopping) && !e->stopped;
@@ -274,7 +274,7 @@ static void on_look(struct ev_loop *loop, ev_timer *timer, int events)
 
 bool engine_open_virtual(engine *e)
 {
-    static const programs_calls calls = {.find_node = find_node, .changed = on_change};
+    static const programs_calls calls = {.find_node = virtual_find_node, .changed = on_change};
     struct engine_virtual *v = calloc(1, sizeof *v);
     if (!v) {
         log_error("out of memory");
@@ -286,7 +286,7 @@ bool engine_open_virtual(engine *e)
         return false;
     v->turns = programs_turns(v->programs);
     e->wake = wake;
-    e->arm = arm;
+    e->arm = virtual_arm;
     e->on_port = on_port;
     clock_begin_virtual(e->clock);
     return true;

@@ -18,7 +18,7 @@ void broadcast_free(broadcast *b)
 }
 
 /* Makes room for one more element at powers of two. Returns NULL when there are too many. */
-static void *grow(void *elements, size_t count, size_t size)
+static void *broadcast_grow(void *elements, size_t count, size_t size)
 {
     if (count >= BROADCAST_MAX)
         return NULL;
@@ -49,7 +49,7 @@ bool broadcast_add(broadcast *b, const struct can_frame *frame, int64_t interval
 {
     broadcast_job *job = find_job(b, frame->can_id);
     if (!job) {
-        broadcast_job *jobs = grow(b->jobs, b->job_count, sizeof *jobs);
+        broadcast_job *jobs = broadcast_grow(b->jobs, b->job_count, sizeof *jobs);
         if (!jobs)
             return false;
         b->jobs = jobs;
@@ -108,7 +108,8 @@ bool broadcast_subscribe(broadcast *b, canid_t id, const uint8_t mask[CAN_MAX_DL
 {
     broadcast_subscription *s = find_subscription(b, id);
     if (!s) {
-        broadcast_subscription *all = grow(b->subscriptions, b->subscription_count, sizeof *all);
+        broadcast_subscription *all =
+            broadcast_grow(b->subscriptions, b->subscription_count, sizeof *all);
         if (!all)
             return false;
         b->subscriptions = all;

@@ -119,7 +119,7 @@ static cannelloni_place judge_old(const cannelloni_sequence *s, uint8_t number, 
 }
 
 /* Forgets the places of packets that are missing: older ones with the same remainder are there. */
-static void forget(cannelloni_sequence *s, uint8_t first, unsigned count)
+static void cannelloni_forget(cannelloni_sequence *s, uint8_t first, unsigned count)
 {
     for (unsigned i = 0; i < count && i < CANNELLONI_SEEN; i++)
         s->seen[(first + i) % CANNELLONI_SEEN].there = false;
@@ -139,7 +139,7 @@ cannelloni_place cannelloni_follow(cannelloni_sequence *s, const uint8_t *in, si
         *missing = ahead;
     if (place == CANNELLONI_RESTART)
         memset(s, 0, sizeof *s);
-    forget(s, s->next, *missing);
+    cannelloni_forget(s, s->next, *missing);
     if (place != CANNELLONI_DUPLICATE)
         remember(s, number, content, ns);
     if (place == CANNELLONI_NEXT || place == CANNELLONI_RESTART)

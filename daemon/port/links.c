@@ -79,7 +79,7 @@ static char *put_head(char *to, size_t size, unsigned short type)
     return to + RTA_LENGTH(0);
 }
 
-static void put(request *r, unsigned short type, const void *data, size_t size)
+static void links_put(request *r, unsigned short type, const void *data, size_t size)
 {
     char *to = put_head(extend(r, RTA_LENGTH(size)), size, type);
     if (size > 0)
@@ -88,7 +88,7 @@ static void put(request *r, unsigned short type, const void *data, size_t size)
 
 static void put_text(request *r, unsigned short type, const char *text)
 {
-    put(r, type, text, strlen(text) + 1);
+    links_put(r, type, text, strlen(text) + 1);
 }
 
 /* The beginning of an attribute that contains others. */
@@ -97,12 +97,12 @@ typedef struct nesting {
     unsigned short type;
 } nesting;
 
-static nesting begin(request *r, unsigned short type)
+static nesting links_begin(request *r, unsigned short type)
 {
     return (nesting){.at = extend(r, RTA_LENGTH(0)), .type = type};
 }
 
-static void end(request *r, nesting n)
+static void links_end(request *r, nesting n)
 {
     size_t whole = (size_t)((char *)r + r->header.nlmsg_len - n.at);
     (void)put_head(n.at, whole - RTA_LENGTH(0), n.type);
@@ -181,14 +181,14 @@ static int read_error(links *l, struct nlmsghdr *message)
     return number;
 }
 
-static int fail(links *l, int number)
+static int links_fail(links *l, int number)
 {
     (void)snprintf(l->error, sizeof l->error, "%s", strerror(number));
     return number;
 }
 
 /* Takes one message. Returns -1 before the end, else the result of the request. */
-static int take(links *l, listener *to, struct nlmsghdr *message)
+static int links_take(links *l, listener *to, struct nlmsghdr *message)
 {
     link_info info;
     if (message->nlmsg_seq != l->sequence)
@@ -205,7 +205,7 @@ static int take(links *l, listener *to, struct nlmsghdr *message)
     return -1;
 }
 
-static int receive(links *l, listener *to)
+static int links_receive(links *l, listener *to)
 {
     for (;;) {
         ssize_t size = recv(l->fd, l->reply.bytes, sizeof l->reply.bytes, MSG_TRUNC);
@@ -213,10 +213,10 @@ static int receive(links *l, listener *to)
             continue;
         l->unanswered = size < 0 || (size_t)size > sizeof l->reply.bytes;
         if (l->unanswered)
-            return fail(l, size < 0 ? errno : EMSGSIZE);
+            return links_fail(l, size < 0 ? errno : EMSGSIZE);
         unsigned rest = (unsigned)size;
         for (struct nlmsghdr *m = &l->reply.header; NLMSG_OK(m, rest); m = NLMSG_NEXT(m, rest)) {
-            int result = take(l, to, m);
+            int result = links_take(l, to, m);
             if (result >= 0)
                 return result;
         }
@@ -230,8 +230,8 @@ static int ask(links *l, request *r, links_visitor *visit, void *user)
     r->header.nlmsg_seq = ++l->sequence;
     l->unanswered = false;
     if (send(l->fd, r, r->header.nlmsg_len, 0) < 0)
-        return fail(l, errno);
-    return receive(l, &to);
+        return links_fail(l, errno);
+    return links_receive(l, &to);
 }
 
 /* ---- Public functions ------------------------------------------------------------------------ */
@@ -259,7 +259,7 @@ void links_close(links *l)
     free(l);
 }
 
-static bool keep(void *user, const link_info *info)
+static bool links_keep(void *user, const link_info *info)
 {
     link_info *out = user;
     *out = *info;
@@ -270,7 +270,7 @@ int links_find(links *l, link_info *info, const char *name)
 {
     request r = make_request(RTM_GETLINK, NLM_F_ACK);
     put_text(&r, IFLA_IFNAME, name);
-    return ask(l, &r, keep, info);
+    return ask(l, &r, links_keep, info);
 }
 
 int links_each(links *l, links_visitor *visit, void *user)
@@ -281,7 +281,7 @@ int links_each(links *l, links_visitor *visit, void *user)
 
 static void put_mtu(request *r, uint32_t mtu)
 {
-    put(r, IFLA_MTU, &mtu, sizeof mtu);
+    links_put(r, IFLA_MTU, &mtu, sizeof mtu);
 }
 
 /* Makes a request for a new interface that is up. */
@@ -298,9 +298,9 @@ static request make_new(const char *name, unsigned mtu)
 int links_make_vcan(links *l, const char *name, unsigned mtu)
 {
     request r = make_new(name, mtu);
-    nesting info = begin(&r, IFLA_LINKINFO);
+    nesting info = links_begin(&r, IFLA_LINKINFO);
     put_text(&r, IFLA_INFO_KIND, "vcan");
-    end(&r, info);
+    links_end(&r, info);
     return ask(l, &r, NULL, NULL);
 }
 
@@ -320,18 +320,18 @@ static int make_pair(links *l, const char *name, const char *peer, int netns_fd,
     request r = make_new(peer, mtu);
     r.info.ifi_index = index;
     if (netns_fd >= 0)
-        put(&r, IFLA_NET_NS_FD, &netns_fd, sizeof netns_fd);
-    nesting info = begin(&r, IFLA_LINKINFO);
+        links_put(&r, IFLA_NET_NS_FD, &netns_fd, sizeof netns_fd);
+    nesting info = links_begin(&r, IFLA_LINKINFO);
     put_text(&r, IFLA_INFO_KIND, "vxcan");
-    nesting data = begin(&r, IFLA_INFO_DATA);
-    nesting other = begin(&r, VXCAN_INFO_PEER);
+    nesting data = links_begin(&r, IFLA_INFO_DATA);
+    nesting other = links_begin(&r, VXCAN_INFO_PEER);
     const struct ifinfomsg header = {.ifi_family = AF_UNSPEC};
     memcpy(extend(&r, sizeof header), &header, sizeof header);
     put_text(&r, IFLA_IFNAME, name);
     put_mtu(&r, mtu);
-    end(&r, other);
-    end(&r, data);
-    end(&r, info);
+    links_end(&r, other);
+    links_end(&r, data);
+    links_end(&r, info);
     return ask(l, &r, NULL, NULL);
 }
 
@@ -349,7 +349,7 @@ int links_make_vxcan(links *l, const char *name, const char *peer, int netns_fd,
         else if (here != 0)
             return here;
     }
-    return number == EBUSY ? fail(l, EBUSY) : number;
+    return number == EBUSY ? links_fail(l, EBUSY) : number;
 }
 
 /* Returns a request that sets an existing interface up or down. */
@@ -395,7 +395,7 @@ int links_set(links *l, const char *name, const char *alias)
 {
     request r = make_change(name, IFF_UP);
     if (alias)
-        put(&r, IFLA_IFALIAS, alias, strlen(alias));
+        links_put(&r, IFLA_IFALIAS, alias, strlen(alias));
     return ask(l, &r, NULL, NULL);
 }
 
@@ -405,7 +405,7 @@ int links_move(links *l, unsigned index, const char *name, int netns_fd)
     r.info.ifi_index = (int)index;
     put_text(&r, IFLA_IFNAME, name);
     if (netns_fd >= 0)
-        put(&r, IFLA_NET_NS_FD, &netns_fd, sizeof netns_fd);
+        links_put(&r, IFLA_NET_NS_FD, &netns_fd, sizeof netns_fd);
     return ask(l, &r, NULL, NULL);
 }
 

@@ -34,7 +34,7 @@ struct linkwatch {
 
 /* ---- Asking ---------------------------------------------------------------------------------- */
 
-static void fail(linkwatch *w, int number)
+static void linkwatch_fail(linkwatch *w, int number)
 {
     if (!w->failing)
         log_warning("interfaces cannot be listed: %s; trying again", strerror(number));
@@ -63,13 +63,14 @@ void linkwatch_list(linkwatch *w)
     if (w->listing)
         w->calls->listing(w->user);
     else
-        fail(w, errno);
+        linkwatch_fail(w, errno);
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
 /* Returns the first attribute of a type between two places, or NULL. */
-static const struct rtattr *find(unsigned short type, const char *attribute, const char *end)
+static const struct rtattr *linkwatch_find(unsigned short type, const char *attribute,
+                                           const char *end)
 {
     while (end - attribute >= (ptrdiff_t)sizeof(struct rtattr)) {
         const struct rtattr *a = (const struct rtattr *)attribute;
@@ -85,12 +86,12 @@ static const struct rtattr *find(unsigned short type, const char *attribute, con
 static const struct rtattr *find_in(unsigned short type, const struct nlmsghdr *header)
 {
     const struct ifinfomsg *info = NLMSG_DATA(header);
-    return find(type, (const char *)info + NLMSG_ALIGN(sizeof *info),
-                (const char *)header + header->nlmsg_len);
+    return linkwatch_find(type, (const char *)info + NLMSG_ALIGN(sizeof *info),
+                          (const char *)header + header->nlmsg_len);
 }
 
 /* Returns a text with its final 0, or "". */
-static const char *text_of(const struct rtattr *a)
+static const char *linkwatch_text_of(const struct rtattr *a)
 {
     bool text = a && RTA_PAYLOAD(a) > 0 && memchr(RTA_DATA(a), '\0', RTA_PAYLOAD(a));
     return text ? RTA_DATA(a) : "";
@@ -101,7 +102,8 @@ static const char *kind_of(const struct nlmsghdr *header)
     const struct rtattr *info = find_in(IFLA_LINKINFO, header);
     if (!info)
         return "";
-    return text_of(find(IFLA_INFO_KIND, RTA_DATA(info), (const char *)info + info->rta_len));
+    return linkwatch_text_of(
+        linkwatch_find(IFLA_INFO_KIND, RTA_DATA(info), (const char *)info + info->rta_len));
 }
 
 static void take_link(linkwatch *w, const struct nlmsghdr *header)
@@ -109,7 +111,7 @@ static void take_link(linkwatch *w, const struct nlmsghdr *header)
     const struct ifinfomsg *info = NLMSG_DATA(header);
     if (info->ifi_family != AF_UNSPEC || info->ifi_index <= 0) /* bridges report ports, too */
         return;
-    const char *name = text_of(find_in(IFLA_IFNAME, header));
+    const char *name = linkwatch_text_of(find_in(IFLA_IFNAME, header));
     if (header->nlmsg_type == RTM_DELLINK)
         w->calls->gone(w->user, (unsigned)info->ifi_index);
     else if (*name)
@@ -132,7 +134,7 @@ static void take_end(linkwatch *w, const struct nlmsghdr *header)
     if (!w->listing) /* the list has failed before */
         return;
     if (error < 0) {
-        fail(w, -error);
+        linkwatch_fail(w, -error);
         return;
     }
     w->listing = false;
@@ -162,7 +164,7 @@ static void on_message(struct ev_loop *loop, ev_io *io, int events)
     (void)loop;
     linkwatch *w = io->data;
     if (events & EV_ERROR) { /* libev has stopped it, since the kernel does not accept it */
-        fail(w, ENOMEM);
+        linkwatch_fail(w, ENOMEM);
         return;
     }
     for (unsigned reads = 0; reads < READS_MAX; reads++) {

@@ -33,7 +33,7 @@ static bool send_message(member *c, message_head *head, const void *body, size_t
     return false;
 }
 
-static bool send_frame(member *c, const message_head *head, const void *frame, size_t size)
+static bool messages_send_frame(member *c, const message_head *head, const void *frame, size_t size)
 {
     message_head own = *head;
     return send_message(c, &own, frame, size);
@@ -53,7 +53,7 @@ static void welcome(member *c, const char *node, bool fd)
     (void)send_message(c, &head, &hello, sizeof hello);
 }
 
-static void tell(member *c, const message_head *head, int code, const char *text)
+static void messages_tell(member *c, const message_head *head, int code, const char *text)
 {
     message_head own = *head;
     message_error error = {.code = (uint32_t)code};
@@ -115,7 +115,8 @@ static bool takes(const member *c, const void *frame, size_t size)
 /* ---- From the client ------------------------------------------------------------------------- */
 
 /* Counts a message that cannot be understood, and says so. */
-static member_result complain(member *c, port *p, unsigned type, int code, const char *text)
+static member_result messages_complain(member *c, port *p, unsigned type, int code,
+                                       const char *text)
 {
     p->stats.malformed++;
     member_refuse(c, type, code, text);
@@ -140,16 +141,16 @@ static member_result take_hello(member *c, port *p, const message *m, size_t siz
     const message_hello *hello = &m->hello;
     if (m->head.type != MESSAGE_HELLO || size != HELLO_BYTES ||
         memcmp(hello->magic, MESSAGE_MAGIC, sizeof hello->magic) != 0)
-        return complain(c, p, m->head.type, EPROTO, "the first message is no hello");
+        return messages_complain(c, p, m->head.type, EPROTO, "the first message is no hello");
     (void)snprintf(text, sizeof text, "version %u is not known: version %u is", hello->version,
                    MESSAGE_VERSION);
     if (hello->version != MESSAGE_VERSION)
-        return complain(c, p, MESSAGE_HELLO, EPROTONOSUPPORT, text);
+        return messages_complain(c, p, MESSAGE_HELLO, EPROTONOSUPPORT, text);
     if (!are_options(hello->options))
-        return complain(c, p, MESSAGE_HELLO, EOPNOTSUPP, "options that are not known");
+        return messages_complain(c, p, MESSAGE_HELLO, EOPNOTSUPP, "options that are not known");
     if (!is_name(hello->name))
-        return complain(c, p, MESSAGE_HELLO, EINVAL,
-                        "a name has at most 32 letters, digits, '-', '_' and '.'");
+        return messages_complain(c, p, MESSAGE_HELLO, EINVAL,
+                                 "a name has at most 32 letters, digits, '-', '_' and '.'");
     c->options = hello->options;
     c->error_mask = hello->error_mask;
     memcpy(c->name, hello->name, MEMBER_NAME_MAX); /* a 0 follows */
@@ -160,9 +161,10 @@ static member_result take_hello(member *c, port *p, const message *m, size_t siz
 static member_result take_options(member *c, port *p, const message *m, size_t size)
 {
     if (size != sizeof m->head + sizeof m->options || !are_options(m->options.options))
-        return complain(c, p, MESSAGE_OPTIONS, EINVAL, "options that are not known");
+        return messages_complain(c, p, MESSAGE_OPTIONS, EINVAL, "options that are not known");
     if ((m->options.options ^ c->options) & MESSAGE_CONTROLLER)
-        return complain(c, p, MESSAGE_OPTIONS, EINVAL, "the hello says who is the controller");
+        return messages_complain(c, p, MESSAGE_OPTIONS, EINVAL,
+                                 "the hello says who is the controller");
     c->options = m->options.options;
     c->error_mask = m->options.error_mask;
     return MEMBER_CONTROL;
@@ -173,10 +175,10 @@ static member_result take_filters(member *c, port *p, const message *m, size_t s
 {
     const size_t bytes = size - sizeof m->head;
     if (bytes % sizeof *c->filters != 0)
-        return complain(c, p, MESSAGE_FILTERS, EINVAL, "a filter has 8 bytes");
+        return messages_complain(c, p, MESSAGE_FILTERS, EINVAL, "a filter has 8 bytes");
     struct can_filter *filters = malloc(bytes + 1);
     if (!filters)
-        return complain(c, p, MESSAGE_FILTERS, ENOMEM, "no memory for filters");
+        return messages_complain(c, p, MESSAGE_FILTERS, ENOMEM, "no memory for filters");
     memcpy(filters, m->filters, bytes);
     free(c->filters);
     c->filters = filters;
@@ -184,11 +186,12 @@ static member_result take_filters(member *c, port *p, const message *m, size_t s
     return MEMBER_CONTROL;
 }
 
-static member_result take_frame(member *c, port *p, const message *m, size_t size, port_frame *out)
+static member_result messages_take_frame(member *c, port *p, const message *m, size_t size,
+                                         port_frame *out)
 {
     const size_t bytes = size - sizeof m->head;
     if (bytes == CANFD_MTU && !(c->options & MESSAGE_FD))
-        return complain(c, p, MESSAGE_FRAME, EINVAL, "a CAN FD frame without the option");
+        return messages_complain(c, p, MESSAGE_FRAME, EINVAL, "a CAN FD frame without the option");
     if (!port_take_frame(p, out, &m->fd, bytes)) {
         member_refuse(c, MESSAGE_FRAME, EINVAL, "no frame for the bus");
         return MEMBER_CONTROL;
@@ -205,9 +208,9 @@ static member_result take_frame(member *c, port *p, const message *m, size_t siz
 static member_result take_flush(member *c, port *p, const message *m, size_t size)
 {
     if (!(c->options & MESSAGE_FLUSHES))
-        return complain(c, p, MESSAGE_FLUSH, EOPNOTSUPP, "a flush without the option");
+        return messages_complain(c, p, MESSAGE_FLUSH, EOPNOTSUPP, "a flush without the option");
     if (size != sizeof m->head)
-        return complain(c, p, MESSAGE_FLUSH, EINVAL, "a flush has no body");
+        return messages_complain(c, p, MESSAGE_FLUSH, EINVAL, "a flush has no body");
     c->flushing = true;
     c->flush_at = c->flushable;
     c->flush_number = m->head.number;
@@ -219,10 +222,10 @@ static member_result take_control(member *c, port *p, const message *m, size_t s
 {
     const size_t before = sizeof m->head + sizeof m->control.order;
     if (!p->commands || !(c->options & MESSAGE_CONTROLLER))
-        return complain(c, p, MESSAGE_CONTROL, EPERM, "only the controller may do this");
+        return messages_complain(c, p, MESSAGE_CONTROL, EPERM, "only the controller may do this");
     if (size < before || size - before >= sizeof m->control.settings ||
         m->control.order >= MESSAGE_ORDERS)
-        return complain(c, p, MESSAGE_CONTROL, EINVAL, "no order that is known");
+        return messages_complain(c, p, MESSAGE_CONTROL, EINVAL, "no order that is known");
     port_command *command = &p->commands->next;
     command->order = (message_order)m->control.order;
     memcpy(command->settings, m->control.settings, size - before);
@@ -232,13 +235,14 @@ static member_result take_control(member *c, port *p, const message *m, size_t s
 }
 
 /* Takes a message of a client that is there. */
-static member_result take(member *c, port *p, const message *m, size_t size, port_frame *out)
+static member_result messages_take(member *c, port *p, const message *m, size_t size,
+                                   port_frame *out)
 {
     if (size < sizeof m->head || m->head.size != size)
-        return complain(c, p, 0, EPROTO, "its head has another size");
+        return messages_complain(c, p, 0, EPROTO, "its head has another size");
     switch (m->head.type) {
     case MESSAGE_FRAME:
-        return take_frame(c, p, m, size, out);
+        return messages_take_frame(c, p, m, size, out);
     case MESSAGE_OPTIONS:
         return take_options(c, p, m, size);
     case MESSAGE_FILTERS:
@@ -248,7 +252,7 @@ static member_result take(member *c, port *p, const message *m, size_t size, por
     case MESSAGE_CONTROL:
         return take_control(c, p, m, size);
     default:
-        return complain(c, p, m->head.type, EOPNOTSUPP, "a type that is not known");
+        return messages_complain(c, p, m->head.type, EOPNOTSUPP, "a type that is not known");
     }
 }
 
@@ -263,14 +267,14 @@ static member_result read_message(member *c, port *p, port_frame *out)
     if (size == 0)
         return MEMBER_GONE;
     if (cut)
-        return complain(c, p, m.head.type, EMSGSIZE, "the message is too long");
+        return messages_complain(c, p, m.head.type, EMSGSIZE, "the message is too long");
     return c->state == MEMBER_NEW ? take_hello(c, p, &m, (size_t)size)
-                                  : take(c, p, &m, (size_t)size, out);
+                                  : messages_take(c, p, &m, (size_t)size, out);
 }
 
 /* The kernel bounds what waits. The program has gone, so no more comes. Its end is reported once,
  * before the messages. */
-static uint64_t lose(member *c)
+static uint64_t messages_lose(member *c)
 {
     uint8_t type;
     uint64_t count = 0;
@@ -283,10 +287,10 @@ static uint64_t lose(member *c)
 }
 
 const member_kind member_messages = {.read = read_message,
-                                     .lose = lose,
+                                     .lose = messages_lose,
                                      .welcome = welcome,
-                                     .tell = tell,
+                                     .tell = messages_tell,
                                      .flushed = flushed,
                                      .tell_state = tell_state,
                                      .takes = takes,
-                                     .send = send_frame};
+                                     .send = messages_send_frame};

@@ -17,7 +17,7 @@ FILE *netdev_open(void)
 
 /* "  vcan0: BYTES PACKETS errs drop fifo frame compressed multicast BYTES PACKETS …": received,
  * then sent. */
-static bool read_line(netdev_counters *out, const char *line)
+static bool netdev_read_line(netdev_counters *out, const char *line)
 {
     _Static_assert(IF_NAMESIZE == 16, "the width below");
     return sscanf(line,
@@ -29,7 +29,7 @@ bool netdev_next(netdev_counters *out, FILE *in)
 {
     char line[LINE_BYTES];
     while (fgets(line, sizeof line, in))
-        if (read_line(out, line)) /* two lines of titles have no counters */
+        if (netdev_read_line(out, line)) /* two lines of titles have no counters */
             return true;
     return false;
 }

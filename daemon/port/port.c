@@ -162,7 +162,7 @@ static bool take_error(port *p, cw_frame *out, const struct canfd_frame *in)
     return p->shared;
 }
 
-static bool take_frame(port *p, port_frame *out, const struct canfd_frame *in, size_t size)
+static bool port_take_one_frame(port *p, port_frame *out, const struct canfd_frame *in, size_t size)
 {
     out->is_error = in->can_id & CAN_ERR_FLAG;
     if (out->is_error)
@@ -174,7 +174,7 @@ static bool take_frame(port *p, port_frame *out, const struct canfd_frame *in, s
 bool port_take_frame(port *p, port_frame *out, const struct canfd_frame *in, size_t size)
 {
     if (is_frame(in, size))
-        return take_frame(p, out, in, size);
+        return port_take_one_frame(p, out, in, size);
     p->stats.malformed++;
     return false;
 }
@@ -188,7 +188,7 @@ static bool take_message(port *p, port_frame *out, unsigned i)
     if (m->msg_hdr.msg_flags & MSG_CONFIRM)
         return false;
     if (port_is_frame(p, i))
-        return take_frame(p, out, &p->messages.frames[i], m->msg_len);
+        return port_take_one_frame(p, out, &p->messages.frames[i], m->msg_len);
     p->stats.malformed++;
     return false;
 }

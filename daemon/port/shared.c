@@ -18,7 +18,7 @@
 #define PLAIN_BIT (UINT64_C(1) << PLAIN)
 #define CONTROLS_MAX 256u /* messages of one read that are no frames */
 
-static port_shared *own(port *p)
+static port_shared *shared_own(port *p)
 {
     return (port_shared *)p;
 }
@@ -38,7 +38,7 @@ bool shared_watch(const port *p, int fd, unsigned what)
 
 void shared_set_deaf(port *p, int listener, bool deaf)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     if (deaf && !s->deaf)
         s->deaf = epoll_ctl(p->fd, EPOLL_CTL_DEL, listener, NULL) == 0;
     else if (!deaf && s->deaf)
@@ -61,7 +61,7 @@ static void turn_away(port *p, int fd, int code, const char *why)
 {
     member away;
     p->stats.refused++;
-    if (!member_open(&away, own(p)->ways->member, fd, 0)) {
+    if (!member_open(&away, shared_own(p)->ways->member, fd, 0)) {
         (void)close(fd);
         return;
     }
@@ -109,7 +109,7 @@ static member *find_oldest(port_shared *s, bool (*is_true)(const member *c))
 static unsigned make_place(port *p)
 {
     static const char why[] = "nothing was said here, and another program has come";
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     const unsigned place = free_place(s);
     if (place < PORT_CLIENTS_MAX)
         return place;
@@ -129,7 +129,7 @@ static unsigned make_place(port *p)
 /* Counts a client that has a place now. */
 static void count_in(port *p, member *c)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     s->last_id += s->last_id == UINT32_MAX ? 2 : 1;
     c->id = s->last_id;
     s->client_count++;
@@ -139,7 +139,7 @@ static void count_in(port *p, member *c)
 
 void shared_take_client(port *p, int fd)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     const unsigned place = make_place(p);
     if (place == PORT_CLIENTS_MAX) {
         turn_away(p, fd, EUSERS, too_many);
@@ -155,7 +155,7 @@ void shared_take_client(port *p, int fd)
 /* Forgets a client that has no place here any more. */
 static void count_out(port *p)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     s->client_count--;
     p->shared = s->client_count > 0;
     if (!p->shared)
@@ -186,7 +186,7 @@ member *shared_move(port *from, member *c, port *to)
     if (place == PORT_CLIENTS_MAX || !shared_watch(to, c->fd, place))
         return NULL;
     (void)epoll_ctl(from->fd, EPOLL_CTL_DEL, c->fd, NULL);
-    member *moved = &own(to)->programs[place];
+    member *moved = &shared_own(to)->programs[place];
     *moved = *c;
     *c = (member){.state = MEMBER_NONE, .fd = -1};
     from->stats.connected--;
@@ -199,20 +199,20 @@ member *shared_move(port *from, member *c, port *to)
 
 bool shared_add_timer(port *p)
 {
-    wake_alarm *timer = &own(p)->timer;
+    wake_alarm *timer = &shared_own(p)->timer;
     return alarm_open(timer) && shared_watch(p, timer->fd, SHARED_TIMER);
 }
 
 void shared_wake_at(port *p, int64_t ns)
 {
     if (ns != 0)
-        (void)alarm_set_earlier(&own(p)->timer, ns);
+        (void)alarm_set_earlier(&shared_own(p)->timer, ns);
 }
 
 /* Sets the timer for all programs. */
 static void wake_for_all(port *p)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     if (s->timer.fd < 0)
         return;
     for (unsigned i = 0; s->client_count > 0 && i < PORT_CLIENTS_MAX; i++)
@@ -223,7 +223,7 @@ static void wake_for_all(port *p)
 /* Returns the programs that have wanted to be looked at by now. */
 static uint64_t on_time(port *p)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     uint64_t ready = 0;
     const int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
     (void)alarm_take(&s->timer);
@@ -247,10 +247,10 @@ static void watch_room(const port *p, member *c, unsigned place)
 
 /* Finds what waits, a set of programs. Asking first is cheapest: accept4() makes a socket before it
  * finds no connection. */
-static uint64_t look(port *p)
+static uint64_t shared_look(port *p)
 {
     struct epoll_event events[SHARED_WATCHED_MAX];
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     const int count = epoll_wait(p->fd, events, s->client_count > 0 ? SHARED_WATCHED_MAX : 2, 0);
     bool connections = count < 0 || s->deaf;
     uint64_t ready = count < 0 ? PLAIN_BIT : 0;
@@ -270,9 +270,9 @@ static uint64_t look(port *p)
 
 /* Chooses a program of a set. In general it is the one whose message was sent first. While frames
  * have to wait it is the next one, so that one with many frames does not delay the others. */
-static unsigned choose(port *p, uint64_t ready)
+static unsigned shared_choose(port *p, uint64_t ready)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     unsigned chosen = (unsigned)__builtin_ctzll(ready);
     int64_t first_ns = INT64_MAX;
     if ((ready & (ready - 1)) == 0)
@@ -321,12 +321,12 @@ void shared_greet(port *p, member *c)
     const bool controls = c->options & MESSAGE_CONTROLLER;
     if (controls && !p->commands)
         send_off(p, c, EOPNOTSUPP, "the node has its own controller; one of a port usb has not");
-    else if (controls && find_controller(own(p)))
+    else if (controls && find_controller(shared_own(p)))
         send_off(p, c, EBUSY, "the node has a controller already");
-    else if (!controls && count_there(own(p)) >= own(p)->sharing.max)
+    else if (!controls && count_there(shared_own(p)) >= shared_own(p)->sharing.max)
         send_off(p, c, EUSERS, too_many);
     else
-        member_welcome(c, own(p)->node, own(p)->sharing.fd);
+        member_welcome(c, shared_own(p)->node, shared_own(p)->sharing.fd);
     port_note_told(p, c->pid, PORT_TOLD_MESSAGE);
 }
 
@@ -343,15 +343,15 @@ static bool read_client(port *p, member *c, port_frame *frames, unsigned *count)
     *count = result == MEMBER_FRAME;
     if (*count && !frames->is_error) {
         p->stats.read++;
-        own(p)->traffic.frames_in++;
-        own(p)->traffic.bytes_in += cw_frame_length(&frames->frame);
+        shared_own(p)->traffic.frames_in++;
+        shared_own(p)->traffic.bytes_in += cw_frame_length(&frames->frame);
     }
     if (result == MEMBER_GREETS)
-        own(p)->ways->greet(p, c);
+        shared_own(p)->ways->greet(p, c);
     else if (result == MEMBER_GONE)
         shared_disconnect(p, c);
     else
-        watch_room(p, c, (unsigned)(c - own(p)->programs));
+        watch_room(p, c, (unsigned)(c - shared_own(p)->programs));
     if (result == MEMBER_CONTROL)
         answer_flush(p, c);
     if (result != MEMBER_NOTHING)
@@ -361,19 +361,19 @@ static bool read_client(port *p, member *c, port_frame *frames, unsigned *count)
 
 static bool is_alone(port *p)
 {
-    return own(p)->client_count + (ecu_of(p) >= 0) < 2;
+    return shared_own(p)->client_count + (ecu_of(p) >= 0) < 2;
 }
 
 /* Reads messages of several programs. Returns the number of frames; *more: some may wait. */
 static unsigned read_programs(port *p, port_frame *frames, unsigned max, bool *more,
                               uint64_t ready)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     unsigned count = 0;
     for (unsigned messages = 0; ready && count < max && messages < max + CONTROLS_MAX &&
                                 !port_next_command(p);
          messages++) {
-        const unsigned i = choose(p, ready);
+        const unsigned i = shared_choose(p, ready);
         unsigned some;
         bool waits;
         s->turn = i;
@@ -385,12 +385,13 @@ static unsigned read_programs(port *p, port_frame *frames, unsigned max, bool *m
         if (!waits || (i == PLAIN && ecu_of(p) < 0))
             ready &= ~(UINT64_C(1) << i);
         if (!is_alone(p))
-            ready |= look(p); /* a filter that another one has sent meanwhile may come first */
+            ready |=
+                shared_look(p); /* a filter that another one has sent meanwhile may come first */
     }
     *more = ready != 0 && !port_next_command(p);
     s->crowded = s->crowded && *more;
     if (count > 0)
-        (void)look(p); /* a program that has connected before a frame was sent sees it */
+        (void)shared_look(p); /* a program that has connected before a frame was sent sees it */
     return count;
 }
 
@@ -400,11 +401,11 @@ unsigned shared_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool 
     *more = false;
     if (port_next_command(p))
         return 0;
-    const uint64_t ready = look(p);
-    if (own(p)->client_count > 0)
+    const uint64_t ready = shared_look(p);
+    if (shared_own(p)->client_count > 0)
         count = read_programs(p, frames, max, more, ready);
     else if (ready)
-        count = own(p)->ways->read_plain(p, frames, max, more);
+        count = shared_own(p)->ways->read_plain(p, frames, max, more);
     wake_for_all(p);
     return count;
 }
@@ -426,7 +427,7 @@ static port_sent send_client(port *p, member *c, const message_head *head, const
     if (!member_takes(c, frame, size))
         return PORT_UNHEARD;
     const bool sent = member_send(c, head, frame, size);
-    watch_room(p, c, (unsigned)(c - own(p)->programs));
+    watch_room(p, c, (unsigned)(c - shared_own(p)->programs));
     shared_wake_at(p, c->wake_ns);
     p->stats.clients_lost += c->lost != lost;
     if (sent)
@@ -438,8 +439,8 @@ static port_sent send_plain(port *p, const void *frame, size_t size)
 {
     if (ecu_of(p) < 0)
         return PORT_UNHEARD;
-    port_note_told(p, own(p)->programs[PLAIN].pid, PORT_TOLD_MESSAGE);
-    return own(p)->ways->send_plain(p, frame, size);
+    port_note_told(p, shared_own(p)->programs[PLAIN].pid, PORT_TOLD_MESSAGE);
+    return shared_own(p)->ways->send_plain(p, frame, size);
 }
 
 /* Counts a frame of the bus; struct can_frame and struct canfd_frame have their length in one
@@ -458,7 +459,7 @@ static void count_sent(port_shared *s, const void *frame)
  * when one has no room and none has got it. */
 port_sent shared_send(port *p, const void *frame, size_t size)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     port_sent result = send_plain(p, frame, size);
     count_sent(s, frame);
     const message_head head = head_of(p, MESSAGE_FRAME);
@@ -478,9 +479,9 @@ static size_t make_frame(struct canfd_frame *out, const port_frame *frame)
 }
 
 /* Sends a frame of one program to the others. */
-static void pass_on(port *p, const port_frame *frame)
+static void shared_pass_on(port *p, const port_frame *frame)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     struct canfd_frame out;
     const size_t size = make_frame(&out, frame);
     message_head head = head_of(p, MESSAGE_FRAME);
@@ -542,7 +543,7 @@ static void answer_flush(port *p, member *c)
 {
     const message_head head = head_of(p, MESSAGE_FLUSH);
     if (!c || !c->flushing || c->handed_in < c->flush_at ||
-        underway_has(&own(p)->underway, c->id))
+        underway_has(&shared_own(p)->underway, c->id))
         return;
     member_flushed(c, &head);
     port_note_told(p, c->pid, PORT_TOLD_MESSAGE);
@@ -552,7 +553,7 @@ static void answer_flush(port *p, member *c)
  * be handed in behind it. */
 static void count_handed_in(port *p, const port_frame *frame)
 {
-    member *c = find_client(own(p), frame->client);
+    member *c = find_client(shared_own(p), frame->client);
     if (!c)
         return;
     c->handed_in++;
@@ -562,16 +563,16 @@ static void count_handed_in(port *p, const port_frame *frame)
 /* As on a vcan, the programs of an interface see an error frame that one of them writes. */
 static void share_error(port *p, const port_frame *frame)
 {
-    member *sender = find_client(own(p), frame->client);
+    member *sender = find_client(shared_own(p), frame->client);
     if (loops_back(frame))
-        pass_on(p, frame);
+        shared_pass_on(p, frame);
     if (sender && comes_back(frame))
         give_back(p, sender, frame);
 }
 
 void shared_handed_in(port *p, const port_frame *frame)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     if (frame->is_error) {
         share_error(p, frame);
         return;
@@ -583,19 +584,19 @@ void shared_handed_in(port *p, const port_frame *frame)
     if (flushes(frame))
         count_handed_in(p, frame);
     if (!late && loops_back(frame))
-        pass_on(p, frame);
+        shared_pass_on(p, frame);
 }
 
 void shared_ended(port *p, const cw_event *event)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     port_frame frame;
     if (!underway_take(&s->underway, &frame, event))
         return;
     member *sender = find_client(s, frame.client);
     if (event->kind == CW_EVENT_TX) {
         if (s->sharing.echo == PORT_ECHO_SENT && loops_back(&frame))
-            pass_on(p, &frame);
+            shared_pass_on(p, &frame);
         if (sender && comes_back(&frame))
             give_back(p, sender, &frame);
     } else if (sender && (frame.options & MESSAGE_TELL_DROPPED)) {
@@ -608,7 +609,7 @@ void shared_ended(port *p, const cw_event *event)
 
 void shared_obeyed(port *p, const char *problem)
 {
-    member *controller = find_controller(own(p));
+    member *controller = find_controller(shared_own(p));
     if (controller && problem)
         member_refuse(controller, MESSAGE_CONTROL, EINVAL, problem);
 }
@@ -616,14 +617,14 @@ void shared_obeyed(port *p, const char *problem)
 void shared_tell_state(port *p, const message_state *state)
 {
     const message_head head = head_of(p, MESSAGE_STATE);
-    member *controller = find_controller(own(p));
+    member *controller = find_controller(shared_own(p));
     if (controller)
         member_tell_state(controller, &head, state);
 }
 
 void shared_settle(port *p)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     for (size_t i = 0; i < s->underway.count; i++) {
         const port_frame *frame = &s->underway.frames[i].frame;
         member *sender = find_client(s, frame->client);
@@ -639,7 +640,7 @@ void shared_settle(port *p)
 
 void shared_share(port *p, const port_sharing *sharing)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     s->sharing = *sharing;
     (void)snprintf(s->node, sizeof s->node, "%s", sharing->node);
     s->sharing.node = s->node;
@@ -647,7 +648,7 @@ void shared_share(port *p, const port_sharing *sharing)
 
 void shared_crowd(port *p)
 {
-    own(p)->crowded = true;
+    shared_own(p)->crowded = true;
 }
 
 bool shared_client(const port *p, unsigned n, port_client_info *out)
@@ -673,7 +674,7 @@ bool shared_client(const port *p, unsigned n, port_client_info *out)
 
 void shared_close(port *p)
 {
-    port_shared *s = own(p);
+    port_shared *s = shared_own(p);
     for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++)
         member_close(&s->programs[i]);
     if (ecu_of(p) >= 0)
@@ -691,9 +692,9 @@ port *shared_new(const port_kind *kind, const shared_ways *ways, size_t size)
     port *p = port_new(kind, size);
     if (!p)
         return NULL;
-    own(p)->ways = ways;
-    own(p)->timer = ALARM_CLOSED;
-    own(p)->programs[PLAIN].fd = -1;
+    shared_own(p)->ways = ways;
+    shared_own(p)->timer = ALARM_CLOSED;
+    shared_own(p)->programs[PLAIN].fd = -1;
     p->fd = epoll_create1(EPOLL_CLOEXEC);
     return p;
 }

@@ -75,7 +75,7 @@ const char *socketcand_bus(const member *c)
 /* ---- To the program -------------------------------------------------------------------------- */
 
 /* Sends the end of a message that has begun. Returns true when nothing of it is left. */
-static bool flush(member *c)
+static bool socketcand_flush(member *c)
 {
     talk *t = talk_of(c);
     if (t->rest_bytes == 0)
@@ -91,10 +91,10 @@ static bool flush(member *c)
 }
 
 /* Sends a message. One that there is no room for is lost, and counted. */
-static bool put(member *c, const char *text, size_t bytes)
+static bool socketcand_put(member *c, const char *text, size_t bytes)
 {
     talk *t = talk_of(c);
-    const bool free = flush(c);
+    const bool free = socketcand_flush(c);
     const ssize_t sent = free ? send(c->fd, text, bytes, MSG_DONTWAIT | MSG_NOSIGNAL) : -1;
     if (sent < 0) {
         c->lost += errno != EPIPE && errno != ECONNRESET && errno != ENOTCONN;
@@ -115,7 +115,7 @@ static void release_held(member *c)
     for (size_t i = 0; i < t->held_bytes; i++) {
         if (t->held[i] != '>')
             continue;
-        if (!put(c, t->held + at, i + 1 - at))
+        if (!socketcand_put(c, t->held + at, i + 1 - at))
             c->written--;
         at = i + 1;
     }
@@ -130,7 +130,7 @@ static bool put_or_hold(member *c, const char *text, size_t bytes)
 {
     talk *t = talk_of(c);
     if (t->held_ns == 0)
-        return put(c, text, bytes);
+        return socketcand_put(c, text, bytes);
     if (!t->held)
         t->held = malloc(HELD_BYTES);
     if (!t->held || t->held_bytes + bytes > HELD_BYTES) {
@@ -150,7 +150,7 @@ __attribute__((format(printf, 2, 3))) static void say(member *c, const char *for
     const int bytes = vsnprintf(text, sizeof text, format, values);
     va_end(values);
     if (bytes > 0 && (size_t)bytes < sizeof text)
-        (void)put(c, text, (size_t)bytes);
+        (void)socketcand_put(c, text, (size_t)bytes);
 }
 
 /* A text in the making. */
@@ -159,7 +159,8 @@ typedef struct writing {
     size_t bytes;
 } writing;
 
-__attribute__((format(printf, 2, 3))) static void add(writing *w, const char *format, ...)
+__attribute__((format(printf, 2, 3))) static void socketcand_add(writing *w, const char *format,
+                                                                 ...)
 {
     va_list values;
     va_start(values, format);
@@ -171,15 +172,15 @@ __attribute__((format(printf, 2, 3))) static void add(writing *w, const char *fo
 static void add_id(writing *w, canid_t id)
 {
     if (id & CAN_EFF_FLAG)
-        add(w, "%08X ", id & CAN_EFF_MASK);
+        socketcand_add(w, "%08X ", id & CAN_EFF_MASK);
     else
-        add(w, "%03X ", id & CAN_SFF_MASK);
+        socketcand_add(w, "%03X ", id & CAN_SFF_MASK);
 }
 
 static void add_time(writing *w, int64_t realtime_ns)
 {
-    add(w, "%" PRId64 ".%06" PRId64 " ", realtime_ns / NS_PER_S,
-        realtime_ns % NS_PER_S / NS_PER_US);
+    socketcand_add(w, "%" PRId64 ".%06" PRId64 " ", realtime_ns / NS_PER_S,
+                   realtime_ns % NS_PER_S / NS_PER_US);
 }
 
 /* Sends a frame. Its bytes are apart in BCM mode, and together in RAW mode, as those of socketcand
@@ -190,19 +191,19 @@ static bool put_frame(member *c, const struct canfd_frame *frame, size_t size, i
     const bool error = frame->can_id & CAN_ERR_FLAG;
     const bool remote = !error && (frame->can_id & CAN_RTR_FLAG);
     if (error) {
-        add(&w, "< error %03X ", frame->can_id & CAN_ERR_MASK);
+        socketcand_add(&w, "< error %03X ", frame->can_id & CAN_ERR_MASK);
     } else {
-        add(&w, remote ? "< rtr " : size == CANFD_MTU ? "< fdframe " : "< frame ");
+        socketcand_add(&w, remote ? "< rtr " : size == CANFD_MTU ? "< fdframe " : "< frame ");
         add_id(&w, frame->can_id);
     }
     if (size == CANFD_MTU)
-        add(&w, "%02X ", frame->flags);
+        socketcand_add(&w, "%02X ", frame->flags);
     add_time(&w, realtime_ns);
     if (remote)
-        add(&w, "%u ", frame->len);
+        socketcand_add(&w, "%u ", frame->len);
     for (unsigned i = 0; !remote && !error && i < frame->len; i++)
-        add(&w, talk_of(c)->mode == BCM ? "%02X " : "%02X", frame->data[i]);
-    add(&w, error || remote ? ">" : " >");
+        socketcand_add(&w, talk_of(c)->mode == BCM ? "%02X " : "%02X", frame->data[i]);
+    socketcand_add(&w, error || remote ? ">" : " >");
     return put_or_hold(c, w.text, w.bytes);
 }
 
@@ -226,7 +227,8 @@ static bool takes(const member *c, const void *frame, size_t size)
     return t->mode == BCM && size == CAN_MTU && broadcast_wants(&t->broadcast, id);
 }
 
-static bool send_frame(member *c, const message_head *head, const void *frame, size_t size)
+static bool socketcand_send_frame(member *c, const message_head *head, const void *frame,
+                                  size_t size)
 {
     talk *t = talk_of(c);
     struct canfd_frame copy = {.can_id = 0};
@@ -242,7 +244,7 @@ static bool send_frame(member *c, const message_head *head, const void *frame, s
     return passes && put_frame(c, &copy, size, realtime_ns);
 }
 
-static void tell(member *c, const message_head *head, int code, const char *text)
+static void socketcand_tell(member *c, const message_head *head, int code, const char *text)
 {
     (void)head;
     (void)code;
@@ -263,7 +265,7 @@ static void enter(member *c, talk_mode mode)
 }
 
 /* The kernel bounds what waits. The program has gone, so no more comes. */
-static uint64_t lose(member *c)
+static uint64_t socketcand_lose(member *c)
 {
     char bytes[LOST_BYTES];
     uint64_t count = 0;
@@ -291,7 +293,7 @@ typedef struct command {
 } command;
 
 /* Reads digits of a base up to a limit. */
-static bool read_number(uint64_t *out, const char *word, int base, uint64_t max)
+static bool socketcand_read_number(uint64_t *out, const char *word, int base, uint64_t max)
 {
     char *end;
     errno = 0;
@@ -302,11 +304,11 @@ static bool read_number(uint64_t *out, const char *word, int base, uint64_t max)
 }
 
 /* Reads an identifier: eight digits make an extended one. */
-static bool read_id(canid_t *id, const char *word)
+static bool socketcand_read_id(canid_t *id, const char *word)
 {
     const bool extended = strlen(word) == 8;
     uint64_t number;
-    if (!read_number(&number, word, 16, extended ? CAN_EFF_MASK : CAN_SFF_MASK))
+    if (!socketcand_read_number(&number, word, 16, extended ? CAN_EFF_MASK : CAN_SFF_MASK))
         return false;
     *id = (canid_t)number | (extended ? CAN_EFF_FLAG : 0);
     return true;
@@ -316,23 +318,24 @@ static bool read_id(canid_t *id, const char *word)
 static bool read_interval(int64_t *ns, char *const words[2])
 {
     uint64_t seconds, microseconds;
-    if (!read_number(&seconds, words[0], 10, SECONDS_MAX) ||
-        !read_number(&microseconds, words[1], 10, UINT32_MAX))
+    if (!socketcand_read_number(&seconds, words[0], 10, SECONDS_MAX) ||
+        !socketcand_read_number(&microseconds, words[1], 10, UINT32_MAX))
         return false;
     *ns = (int64_t)seconds * NS_PER_S + (int64_t)microseconds * NS_PER_US;
     return true;
 }
 
 /* Reads a length and as many bytes, which are the last words. */
-static bool read_data(uint8_t *len, uint8_t *data, unsigned max, const command *in, unsigned at)
+static bool socketcand_read_data(uint8_t *len, uint8_t *data, unsigned max, const command *in,
+                                 unsigned at)
 {
     uint64_t length, byte;
-    if (at >= in->count || !read_number(&length, in->words[at], 10, max) ||
+    if (at >= in->count || !socketcand_read_number(&length, in->words[at], 10, max) ||
         in->count != at + 1 + length)
         return false;
     *len = (uint8_t)length;
     for (unsigned i = 0; i < length; i++) {
-        if (!read_number(&byte, in->words[at + 1 + i], 16, UINT8_MAX))
+        if (!socketcand_read_number(&byte, in->words[at + 1 + i], 16, UINT8_MAX))
             return false;
         data[i] = (uint8_t)byte;
     }
@@ -340,17 +343,17 @@ static bool read_data(uint8_t *len, uint8_t *data, unsigned max, const command *
 }
 
 /* Reads identifier, length and bytes. */
-static bool read_frame(struct can_frame *frame, const command *in, unsigned at)
+static bool socketcand_read_frame(struct can_frame *frame, const command *in, unsigned at)
 {
     *frame = (struct can_frame){.can_id = 0};
-    return at < in->count && read_id(&frame->can_id, in->words[at]) &&
-           read_data(&frame->len, frame->data, CAN_MAX_DLEN, in, at + 1);
+    return at < in->count && socketcand_read_id(&frame->can_id, in->words[at]) &&
+           socketcand_read_data(&frame->len, frame->data, CAN_MAX_DLEN, in, at + 1);
 }
 
 /* ---- Commands -------------------------------------------------------------------------------- */
 
 /* Counts a command that is wrong, and says so. */
-static member_result complain(member *c, port *p, const char *what)
+static member_result socketcand_complain(member *c, port *p, const char *what)
 {
     p->stats.malformed++;
     say(c, "< error %s >", what);
@@ -361,7 +364,7 @@ static member_result wrong(member *c, port *p, const command *in)
 {
     char text[80];
     (void)snprintf(text, sizeof text, "syntax error in %.16s command", in->words[0]);
-    return complain(c, p, text);
+    return socketcand_complain(c, p, text);
 }
 
 /* Hands a frame in. */
@@ -415,13 +418,13 @@ static member_result do_missing(member *c, port *p, const command *in, port_fram
     char text[80];
     (void)out;
     (void)snprintf(text, sizeof text, "%.16s is not supported", in->words[0]);
-    return complain(c, p, text);
+    return socketcand_complain(c, p, text);
 }
 
 static member_result do_send(member *c, port *p, const command *in, port_frame *out)
 {
     struct can_frame frame;
-    if (!read_frame(&frame, in, 1))
+    if (!socketcand_read_frame(&frame, in, 1))
         return wrong(c, p, in);
     return hand_in(c, p, &frame, sizeof frame, in->realtime_ns, out);
 }
@@ -430,8 +433,8 @@ static member_result do_sendrtr(member *c, port *p, const command *in, port_fram
 {
     struct can_frame frame = {.can_id = 0};
     uint64_t dlc;
-    if (in->count != 3 || !read_id(&frame.can_id, in->words[1]) ||
-        !read_number(&dlc, in->words[2], 10, CAN_MAX_DLEN))
+    if (in->count != 3 || !socketcand_read_id(&frame.can_id, in->words[1]) ||
+        !socketcand_read_number(&dlc, in->words[2], 10, CAN_MAX_DLEN))
         return wrong(c, p, in);
     frame.can_id |= CAN_RTR_FLAG;
     frame.len = (uint8_t)dlc;
@@ -443,10 +446,10 @@ static member_result do_fdsend(member *c, port *p, const command *in, port_frame
     struct canfd_frame frame = {.can_id = 0};
     uint64_t flags;
     if (!talk_of(c)->fd)
-        return complain(c, p, "the node knows no CAN FD");
-    if (in->count < 4 || !read_id(&frame.can_id, in->words[1]) ||
-        !read_number(&flags, in->words[2], 16, UINT8_MAX) ||
-        !read_data(&frame.len, frame.data, CANFD_MAX_DLEN, in, 3))
+        return socketcand_complain(c, p, "the node knows no CAN FD");
+    if (in->count < 4 || !socketcand_read_id(&frame.can_id, in->words[1]) ||
+        !socketcand_read_number(&flags, in->words[2], 16, UINT8_MAX) ||
+        !socketcand_read_data(&frame.len, frame.data, CANFD_MAX_DLEN, in, 3))
         return wrong(c, p, in);
     frame.flags = (uint8_t)flags;
     return hand_in(c, p, &frame, sizeof frame, in->realtime_ns, out);
@@ -457,10 +460,11 @@ static member_result do_add(member *c, port *p, const command *in, port_frame *o
 {
     struct can_frame frame;
     int64_t interval_ns;
-    if (in->count < 5 || !read_interval(&interval_ns, in->words + 1) || !read_frame(&frame, in, 3))
+    if (in->count < 5 || !read_interval(&interval_ns, in->words + 1) ||
+        !socketcand_read_frame(&frame, in, 3))
         return wrong(c, p, in);
     if (!broadcast_add(&talk_of(c)->broadcast, &frame, interval_ns, clock_ns(CLOCK_MONOTONIC)))
-        return complain(c, p, "too many jobs");
+        return socketcand_complain(c, p, "too many jobs");
     set_wake(c);
     return hand_in(c, p, &frame, sizeof frame, in->realtime_ns, out);
 }
@@ -469,10 +473,10 @@ static member_result do_update(member *c, port *p, const command *in, port_frame
 {
     struct can_frame frame;
     (void)out;
-    if (!read_frame(&frame, in, 1))
+    if (!socketcand_read_frame(&frame, in, 1))
         return wrong(c, p, in);
     if (!broadcast_update(&talk_of(c)->broadcast, &frame))
-        return complain(c, p, "no job has this identifier");
+        return socketcand_complain(c, p, "no job has this identifier");
     return MEMBER_CONTROL;
 }
 
@@ -484,11 +488,11 @@ static member_result do_subscribe(member *c, port *p, const command *in, port_fr
     canid_t id;
     (void)out;
     if (in->count < 4 || !read_interval(&interval_ns, in->words + 1) ||
-        !read_id(&id, in->words[3]) || (!filter && in->count != 4) ||
-        (filter && !read_data(&length, mask, CAN_MAX_DLEN, in, 4)))
+        !socketcand_read_id(&id, in->words[3]) || (!filter && in->count != 4) ||
+        (filter && !socketcand_read_data(&length, mask, CAN_MAX_DLEN, in, 4)))
         return wrong(c, p, in);
     if (!broadcast_subscribe(&talk_of(c)->broadcast, id, filter ? mask : NULL, interval_ns))
-        return complain(c, p, "too many subscriptions");
+        return socketcand_complain(c, p, "too many subscriptions");
     return MEMBER_CONTROL;
 }
 
@@ -499,11 +503,11 @@ static member_result do_remove(member *c, port *p, const command *in, port_frame
     broadcast *b = &talk_of(c)->broadcast;
     canid_t id;
     (void)out;
-    if (in->count != 2 || !read_id(&id, in->words[1]))
+    if (in->count != 2 || !socketcand_read_id(&id, in->words[1]))
         return wrong(c, p, in);
     if (!(job ? broadcast_delete(b, id) : broadcast_unsubscribe(b, id)))
-        return complain(c, p, job ? "no job has this identifier"
-                                  : "no subscription has this identifier");
+        return socketcand_complain(
+            c, p, job ? "no job has this identifier" : "no subscription has this identifier");
     set_wake(c);
     return MEMBER_CONTROL;
 }
@@ -513,7 +517,7 @@ static member_result do_statistics(member *c, port *p, const command *in, port_f
     talk *t = talk_of(c);
     uint64_t milliseconds;
     (void)out;
-    if (in->count != 2 || !read_number(&milliseconds, in->words[1], 10, UINT32_MAX))
+    if (in->count != 2 || !socketcand_read_number(&milliseconds, in->words[1], 10, UINT32_MAX))
         return wrong(c, p, in);
     t->statistics_ns = (int64_t)milliseconds * NS_PER_MS;
     t->next_statistics_ns = clock_ns(CLOCK_MONOTONIC) + t->statistics_ns;
@@ -556,17 +560,17 @@ static bool sets_bus(const talk *t, const command *in)
            (strcmp(in->words[1], "B") == 0 || strcmp(in->words[1], "C") == 0);
 }
 
-static member_result run(member *c, port *p, const command *in, port_frame *out)
+static member_result socketcand_run(member *c, port *p, const command *in, port_frame *out)
 {
     const talk *t = talk_of(c);
     for (size_t i = 0; in->count > 0 && i < sizeof commands / sizeof commands[0]; i++)
         if ((commands[i].modes & t->mode) && strcmp(in->words[0], commands[i].name) == 0)
             return commands[i].run(c, p, in, out);
     if (sets_bus(t, in)) {
-        (void)complain(c, p, "bit timing and modes are those of the configuration");
+        (void)socketcand_complain(c, p, "bit timing and modes are those of the configuration");
         return MEMBER_GONE;
     }
-    return complain(c, p, "unknown command");
+    return socketcand_complain(c, p, "unknown command");
 }
 
 /* ---- From the program ------------------------------------------------------------------------ */
@@ -633,13 +637,13 @@ static member_result read_command(member *c, port *p, port_frame *out)
     if (size == 0)
         return MEMBER_GONE;
     if (!collect(t, p, bytes, (size_t)size)) {
-        (void)complain(c, p, "the command is too long");
+        (void)socketcand_complain(c, p, "the command is too long");
         return MEMBER_GONE;
     }
     if (!is_complete(t))
         return MEMBER_CONTROL;
     split(&in, t);
-    return run(c, p, &in, out);
+    return socketcand_run(c, p, &in, out);
 }
 
 /* Sends what is due by itself. */
@@ -683,7 +687,7 @@ static member_result see_to_time(member *c, port *p, port_frame *out)
 static member_result read_talk(member *c, port *p, port_frame *out)
 {
     talk *t = talk_of(c);
-    (void)flush(c);
+    (void)socketcand_flush(c);
     t->job_read = !t->job_read && c->wake_ns != 0 && see_to_time(c, p, out) == MEMBER_FRAME;
     return t->job_read ? MEMBER_FRAME : read_command(c, p, out);
 }
@@ -734,8 +738,8 @@ static void close_talk(member *c)
 const member_kind member_socketcand = {.open = open_talk,
                                        .close = close_talk,
                                        .read = read_talk,
-                                       .lose = lose,
+                                       .lose = socketcand_lose,
                                        .welcome = welcome,
-                                       .tell = tell,
+                                       .tell = socketcand_tell,
                                        .takes = takes,
-                                       .send = send_frame};
+                                       .send = socketcand_send_frame};

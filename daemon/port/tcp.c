@@ -50,7 +50,7 @@ struct port_tcp {
 /* All of this process; its ports are in one thread. */
 static listener *listeners;
 
-static port_tcp *own(port *p)
+static port_tcp *tcp_own(port *p)
 {
     return (port_tcp *)p;
 }
@@ -146,7 +146,7 @@ static port_tcp *find_port(const listener *l, const char *bus)
     return t;
 }
 
-static void join(port_tcp *t, listener *l)
+static void tcp_join(port_tcp *t, listener *l)
 {
     port_tcp **link = &l->ports;
     while (*link)
@@ -155,7 +155,7 @@ static void join(port_tcp *t, listener *l)
     t->at = l;
 }
 
-static void leave(port_tcp *t)
+static void tcp_leave(port_tcp *t)
 {
     port_tcp **link = &t->at->ports;
     while (*link != t)
@@ -169,7 +169,7 @@ static void leave(port_tcp *t)
 /* ---- Programs -------------------------------------------------------------------------------- */
 
 /* A program whose machine has gone without a word is noticed by the kernel. */
-static void prepare(int fd)
+static void tcp_prepare(int fd)
 {
     const int on = 1, idle_s = IDLE_S;
     (void)shared_prepare(fd, SEND_BUFFER_BYTES);
@@ -180,7 +180,7 @@ static void prepare(int fd)
 
 static void accept_waiting(port *p)
 {
-    const int listening = own(p)->at->fd;
+    const int listening = tcp_own(p)->at->fd;
     for (unsigned i = 0; i < ACCEPTS_MAX; i++) {
         const int fd = accept4(listening, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
         if (fd < 0 && (errno == ECONNABORTED || errno == EINTR))
@@ -191,7 +191,7 @@ static void accept_waiting(port *p)
             return;
         }
         shared_set_deaf(p, listening, false);
-        prepare(fd);
+        tcp_prepare(fd);
         shared_take_client(p, fd);
     }
 }
@@ -203,7 +203,7 @@ static void turn_away(port *p, member *c, const char *why)
     shared_disconnect(p, c);
 }
 
-static void move(port *from, member *c, port *to)
+static void tcp_move(port *from, member *c, port *to)
 {
     member *moved = shared_move(from, c, to);
     if (moved)
@@ -215,13 +215,13 @@ static void move(port *from, member *c, port *to)
 /* Answers `open`: the program goes to the port that has this name at the same address. */
 static void greet(port *p, member *c)
 {
-    port_tcp *chosen = find_port(own(p)->at, socketcand_bus(c));
+    port_tcp *chosen = find_port(tcp_own(p)->at, socketcand_bus(c));
     if (!chosen) {
         turn_away(p, c, "could not open bus");
-    } else if (chosen == own(p)) {
+    } else if (chosen == tcp_own(p)) {
         shared_greet(p, c);
     } else {
-        move(p, c, &chosen->shared.base);
+        tcp_move(p, c, &chosen->shared.base);
     }
 }
 
@@ -248,7 +248,7 @@ static void send_beacon(port_tcp *t)
 
 static void see_to_beacon(port *p)
 {
-    port_tcp *t = own(p);
+    port_tcp *t = tcp_own(p);
     const int64_t now_ns = t->shared.sharing.beacon ? clock_ns(CLOCK_MONOTONIC) : 0;
     if (!t->shared.sharing.beacon)
         return;
@@ -277,8 +277,8 @@ static unsigned read_port(port *p, port_frame frames[PORT_BATCH], unsigned max, 
 
 static void close_port(port *p)
 {
-    if (own(p)->at)
-        leave(own(p));
+    if (tcp_own(p)->at)
+        tcp_leave(tcp_own(p));
     shared_close(p);
 }
 
@@ -303,8 +303,8 @@ static const char *open_at(port *p, const portname *name)
         return strerror(errno);
     if (find_port(l, name->bus))
         return "another node has this name at this address";
-    join(own(p), l);
-    (void)snprintf(own(p)->bus, sizeof own(p)->bus, "%s", name->bus);
+    tcp_join(tcp_own(p), l);
+    (void)snprintf(tcp_own(p)->bus, sizeof tcp_own(p)->bus, "%s", name->bus);
     return shared_watch(p, l->fd, SHARED_LISTENER) ? NULL : strerror(errno);
 }
 

@@ -75,14 +75,14 @@ typedef struct tunnel {
     int64_t in_realtime_ns;
 } tunnel;
 
-static tunnel *own(port *p)
+static tunnel *tunnel_own(port *p)
 {
     return (tunnel *)p;
 }
 
 /* ---- Time and the epoll set ------------------------------------------------------------------ */
 
-static bool watch(const tunnel *t, int fd, unsigned what, uint32_t events)
+static bool tunnel_watch(const tunnel *t, int fd, unsigned what, uint32_t events)
 {
     struct epoll_event event = {.events = events, .data.u32 = what};
     return epoll_ctl(t->base.fd, EPOLL_CTL_ADD, fd, &event) == 0;
@@ -188,7 +188,7 @@ static void send_stream(tunnel *t)
     watch_room(t, t->out_bytes > 0);
 }
 
-static void flush(tunnel *t)
+static void tunnel_flush(tunnel *t)
 {
     if (t->link < 0 || t->out_bytes == head_bytes(t))
         return;
@@ -200,12 +200,12 @@ static void flush(tunnel *t)
 
 /* Returns true when that many bytes fit behind those that wait; else sends those. A stream keeps
  * what does not go at once. */
-static bool make_room(tunnel *t, size_t bytes)
+static bool tunnel_make_room(tunnel *t, size_t bytes)
 {
     if (t->out_bytes + bytes <= t->name.mtu)
         return true;
     if (!t->name.tcp || !t->room_watched)
-        flush(t);
+        tunnel_flush(t);
     return t->out_bytes + bytes <= (t->name.tcp ? BYTES_MAX : t->name.mtu);
 }
 
@@ -215,16 +215,16 @@ static int64_t due_ns(const tunnel *t)
 }
 
 /* Error frames are of this end: an interface at the other one would put them on its bus. */
-static port_sent send_frame(port *p, const void *frame, size_t size)
+static port_sent tunnel_send_frame(port *p, const void *frame, size_t size)
 {
-    tunnel *t = own(p);
+    tunnel *t = tunnel_own(p);
     uint8_t bytes[CANNELLONI_FRAME_MAX];
     canid_t id;
     memcpy(&id, frame, sizeof id);
     if (t->state != UP || (id & CAN_ERR_FLAG))
         return PORT_UNHEARD;
     const size_t count = cannelloni_put_frame(bytes, frame, size);
-    if (!make_room(t, count))
+    if (!tunnel_make_room(t, count))
         return PORT_SEND_FAILED;
     if (t->state != UP) /* to make room, it has found that the peer has gone */
         return PORT_UNHEARD;
@@ -234,7 +234,7 @@ static port_sent send_frame(port *p, const void *frame, size_t size)
     if (t->out_ns == 0)
         t->out_ns = clock_ns(CLOCK_MONOTONIC);
     if (t->name.timeout_ns == 0 && !t->room_watched)
-        flush(t);
+        tunnel_flush(t);
     wake_at(t, due_ns(t));
     return PORT_SENT;
 }
@@ -323,13 +323,13 @@ static void begin_connection(tunnel *t, int fd)
 {
     prepare_connection(fd);
     t->link = fd;
-    if (watch(t, fd, LINK, EPOLLIN))
+    if (tunnel_watch(t, fd, LINK, EPOLLIN))
         greet(t);
     else
         disconnect(t);
 }
 
-static void refuse(tunnel *t, int fd)
+static void tunnel_refuse(tunnel *t, int fd)
 {
     t->base.stats.refused++;
     (void)close(fd);
@@ -339,7 +339,7 @@ static void refuse(tunnel *t, int fd)
 static void hold(tunnel *t, int fd)
 {
     if (t->next >= 0)
-        refuse(t, t->next);
+        tunnel_refuse(t, t->next);
     t->next = fd;
 }
 
@@ -360,7 +360,7 @@ static void take_connection(tunnel *t, int fd, const struct sockaddr_storage *fr
     else if (t->link < 0 || t->state == LEFT || has_gone_early(t) || gives_way(t))
         hold(t, fd);
     else
-        refuse(t, fd);
+        tunnel_refuse(t, fd);
 }
 
 static void accept_waiting(tunnel *t)
@@ -388,7 +388,8 @@ static void connect_to_peer(tunnel *t)
         port_bound_tcp(t->link);
         const int result = connect(t->link, (const struct sockaddr *)&peer, size);
         t->room_watched = true;
-        if ((result == 0 || errno == EINPROGRESS) && watch(t, t->link, LINK, EPOLLIN | EPOLLOUT))
+        if ((result == 0 || errno == EINPROGRESS) &&
+            tunnel_watch(t, t->link, LINK, EPOLLIN | EPOLLOUT))
             return;
     }
     disconnect(t);
@@ -408,7 +409,7 @@ static void complete_connection(tunnel *t)
 /* ---- From the peer --------------------------------------------------------------------------- */
 
 /* Receives bytes behind those that are there, and the address of their sender. */
-static ssize_t receive(tunnel *t, size_t room, struct sockaddr_storage *from)
+static ssize_t tunnel_receive(tunnel *t, size_t room, struct sockaddr_storage *from)
 {
     _Alignas(struct cmsghdr) unsigned char control[PORT_CONTROL_BYTES];
     struct iovec part = {.iov_base = t->in + t->in_end, .iov_len = room};
@@ -462,7 +463,7 @@ static bool read_packet(tunnel *t)
 {
     struct sockaddr_storage from = {.ss_family = AF_UNSPEC};
     t->in_begin = t->in_end = 0;
-    const ssize_t size = receive(t, sizeof t->in, &from);
+    const ssize_t size = tunnel_receive(t, sizeof t->in, &from);
     if (size >= 0)
         take_packet(t, (size_t)size, &from);
     else
@@ -479,7 +480,7 @@ static bool read_stream(tunnel *t)
     memmove(t->in, t->in + t->in_begin, t->in_end - t->in_begin);
     t->in_end -= t->in_begin;
     t->in_begin = 0;
-    const ssize_t size = receive(t, STREAM_BYTES, &from);
+    const ssize_t size = tunnel_receive(t, STREAM_BYTES, &from);
     if (size < 0 && (errno == EAGAIN || errno == EINTR))
         return false;
     if (size <= 0) {
@@ -491,7 +492,7 @@ static bool read_stream(tunnel *t)
     return true;
 }
 
-static void complain(tunnel *t)
+static void tunnel_complain(tunnel *t)
 {
     t->base.stats.malformed++;
     t->info.malformed++;
@@ -503,7 +504,7 @@ static void take_greeting(tunnel *t)
     const size_t there = t->in_end - t->in_begin;
     const size_t bytes = there < CANNELLONI_GREETING_BYTES ? there : CANNELLONI_GREETING_BYTES;
     if (memcmp(t->in + t->in_begin, CANNELLONI_GREETING, bytes) != 0) {
-        complain(t);
+        tunnel_complain(t);
         return;
     }
     if (bytes < CANNELLONI_GREETING_BYTES)
@@ -515,7 +516,7 @@ static void take_greeting(tunnel *t)
 }
 
 /* Takes the next frame of those that have been read. Returns false without a whole one. */
-static bool take_frame(tunnel *t, port_frame *out, bool *good)
+static bool tunnel_take_frame(tunnel *t, port_frame *out, bool *good)
 {
     struct canfd_frame frame;
     size_t size;
@@ -524,7 +525,7 @@ static bool take_frame(tunnel *t, port_frame *out, bool *good)
     const int taken =
         cannelloni_take_frame(&frame, &size, t->in + t->in_begin, t->in_end - t->in_begin);
     if (taken < 0)
-        complain(t);
+        tunnel_complain(t);
     if (taken <= 0)
         return false;
     t->in_begin += (size_t)taken;
@@ -551,7 +552,7 @@ static unsigned take_frames(tunnel *t, port_frame *frames, unsigned max, bool *m
     bool good;
     *more = true;
     for (unsigned reads = 0; count < max && reads < PACKETS_MAX;) {
-        if (take_frame(t, &frames[count], &good)) {
+        if (tunnel_take_frame(t, &frames[count], &good)) {
             count += good;
             continue;
         }
@@ -591,7 +592,7 @@ static void admit_next(tunnel *t)
         note_left(t);
     if (t->link >= 0 && !gives_way(t)) {
         if (t->state != LEFT && !has_gone_early(t)) {
-            refuse(t, t->next);
+            tunnel_refuse(t, t->next);
             t->next = -1;
         }
         return;
@@ -613,10 +614,10 @@ static void on_link(tunnel *t, uint32_t events)
     if (t->state == CONNECTING && (events & (EPOLLOUT | EPOLLERR | EPOLLHUP)))
         complete_connection(t);
     else if (events & EPOLLOUT)
-        flush(t);
+        tunnel_flush(t);
 }
 
-static void look(tunnel *t)
+static void tunnel_look(tunnel *t)
 {
     struct epoll_event events[WATCHED];
     const int count = epoll_wait(t->base.fd, events, WATCHED, 0);
@@ -634,7 +635,7 @@ static void see_to_time(tunnel *t, bool more)
 {
     const int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
     if (due_ns(t) != 0 && due_ns(t) <= now_ns)
-        flush(t);
+        tunnel_flush(t);
     if (t->retry_ns != 0 && t->retry_ns <= now_ns)
         connect_to_peer(t);
     wake_at(t, due_ns(t));
@@ -645,15 +646,15 @@ static void see_to_time(tunnel *t, bool more)
 
 static unsigned read_port(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
 {
-    tunnel *t = own(p);
-    look(t);
+    tunnel *t = tunnel_own(p);
+    tunnel_look(t);
     const unsigned count = take_frames(t, frames, max, more);
     admit_next(t);
     see_to_time(t, *more);
     return count;
 }
 
-static bool describe(const port *p, port_tunnel_info *out)
+static bool tunnel_describe(const port *p, port_tunnel_info *out)
 {
     static const char *const states[] = {
         [WAITING] = "waiting", [CONNECTING] = "connecting", [GREETING] = "connecting", [UP] = "up",
@@ -676,8 +677,8 @@ static void close_fd(int fd)
 
 static void close_port(port *p)
 {
-    tunnel *t = own(p);
-    flush(t);
+    tunnel *t = tunnel_own(p);
+    tunnel_flush(t);
     close_fd(t->link);
     close_fd(t->listener);
     close_fd(t->next);
@@ -689,8 +690,8 @@ static void close_port(port *p)
 static const port_kind tunnel_kind = {
     .close = close_port,
     .read = read_port,
-    .send = send_frame,
-    .tunnel = describe,
+    .send = tunnel_send_frame,
+    .tunnel = tunnel_describe,
     .control_bytes = PORT_CONTROL_BYTES,
 };
 
@@ -723,7 +724,7 @@ static bool open_udp(tunnel *t)
 {
     t->link = bind_socket(t, SOCK_DGRAM);
     t->state = UP;
-    return t->link >= 0 && watch(t, t->link, LINK, EPOLLIN);
+    return t->link >= 0 && tunnel_watch(t, t->link, LINK, EPOLLIN);
 }
 
 static bool open_tcp(tunnel *t)
@@ -734,13 +735,13 @@ static bool open_tcp(tunnel *t)
     }
     t->listener = bind_socket(t, SOCK_STREAM);
     return t->listener >= 0 && listen(t->listener, BACKLOG) == 0 &&
-           watch(t, t->listener, LISTENER, EPOLLIN);
+           tunnel_watch(t, t->listener, LISTENER, EPOLLIN);
 }
 
 static bool open_tunnel(tunnel *t)
 {
     t->base.fd = epoll_create1(EPOLL_CLOEXEC);
-    if (t->base.fd < 0 || !alarm_open(&t->timer) || !watch(t, t->timer.fd, TIMER, EPOLLIN))
+    if (t->base.fd < 0 || !alarm_open(&t->timer) || !tunnel_watch(t, t->timer.fd, TIMER, EPOLLIN))
         return false;
     forget_out(t);
     return t->name.tcp ? open_tcp(t) : open_udp(t);
@@ -750,11 +751,11 @@ port *port_tunnel_open(const char *text, char error[PORT_ERROR_TEXT_MAX])
 {
     port *p = port_new(&tunnel_kind, sizeof(tunnel));
     if (p) {
-        own(p)->link = own(p)->listener = own(p)->next = -1;
-        own(p)->timer = ALARM_CLOSED;
-        (void)tunnelname_parse(&own(p)->name, text);
-        tunnelname_print(own(p)->text, &own(p)->name);
-        if (open_tunnel(own(p)))
+        tunnel_own(p)->link = tunnel_own(p)->listener = tunnel_own(p)->next = -1;
+        tunnel_own(p)->timer = ALARM_CLOSED;
+        (void)tunnelname_parse(&tunnel_own(p)->name, text);
+        tunnelname_print(tunnel_own(p)->text, &tunnel_own(p)->name);
+        if (open_tunnel(tunnel_own(p)))
             return p;
     }
     (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: %s", text, strerror(errno));

@@ -12,7 +12,7 @@
 #define COMPARED (CW_FRAME_EXTENDED | CW_FRAME_REMOTE | CW_FRAME_FD | CW_FRAME_BRS)
 
 /* Makes room for one more. */
-static bool grow(underway *u)
+static bool underway_grow(underway *u)
 {
     size_t room = u->room ? 2 * u->room : ROOM_FIRST;
     if (room > ROOM_MAX)
@@ -33,7 +33,7 @@ static void remove_at(underway *u, size_t i)
 
 bool underway_add(underway *u, const port_frame *frame, uint64_t tick)
 {
-    const bool room = u->count < u->room || grow(u);
+    const bool room = u->count < u->room || underway_grow(u);
     if (!room && u->count > 0)
         remove_at(u, 0);
     if (u->count < u->room)

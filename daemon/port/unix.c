@@ -55,7 +55,7 @@ typedef struct port_unix {
     gathered gathered;        /* frames for the plain ECU */
 } port_unix;
 
-static port_unix *own(port *p)
+static port_unix *unix_own(port *p)
 {
     return (port_unix *)p;
 }
@@ -67,7 +67,7 @@ static const port_unix *own_const(const port *p)
 
 static member *plain_of(port *p)
 {
-    return &own(p)->shared.programs[PLAIN];
+    return &unix_own(p)->shared.programs[PLAIN];
 }
 
 static int ecu_of(const port *p)
@@ -82,7 +82,7 @@ static bool connect_ecu(port *p, int fd)
     if (!shared_prepare(fd, SEND_BUFFER_BYTES) || !shared_watch(p, fd, PLAIN))
         return false;
     *plain_of(p) = (member){.fd = fd, .pid = port_peer_of(fd)};
-    own(p)->takes_fd = false;
+    unix_own(p)->takes_fd = false;
     p->stats.connected++;
     return true;
 }
@@ -96,7 +96,7 @@ static void refuse_plain(port *p, int fd)
 /* Takes a plain ECU. While one is there it waits: that one may have gone. */
 static void take_plain(port *p, int fd)
 {
-    port_unix *u = own(p);
+    port_unix *u = unix_own(p);
     if (ecu_of(p) < 0 && u->use == FOR_PROGRAMS && connect_ecu(p, fd))
         return;
     if (ecu_of(p) >= 0 && u->waiting_count < WAITING_MAX)
@@ -108,18 +108,18 @@ static void take_plain(port *p, int fd)
 /* Refuses the ones that wait: the ECU is still there. */
 static void refuse_waiting(port *p)
 {
-    port_unix *u = own(p);
+    port_unix *u = unix_own(p);
     while (u->waiting_count > 0)
         refuse_plain(p, u->waiting[--u->waiting_count]);
 }
 
-static void flush(port *p);
+static void unix_flush(port *p);
 
 /* Disconnects the plain ECU. The next one that waits has its place. */
 static void disconnect_ecu(port *p)
 {
-    port_unix *u = own(p);
-    flush(p);
+    port_unix *u = unix_own(p);
+    unix_flush(p);
     (void)close(ecu_of(p)); /* this removes it from the epoll set */
     *plain_of(p) = (member){.fd = -1};
     if (u->waiting_count == 0)
@@ -147,7 +147,7 @@ static bool is_client(const struct sockaddr_un *address, socklen_t size)
  * gone by now. The next read sees that, and accepts the next one. */
 static void accept_waiting(port *p)
 {
-    port_unix *u = own(p);
+    port_unix *u = unix_own(p);
     for (unsigned i = 0; u->listener.fd >= 0 && i < ACCEPTS_MAX; i++) {
         struct sockaddr_un address = {.sun_family = AF_UNIX};
         socklen_t size = sizeof address;
@@ -182,8 +182,8 @@ static bool is_end(const struct mmsghdr *m)
  * counts as such a message. */
 static void note_size(port *p, int received)
 {
-    for (int i = 0; !own(p)->takes_fd && i < received; i++)
-        own(p)->takes_fd =
+    for (int i = 0; !unix_own(p)->takes_fd && i < received; i++)
+        unix_own(p)->takes_fd =
             p->messages.headers[i].msg_len == CANFD_MTU && port_is_frame(p, (unsigned)i);
 }
 
@@ -197,7 +197,7 @@ static int messages_before_end(const port *p, int received)
 
 /* Receives messages of the ECU. The kernel reports once that the ECU has gone with unread frames;
  * its own frames wait behind that report. */
-static int receive(port *p, unsigned max)
+static int unix_receive(port *p, unsigned max)
 {
     int received = port_receive(p, ecu_of(p), max);
     bool reported = received < 0 && errno == ECONNRESET;
@@ -210,7 +210,7 @@ static int receive(port *p, unsigned max)
 static unsigned read_plain(port *p, port_frame *frames, unsigned max, bool *waits)
 {
     const int pid = plain_of(p)->pid;
-    const int received = receive(p, max);
+    const int received = unix_receive(p, max);
     const bool nothing = received < 0 && (errno == EAGAIN || errno == EINTR);
     const int count = messages_before_end(p, received);
     note_size(p, count);
@@ -240,21 +240,21 @@ static port_sent send_now(port *p, const void *frame, size_t size)
     return gone ? PORT_UNHEARD : PORT_SEND_FAILED;
 }
 
-static void flush(port *p)
+static void unix_flush(port *p)
 {
-    plain_of(p)->written += gathered_send(&own(p)->gathered, p, ecu_of(p), send_now);
+    plain_of(p)->written += gathered_send(&unix_own(p)->gathered, p, ecu_of(p), send_now);
 }
 
 /* Clients get their frames at once, and a plain ECU beside them does, too. */
 static port_sent send_plain(port *p, const void *frame, size_t size)
 {
-    if (ecu_of(p) < 0 || (size == CANFD_MTU && !own(p)->takes_fd))
+    if (ecu_of(p) < 0 || (size == CANFD_MTU && !unix_own(p)->takes_fd))
         return PORT_UNHEARD;
     if (!p->gathers || p->shared)
         return send_now(p, frame, size);
-    gathered_add(&own(p)->gathered, frame, size);
-    if (gathered_is_full(&own(p)->gathered))
-        flush(p);
+    gathered_add(&unix_own(p)->gathered, frame, size);
+    if (gathered_is_full(&unix_own(p)->gathered))
+        unix_flush(p);
     return PORT_GATHERED;
 }
 
@@ -263,7 +263,7 @@ static port_sent send_plain(port *p, const void *frame, size_t size)
 /* Answers a hello. At a door the client waits, and is not read meanwhile. */
 static void greet(port *p, member *c)
 {
-    if (own(p)->use == FOR_GUESTS)
+    if (unix_own(p)->use == FOR_GUESTS)
         (void)epoll_ctl(p->fd, EPOLL_CTL_DEL, c->fd, NULL);
     else
         shared_greet(p, c);
@@ -271,7 +271,7 @@ static void greet(port *p, member *c)
 
 /* Returns true when the client of a guest has gone. Messages that it has sent before may wait, when
  * the node's queue is full. */
-static bool is_over(const port *p)
+static bool unix_is_over(const port *p)
 {
     const port_unix *u = own_const(p);
     struct pollfd only = {.fd = u->shared.programs[0].fd};
@@ -284,8 +284,8 @@ static bool is_over(const port *p)
 
 static void close_port(port *p)
 {
-    port_unix *u = own(p);
-    flush(p);
+    port_unix *u = unix_own(p);
+    unix_flush(p);
     while (u->waiting_count > 0)
         (void)close(u->waiting[--u->waiting_count]);
     pathsocket_close(&u->listener);
@@ -295,13 +295,13 @@ static void close_port(port *p)
 static const port_kind unix_kind = {.close = close_port,
                                     .read = shared_read,
                                     .send = shared_send,
-                                    .flush = flush,
+                                    .flush = unix_flush,
                                     .share = shared_share,
                                     .crowd = shared_crowd,
                                     .handed_in = shared_handed_in,
                                     .ended = shared_ended,
                                     .client = shared_client,
-                                    .is_over = is_over,
+                                    .is_over = unix_is_over,
                                     .obeyed = shared_obeyed,
                                     .tell_state = shared_tell_state,
                                     .settle = shared_settle,
@@ -318,7 +318,7 @@ static port *make_port(void)
     port *p = shared_new(&unix_kind, &unix_ways, sizeof(port_unix));
     if (!p)
         return NULL;
-    own(p)->listener = (pathsocket)PATHSOCKET_NONE;
+    unix_own(p)->listener = (pathsocket)PATHSOCKET_NONE;
     if (p->fd >= 0)
         return p;
     close_port(p);
@@ -329,8 +329,9 @@ static port *open_at(const char *kind, const char *path, char error[PORT_ERROR_T
 {
     char why[PATHSOCKET_ERROR_MAX] = "";
     port *p = make_port();
-    bool good = p && pathsocket_open(&own(p)->listener, path, SOCK_SEQPACKET, BACKLOG, "port", why);
-    if (good && shared_watch(p, own(p)->listener.fd, SHARED_LISTENER))
+    bool good =
+        p && pathsocket_open(&unix_own(p)->listener, path, SOCK_SEQPACKET, BACKLOG, "port", why);
+    if (good && shared_watch(p, unix_own(p)->listener.fd, SHARED_LISTENER))
         return p;
     (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s:%s: %s", kind, path,
                    *why ? why : strerror(errno));
@@ -349,7 +350,7 @@ port *port_unix_open_usb(const char *path, char error[PORT_ERROR_TEXT_MAX])
     port *p = open_at("usb", path, error);
     if (!p)
         return NULL;
-    own(p)->use = FOR_CONTROLLER;
+    unix_own(p)->use = FOR_CONTROLLER;
     p->commands = calloc(1, sizeof *p->commands);
     if (p->commands)
         return p;
@@ -364,7 +365,7 @@ port *port_unix_open_door(const char *path, char error[PORT_ERROR_TEXT_MAX])
 {
     port *p = port_unix_open(path, error);
     if (p)
-        own(p)->use = FOR_GUESTS;
+        unix_own(p)->use = FOR_GUESTS;
     return p;
 }
 
@@ -386,33 +387,33 @@ const char *door_next(const port *door)
 
 port *door_admit(port *door)
 {
-    member *first = first_waiting(own(door));
+    member *first = first_waiting(unix_own(door));
     port *p = first ? make_port() : NULL;
     if (!p || !shared_watch(p, first->fd, 0)) {
         port_close(p);
         return NULL;
     }
-    port_unix *u = own(p);
+    port_unix *u = unix_own(p);
     u->use = FOR_ONE;
     u->shared.programs[0] = *first;
     u->shared.client_count = 1;
     p->shared = true;
     p->stats.connected = 1;
     *first = (member){.state = MEMBER_NONE, .fd = -1};
-    own(door)->shared.client_count--;
+    unix_own(door)->shared.client_count--;
     return p;
 }
 
 void door_welcome(port *admitted)
 {
-    port_unix *u = own(admitted);
+    port_unix *u = unix_own(admitted);
     member_welcome(&u->shared.programs[0], u->shared.node, u->shared.sharing.fd);
     port_note_told(admitted, u->shared.programs[0].pid, PORT_TOLD_MESSAGE);
 }
 
 void door_refuse(port *door, int code, const char *text)
 {
-    member *first = first_waiting(own(door));
+    member *first = first_waiting(unix_own(door));
     if (!first)
         return;
     member_refuse(first, MESSAGE_HELLO, code, text);

@@ -19,7 +19,7 @@
 
 /* ---- Connections ----------------------------------------------------------------------------- */
 
-static void take_frame(cansock *s, int number, message *m, size_t size)
+static void bcm_take_frame(cansock *s, int number, message *m, size_t size)
 {
     struct canfd_frame frame = {.can_id = 0};
     const size_t bytes = size - sizeof m->head;
@@ -51,11 +51,11 @@ static conn_wants wants(const cansock *s, int number)
     return w;
 }
 
-static const relay_user user = {.frame = take_frame, .wants = wants};
+static const relay_user user = {.frame = bcm_take_frame, .wants = wants};
 
 /* Connects to an interface. one: it must be there, or else it is tried again. Returns 0 or an
  * errno. The lock is not held meanwhile. */
-static int connect_to(cansock *s, int number)
+static int bcm_connect_to(cansock *s, int number)
 {
     table_lock();
     conn_wants w = wants(s, number);
@@ -78,13 +78,13 @@ static int connect_for(cansock *s, int index)
 {
     const iface *in = ifmap_of_index(index);
     if (in)
-        return connect_to(s, ifmap_number(in));
+        return bcm_connect_to(s, ifmap_number(in));
     if (index != 0)
         return ENODEV;
     int error = ENODEV;
     bool there = false;
     for (int i = 0; i < ifmap_count(); i++) {
-        error = connect_to(s, i);
+        error = bcm_connect_to(s, i);
         there = there || error == 0;
     }
     return there ? 0 : error;
@@ -135,7 +135,7 @@ static int tell_status(const bcm_op *op, unsigned opcode)
 }
 
 /* Does what a request says, with the lock. */
-static int obey(const bcm_request *r, size_t size)
+static int bcm_obey(const bcm_request *r, size_t size)
 {
     struct bcm *b = r->socket->bcm;
     switch (r->head.opcode) {
@@ -194,7 +194,7 @@ int bcm_send(cansock *s, const void *bytes, size_t size, int index)
     if (error)
         return error;
     table_lock();
-    error = obey(&r, size);
+    error = bcm_obey(&r, size);
     table_unlock();
     if (error == 0 && receives)
         send_filters(s);

@@ -31,7 +31,7 @@ static unsigned char *last_of(const bcm_op *op, unsigned i)
 
 /* ---- Telling --------------------------------------------------------------------------------- */
 
-static void tell(const bcm_op *op, unsigned i)
+static void bcm_rx_tell(const bcm_op *op, unsigned i)
 {
     unsigned char *last = last_of(op, i);
     last[FLAGS_AT] &= (unsigned char)~HELD_BACK;
@@ -46,7 +46,7 @@ static unsigned tell_held_back(const bcm_op *op)
     for (unsigned i = count > 1; i < (count > 0 ? count : 1); i++) {
         if (!(last_of(op, i)[FLAGS_AT] & HELD_BACK))
             continue;
-        tell(op, i);
+        bcm_rx_tell(op, i);
         told++;
     }
     return told;
@@ -71,7 +71,7 @@ static void change(bcm_op *op, unsigned i, const void *frame)
     memcpy(last, frame, op->frame_bytes);
     last[FLAGS_AT] |= RECEIVED | HELD_BACK;
     if (pause == 0) {
-        tell(op, i);
+        bcm_rx_tell(op, i);
         return;
     }
     if (op->throttle.due_ns != PUMP_NEVER)
@@ -82,14 +82,14 @@ static void change(bcm_op *op, unsigned i, const void *frame)
         pump_put(&op->throttle);
         return;
     }
-    tell(op, i);
+    bcm_rx_tell(op, i);
     op->told_ns = now_ns;
 }
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
 /* Takes a frame when it differs from the last one in a bit of the mask. */
-static void compare(bcm_op *op, unsigned i, const unsigned char *frame)
+static void bcm_rx_compare(bcm_op *op, unsigned i, const unsigned char *frame)
 {
     const unsigned char *mask = op->frames + i * op->frame_bytes, *last = last_of(op, i);
     bool differs = !(last[FLAGS_AT] & RECEIVED);
@@ -102,17 +102,17 @@ static void compare(bcm_op *op, unsigned i, const unsigned char *frame)
 }
 
 /* Takes a frame of a job with several masks: the first one says which bits choose another one. */
-static void choose(bcm_op *op, const unsigned char *frame)
+static void bcm_rx_choose(bcm_op *op, const unsigned char *frame)
 {
     const uint64_t bits = word(op->frames, 0);
     for (unsigned i = 1; i < op->as.nframes; i++)
         if ((bits & word(frame, 0)) == (bits & word(op->frames + i * op->frame_bytes, 0))) {
-            compare(op, i, frame);
+            bcm_rx_compare(op, i, frame);
             return;
         }
 }
 
-static void on_timer(pump_item *self, bool readable)
+static void bcm_rx_on_timer(pump_item *self, bool readable)
 {
     bcm_op *op = self->user;
     (void)readable;
@@ -127,7 +127,7 @@ static void start_timer(bcm_op *op)
     if (bcm_op_ns(&op->as.ival1) == 0)
         return;
     op->timer.due_ns = pump_now_ns() + bcm_op_ns(&op->as.ival1);
-    op->timer.run = on_timer;
+    op->timer.run = bcm_rx_on_timer;
     pump_put(&op->timer);
 }
 
@@ -155,9 +155,9 @@ void bcm_rx_frame(bcm_op *op, int index, uint64_t realtime_ns, const void *frame
     if (op->as.flags & RX_FILTER_ID)
         change(op, 0, frame);
     else if (op->as.nframes == 1)
-        compare(op, 0, frame);
+        bcm_rx_compare(op, 0, frame);
     else
-        choose(op, frame);
+        bcm_rx_choose(op, frame);
     if (!(op->as.flags & RX_NO_AUTOTIMER))
         start_timer(op);
 }
@@ -173,7 +173,7 @@ static void prepare_answer(bcm_op *op)
         frame->can_id &= ~CAN_RTR_FLAG;
 }
 
-static void start(bcm_op *op, unsigned flags)
+static void bcm_rx_start(bcm_op *op, unsigned flags)
 {
     if (flags & SETTIMER) {
         if (bcm_op_ns(&op->as.ival1) == 0)
@@ -227,6 +227,6 @@ int bcm_rx_setup(const bcm_request *asked)
     if (request.head.flags & RX_RTR_FRAME)
         prepare_answer(op);
     else
-        start(op, request.head.flags);
+        bcm_rx_start(op, request.head.flags);
     return 0;
 }

@@ -21,7 +21,7 @@ static void set_next(bcm_op *op, int64_t from_ns)
     op->timer.due_ns = span == 0 ? PUMP_NEVER : next > now_ns ? next : now_ns + span;
 }
 
-static void on_timer(pump_item *self, bool readable)
+static void bcm_tx_on_timer(pump_item *self, bool readable)
 {
     bcm_op *op = self->user;
     const int64_t due_ns = self->due_ns;
@@ -38,7 +38,7 @@ static void on_timer(pump_item *self, bool readable)
 }
 
 /* Starts as the flags say. */
-static void start(bcm_op *op, unsigned flags)
+static void bcm_tx_start(bcm_op *op, unsigned flags)
 {
     if (flags & TX_RESET_MULTI_IDX)
         op->current = 0;
@@ -53,7 +53,7 @@ static void start(bcm_op *op, unsigned flags)
     }
     if (flags & STARTTIMER)
         set_next(op, pump_now_ns());
-    op->timer.run = on_timer;
+    op->timer.run = bcm_tx_on_timer;
     pump_put(&op->timer);
 }
 
@@ -91,6 +91,6 @@ int bcm_tx_setup(const bcm_request *request)
     bcm_op_set(op, request);
     if (request->head.flags & TX_CP_CAN_ID)
         set_identifiers(op);
-    start(op, request->head.flags);
+    bcm_tx_start(op, request->head.flags);
     return 0;
 }

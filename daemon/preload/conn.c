@@ -90,7 +90,7 @@ static int await_here_or_there(int fd, message *m, message_type one, message_typ
     return ETIMEDOUT;
 }
 
-static int await(int fd, message *m, message_type one, message_type other, int limit_ms)
+static int conn_await(int fd, message *m, message_type one, message_type other, int limit_ms)
 {
     return await_here_or_there(fd, m, one, other, limit_ms, NULL, 0);
 }
@@ -106,7 +106,7 @@ int conn_socket(int flags)
     return fd;
 }
 
-static int connect_to(int fd, const char *path)
+static int conn_connect_to(int fd, const char *path)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     const struct sockaddr *any = (const struct sockaddr *)&address;
@@ -136,7 +136,7 @@ static int say_hello(int fd, const iface *in, const conn_wants *wants, unsigned 
     return send_control(fd, MESSAGE_HELLO, &hello, sizeof hello);
 }
 
-static void complain(const iface *in, const char *why)
+static void conn_complain(const iface *in, const char *why)
 {
     (void)fprintf(stderr, "libcanwire-socketcan: %s: %.*s\n", in->names[0],
                   (int)MESSAGE_TEXT_BYTES, why);
@@ -153,9 +153,9 @@ static void begin_filtered(int fd, const conn_wants *wants)
 int conn_start(int fd, const iface *in, const conn_wants *wants, unsigned number)
 {
     message answer;
-    int error = connect_to(fd, in->path);
+    int error = conn_connect_to(fd, in->path);
     error = error ? error : say_hello(fd, in, wants, number);
-    error = error ? error : await(fd, &answer, MESSAGE_HELLO, MESSAGE_ERROR, WELCOME_MS);
+    error = error ? error : conn_await(fd, &answer, MESSAGE_HELLO, MESSAGE_ERROR, WELCOME_MS);
     if (error)
         return conn_is_over(error) ? ENETDOWN : error;
     if (answer.head.type == MESSAGE_HELLO) {
@@ -164,7 +164,7 @@ int conn_start(int fd, const iface *in, const conn_wants *wants, unsigned number
         return 0;
     }
     if (!wants->quiet && (answer.error.code != EEXIST || !in->guest))
-        complain(in, answer.error.text);
+        conn_complain(in, answer.error.text);
     return answer.error.code > 0 ? (int)answer.error.code : EPROTO;
 }
 

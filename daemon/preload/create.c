@@ -19,26 +19,26 @@
 #include <pthread.h>
 #include <sys/socket.h>
 
-static int fail(int error)
+static int create_fail(int error)
 {
     errno = error;
     return -1;
 }
 
 /* Makes the entry of a real socket. */
-static int keep(int fd, cansock_kind kind)
+static int create_keep(int fd, cansock_kind kind)
 {
     cansock *s = fd >= 0 ? table_new(fd, kind) : NULL;
     if (s || fd < 0)
         return fd;
     const int error = errno;
     (void)real()->close(fd);
-    return fail(error);
+    return create_fail(error);
 }
 
 static int create_bcm(int flags)
 {
-    const int fd = keep(real()->socket(AF_UNIX, SOCK_SEQPACKET | flags, 0), CANSOCK_BCM);
+    const int fd = create_keep(real()->socket(AF_UNIX, SOCK_SEQPACKET | flags, 0), CANSOCK_BCM);
     cansock *s = fd >= 0 ? table_take(fd) : NULL;
     if (!s)
         return fd;
@@ -50,7 +50,7 @@ static int create_bcm(int flags)
     table_forget(fd);
     table_unlock();
     (void)real()->close(fd);
-    return fail(error);
+    return create_fail(error);
 }
 
 int create_socket(int type, int protocol)
@@ -58,19 +58,19 @@ int create_socket(int type, int protocol)
     const int flags = type & (SOCK_CLOEXEC | SOCK_NONBLOCK);
     type &= ~(SOCK_CLOEXEC | SOCK_NONBLOCK);
     if (protocol < 0 || protocol >= CAN_NPROTO)
-        return fail(EINVAL);
+        return create_fail(EINVAL);
     if (protocol != CAN_RAW && protocol != CAN_BCM)
-        return fail(EPROTONOSUPPORT);
+        return create_fail(EPROTONOSUPPORT);
     if (type != (protocol == CAN_RAW ? SOCK_RAW : SOCK_DGRAM))
-        return fail(EPROTOTYPE);
+        return create_fail(EPROTOTYPE);
     if (protocol == CAN_BCM)
         return create_bcm(flags);
-    return keep(conn_socket(flags), CANSOCK_RAW);
+    return create_keep(conn_socket(flags), CANSOCK_RAW);
 }
 
 /* ---- The end --------------------------------------------------------------------------------- */
 
-static void flush(cansock *s, int fd)
+static void create_flush(cansock *s, int fd)
 {
     if (s->bcm)
         bcm_stop(s);
@@ -83,7 +83,7 @@ void create_close(int fd)
     if (!s)
         return;
     if (s->descriptors == 1)
-        flush(s, fd);
+        create_flush(s, fd);
     table_lock();
     table_forget(fd);
     table_give_locked(s);
@@ -98,12 +98,12 @@ void create_exit(void)
         cansock *s = table_take(fd);
         if (!s)
             continue;
-        flush(s, fd);
+        create_flush(s, fd);
         table_give(s);
     }
 }
 
-static void end(cansock *s)
+static void create_end(cansock *s)
 {
     relay_free(s);
     bcm_free(s);
@@ -135,16 +135,16 @@ static void forked_parent(void)
     vtime_fork_parent();
 }
 
-static void __attribute__((constructor)) begin(void)
+static void __attribute__((constructor)) create_begin(void)
 {
     real_find();
     ifmap_read();
-    table_on_end = end;
+    table_on_end = create_end;
     (void)pthread_atfork(forking, forked_parent, forked_child);
     vtime_begin();
 }
 
-static void __attribute__((destructor)) finish(void)
+static void __attribute__((destructor)) create_finish(void)
 {
     create_exit();
 }

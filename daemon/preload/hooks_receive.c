@@ -119,14 +119,14 @@ HOOK ssize_t recvmsg(int fd, struct msghdr *out, int flags)
 }
 
 /* Returns true when the time is over, which the kernel looks at after each message. */
-static bool is_over(const struct timespec *end)
+static bool hooks_receive_is_over(const struct timespec *end)
 {
     struct timespec now;
     (void)clock_gettime(CLOCK_MONOTONIC, &now);
     return now.tv_sec > end->tv_sec || (now.tv_sec == end->tv_sec && now.tv_nsec >= end->tv_nsec);
 }
 
-static struct timespec end_of(const struct timespec *span)
+static struct timespec hooks_receive_end_of(const struct timespec *span)
 {
     struct timespec end;
     (void)clock_gettime(CLOCK_MONOTONIC, &end);
@@ -141,11 +141,11 @@ HOOK int recvmmsg(int fd, struct mmsghdr *out, unsigned count, int flags, struct
     if (!s)
         return real()->recvmmsg(fd, out, count, flags, span);
     const bool wait_for_one = flags & MSG_WAITFORONE;
-    const struct timespec end = span ? end_of(span) : (struct timespec){.tv_sec = 0};
+    const struct timespec end = span ? hooks_receive_end_of(span) : (struct timespec){.tv_sec = 0};
     unsigned done = 0;
     ssize_t size = 0;
     flags &= ~MSG_WAITFORONE;
-    while (done < count && (done == 0 || !span || !is_over(&end))) {
+    while (done < count && (done == 0 || !span || !hooks_receive_is_over(&end))) {
         size = receive(s, fd, &out[done].msg_hdr, flags);
         if (size < 0)
             break;

@@ -21,7 +21,7 @@ static bool is_wall(clockid_t clock)
            clock == CLOCK_MONOTONIC_COARSE || clock == CLOCK_BOOTTIME;
 }
 
-static struct timespec look(clockid_t clock)
+static struct timespec hooks_time_look(clockid_t clock)
 {
     vtime_look();
     return moment_of(vtime_on(clock, vtime_now_ns()));
@@ -31,7 +31,7 @@ HOOK int clock_gettime(clockid_t clock, struct timespec *out)
 {
     if (!is_wall(clock) || !vtime_is_on())
         return real()->clock_gettime(clock, out);
-    *out = look(clock);
+    *out = hooks_time_look(clock);
     return 0;
 }
 
@@ -39,7 +39,7 @@ HOOK int gettimeofday(struct timeval *restrict out, void *restrict zone)
 {
     if (!vtime_is_on())
         return real()->gettimeofday(out, zone);
-    const struct timespec now = look(CLOCK_REALTIME);
+    const struct timespec now = hooks_time_look(CLOCK_REALTIME);
     *out = (struct timeval){.tv_sec = now.tv_sec, .tv_usec = now.tv_nsec / 1000};
     return 0;
 }
@@ -48,7 +48,7 @@ HOOK time_t time(time_t *out)
 {
     if (!vtime_is_on())
         return real()->time(out);
-    const time_t now = look(CLOCK_REALTIME).tv_sec;
+    const time_t now = hooks_time_look(CLOCK_REALTIME).tv_sec;
     if (out)
         *out = now;
     return now;
@@ -58,7 +58,7 @@ HOOK int timespec_get(struct timespec *out, int base)
 {
     if (base != TIME_UTC || !vtime_is_on())
         return real()->timespec_get(out, base);
-    *out = look(CLOCK_REALTIME);
+    *out = hooks_time_look(CLOCK_REALTIME);
     return base;
 }
 

@@ -84,7 +84,7 @@ static nfds_t list_others(struct pollfd *out, int count, const fd_sets *sets)
 }
 
 /* Looks without waiting; the sets keep what they ask for when nothing is ready. */
-static int look(int count, const fd_sets *sets, const sigset_t *mask)
+static int hooks_wait_look(int count, const fd_sets *sets, const sigset_t *mask)
 {
     static const struct timespec none = {.tv_sec = 0};
     fd_set found[3];
@@ -102,7 +102,7 @@ static int look(int count, const fd_sets *sets, const sigset_t *mask)
     return ready;
 }
 
-static void clear(const fd_sets *sets)
+static void hooks_wait_clear(const fd_sets *sets)
 {
     for (int i = 0; i < 3; i++)
         if (sets->set[i])
@@ -119,14 +119,14 @@ static int select_virtually(int count, const fd_sets *sets, const struct timespe
                              .fds = others,
                              .count = list_others(others, count, sets),
                              .mask = mask};
-    int ready = look(count, sets, mask);
+    int ready = hooks_wait_look(count, sets, mask);
     while (ready == 0 && vtime_now_ns() < until_ns) {
         if (vtime_wait_for(&wait) != 0)
             return hook_result(EINTR);
-        ready = look(count, sets, mask);
+        ready = hooks_wait_look(count, sets, mask);
     }
     if (ready == 0)
-        clear(sets);
+        hooks_wait_clear(sets);
     if (ready == 0 && span && span->tv_sec == 0 && span->tv_nsec == 0)
         vtime_look();
     return ready;

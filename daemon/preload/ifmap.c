@@ -40,7 +40,7 @@ static const char *take_names(iface *in, const char *text)
 }
 
 /* Reads one line. Returns what is behind it, NULL when it is none. */
-static const char *take_line(iface *in, const char *text)
+static const char *ifmap_take_line(iface *in, const char *text)
 {
     char mtu[8] = "", kind[8] = "";
     text = next_field(take_names(in, text));
@@ -58,7 +58,7 @@ void ifmap_read(void)
     const char *text = getenv(IFMAP_VARIABLE);
     while (text && *text && count < IFMAP_MAX) {
         iface *in = &ifaces[count];
-        text = take_line(in, text);
+        text = ifmap_take_line(in, text);
         if (!text) {
             (void)fprintf(stderr, "libcanwire-socketcan: " IFMAP_VARIABLE " cannot be read\n");
             return;

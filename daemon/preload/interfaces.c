@@ -25,7 +25,7 @@
 #define STAMPNS_OLD 0x8907
 
 /* Fills in the answer to a request by name. Returns false for a request that is none. */
-static bool answer(struct ifreq *r, unsigned long request, const iface *in)
+static bool interfaces_answer(struct ifreq *r, unsigned long request, const iface *in)
 {
     switch (request) {
     case SIOCGIFINDEX:
@@ -63,7 +63,7 @@ bool interfaces_ioctl(unsigned long request, void *argument, int *result)
         return false;
     *result = 0;
     if (!by_index)
-        return answer(r, request, in);
+        return interfaces_answer(r, request, in);
     memcpy(r->ifr_name, in->names[0], sizeof r->ifr_name);
     return true;
 }

@@ -18,7 +18,7 @@
 #define SO_TIMESTAMPING_NEW 65
 #endif
 
-static int fail(int error)
+static int options_fail(int error)
 {
     errno = error;
     return -1;
@@ -44,7 +44,7 @@ static int set_of_socket(cansock *s, int name, const void *value, socklen_t size
     if (*passes)
         return 0;
     if (size < sizeof number)
-        return fail(EINVAL);
+        return options_fail(EINVAL);
     memcpy(&number, value, sizeof number);
     if (is_stamp(name))
         s->stamps.option = number ? name : 0;
@@ -91,10 +91,10 @@ static int set_filters(cansock *s, int fd, const void *value, socklen_t size)
 {
     struct can_filter *filters;
     if (size % sizeof *filters != 0 || size > CAN_RAW_FILTER_MAX * sizeof *filters)
-        return fail(EINVAL);
+        return options_fail(EINVAL);
     filters = malloc(size + 1);
     if (!filters)
-        return fail(ENOMEM);
+        return options_fail(ENOMEM);
     if (size > 0)
         memcpy(filters, value, size);
     table_lock();
@@ -108,7 +108,7 @@ static int set_filters(cansock *s, int fd, const void *value, socklen_t size)
 }
 
 /* Returns the variable of an option that is an int. */
-static int *number_of(cansock_raw *raw, int name)
+static int *options_number_of(cansock_raw *raw, int name)
 {
     switch (name) {
     case CAN_RAW_LOOPBACK:
@@ -126,13 +126,13 @@ static int *number_of(cansock_raw *raw, int name)
 
 static int set_of_raw(cansock *s, int fd, int name, const void *value, socklen_t size)
 {
-    int *number = number_of(&s->raw, name);
+    int *number = options_number_of(&s->raw, name);
     if (name == CAN_RAW_FILTER)
         return set_filters(s, fd, value, size);
     if (!number && name != CAN_RAW_ERR_FILTER)
-        return fail(ENOPROTOOPT);
+        return options_fail(ENOPROTOOPT);
     if (size != sizeof *number)
-        return fail(EINVAL);
+        return options_fail(EINVAL);
     if (number)
         memcpy(number, value, sizeof *number);
     else
@@ -150,7 +150,7 @@ static int get_filters(const cansock *s, void *value, socklen_t *size)
     const socklen_t room = *size;
     *size = needs;
     if (room < needs)
-        return fail(ERANGE);
+        return options_fail(ERANGE);
     if (needs > 0)
         memcpy(value, s->raw.filters_set ? s->raw.filters : &all, needs);
     return 0;
@@ -158,12 +158,12 @@ static int get_filters(const cansock *s, void *value, socklen_t *size)
 
 static int get_of_raw(const cansock *s, int name, void *value, socklen_t *size)
 {
-    const int *number = number_of((cansock_raw *)(uintptr_t)&s->raw, name);
+    const int *number = options_number_of((cansock_raw *)(uintptr_t)&s->raw, name);
     if (name == CAN_RAW_FILTER)
         return get_filters(s, value, size);
     if (name == CAN_RAW_ERR_FILTER)
         return give(value, size, (int)s->raw.error_mask);
-    return number ? give(value, size, *number) : fail(ENOPROTOOPT);
+    return number ? give(value, size, *number) : options_fail(ENOPROTOOPT);
 }
 
 /* ---- Both ------------------------------------------------------------------------------------ */
@@ -176,7 +176,7 @@ int options_set(cansock *s, int fd, int level, int name, const void *value, sock
         return set_of_socket(s, name, value, size, passes);
     if (level == SOL_CAN_RAW && s->kind == CANSOCK_RAW)
         return set_of_raw(s, fd, name, value, size);
-    return fail(s->kind == CANSOCK_RAW ? EINVAL : ENOPROTOOPT); /* as raw_setsockopt() */
+    return options_fail(s->kind == CANSOCK_RAW ? EINVAL : ENOPROTOOPT); /* as raw_setsockopt() */
 }
 
 int options_get(const cansock *s, int level, int name, void *value, socklen_t *size, bool *passes)
@@ -186,5 +186,5 @@ int options_get(const cansock *s, int level, int name, void *value, socklen_t *s
         return get_of_socket(s, name, value, size, passes);
     if (level == SOL_CAN_RAW && s->kind == CANSOCK_RAW)
         return get_of_raw(s, name, value, size);
-    return fail(s->kind == CANSOCK_RAW ? EINVAL : ENOPROTOOPT);
+    return options_fail(s->kind == CANSOCK_RAW ? EINVAL : ENOPROTOOPT);
 }

@@ -142,7 +142,7 @@ void pump_step(void)
 /* ---- The thread ------------------------------------------------------------------------------ */
 
 /* Starts the thread. It takes no signals, which are the program's. */
-static void start(void)
+static void pump_start(void)
 {
     pthread_t thread;
     pthread_attr_t attributes;
@@ -168,7 +168,7 @@ void pump_put(pump_item *item)
         item->in_list = true;
         items = item;
     }
-    start();
+    pump_start();
     if (wake >= 0)
         (void)!real()->write(wake, &one, sizeof one);
 }
@@ -190,5 +190,5 @@ void pump_forked(void)
     table_close_hidden(wake);
     wake = -1;
     if (items)
-        start();
+        pump_start();
 }

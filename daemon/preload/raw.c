@@ -26,7 +26,7 @@ int raw_index_of(int *index, const struct sockaddr *address, socklen_t size)
 
 /* ---- Several connections --------------------------------------------------------------------- */
 
-static void pass_on(cansock *s, int number, message *m, size_t size)
+static void raw_pass_on(cansock *s, int number, message *m, size_t size)
 {
     m->head.reserved = (uint32_t)ifmap_at(number)->index;
     relay_put(s, &m->head, &m->frame, size - sizeof m->head);
@@ -39,7 +39,7 @@ static conn_wants copy_wants(const cansock *s, int number)
     return wants_copy(&all);
 }
 
-static const relay_user relayed = {.frame = pass_on, .wants = copy_wants};
+static const relay_user relayed = {.frame = raw_pass_on, .wants = copy_wants};
 
 /* ---- Binding --------------------------------------------------------------------------------- */
 

@@ -34,7 +34,7 @@ typedef struct incoming {
 /* ---- Data beside a message ------------------------------------------------------------------- */
 
 /* Adds data, as put_cmsg() of the kernel does. *used: bytes before. */
-static void put(struct msghdr *out, size_t *used, int type, const void *data, size_t size)
+static void receive_put(struct msghdr *out, size_t *used, int type, const void *data, size_t size)
 {
     struct cmsghdr head = {.cmsg_level = SOL_SOCKET, .cmsg_type = type};
     const size_t room = out->msg_control ? out->msg_controllen - *used : 0;
@@ -60,11 +60,11 @@ static void put_stamp(struct msghdr *out, size_t *used, const cansock_stamps *st
     const struct timespec three[3] = {time};
     const bool micro = stamps->option == SO_TIMESTAMP || stamps->option == SO_TIMESTAMP_NEW;
     if (micro)
-        put(out, used, stamps->option, &old, sizeof old);
+        receive_put(out, used, stamps->option, &old, sizeof old);
     else if (stamps->option)
-        put(out, used, stamps->option, &time, sizeof time);
+        receive_put(out, used, stamps->option, &time, sizeof time);
     if (stamps->timestamping && (stamps->flags & SOF_TIMESTAMPING_SOFTWARE))
-        put(out, used, stamps->timestamping, three, sizeof three);
+        receive_put(out, used, stamps->timestamping, three, sizeof three);
 }
 
 static void put_control(cansock *s, struct msghdr *out, const message_head *head)
@@ -73,7 +73,7 @@ static void put_control(cansock *s, struct msghdr *out, const message_head *head
     s->stamp_ns = (int64_t)head->realtime_ns;
     put_stamp(out, &used, &s->stamps, s->stamp_ns);
     if (s->stamps.overflow && head->lost > 0)
-        put(out, &used, SO_RXQ_OVFL, &head->lost, sizeof head->lost);
+        receive_put(out, &used, SO_RXQ_OVFL, &head->lost, sizeof head->lost);
     out->msg_controllen = used;
 }
 
@@ -118,7 +118,7 @@ static ssize_t hand_over(cansock *s, struct msghdr *out, const incoming *in, siz
 
 /* Takes the end of a connection: reports it once, as the kernel does when an interface goes down.
  * From then on the socket waits for the bus. */
-static void end(cansock *s)
+static void receive_end(cansock *s)
 {
     raw_went_down(s, 0, false);
     errno = ENETDOWN;
@@ -126,7 +126,7 @@ static void end(cansock *s)
 
 /* Receives a message. Returns its size, or -1 with errno. The kernel reports once that the port has
  * gone with unread messages; its own ones wait behind that report. */
-static ssize_t take(cansock *s, int fd, incoming *in, int flags)
+static ssize_t receive_take(cansock *s, int fd, incoming *in, int flags)
 {
     const int known = flags & (MSG_PEEK | MSG_DONTWAIT);
     in->head = (message_head){.type = 0};
@@ -136,7 +136,7 @@ static ssize_t take(cansock *s, int fd, incoming *in, int flags)
     if (size > 0)
         return size;
     if (size == 0 || errno == ECONNRESET)
-        end(s);
+        receive_end(s);
     else if (errno == ENOTCONN || errno == EINVAL)
         errno = EAGAIN; /* it has not been bound */
     return -1;
@@ -165,7 +165,7 @@ ssize_t receive(cansock *s, int fd, struct msghdr *out, int flags)
         return -1;
     }
     for (;;) {
-        const ssize_t size = take(s, fd, &in, flags);
+        const ssize_t size = receive_take(s, fd, &in, flags);
         if (size < (ssize_t)sizeof in.head)
             return -1;
         if (in.head.type == MESSAGE_FRAME)

@@ -91,7 +91,7 @@ static void revive(relay_link *l)
     table_give_locked(s);
 }
 
-static void run(pump_item *self, bool readable)
+static void relay_run(pump_item *self, bool readable)
 {
     relay_link *l = self->user;
     if (readable && self->fd >= 0)
@@ -130,7 +130,7 @@ int relay_make(cansock *s, const relay_user *user)
     r->inner = table_hide(pair[1]);
     for (int i = 0; i < IFMAP_MAX; i++) {
         r->links[i] = (relay_link){.relay = r, .number = i};
-        r->links[i].item = (pump_item){.fd = -1, .due_ns = PUMP_NEVER, .run = run};
+        r->links[i].item = (pump_item){.fd = -1, .due_ns = PUMP_NEVER, .run = relay_run};
         r->links[i].item.user = &r->links[i];
     }
     table_replace(s, pair[0]);

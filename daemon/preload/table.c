@@ -51,12 +51,12 @@ bool table_is_own_process(void)
     return owner == 0 || owner == getpid();
 }
 
-static cansock *look(int fd)
+static cansock *table_look(int fd)
 {
     return fd >= 0 && fd < TABLE_MAX ? __atomic_load_n(&table[fd], __ATOMIC_ACQUIRE) : NULL;
 }
 
-static void put(int fd, cansock *s)
+static void table_put(int fd, cansock *s)
 {
     __atomic_store_n(&table[fd], s, __ATOMIC_RELEASE);
     if (fd > highest)
@@ -70,7 +70,7 @@ bool table_is_hidden(int fd)
 
 bool table_concerns(int fd)
 {
-    return (look(fd) || table_is_hidden(fd)) && table_is_own_process();
+    return (table_look(fd) || table_is_hidden(fd)) && table_is_own_process();
 }
 
 /* ---- Sockets --------------------------------------------------------------------------------- */
@@ -97,7 +97,7 @@ cansock *table_new(int fd, cansock_kind kind)
         s->side[i] = -1;
     table_lock();
     table_forget(fd); /* an earlier one that was closed unseen */
-    put(fd, s);
+    table_put(fd, s);
     table_unlock();
     return s;
 }
@@ -115,11 +115,11 @@ void table_give_locked(cansock *s)
  * file there now. */
 cansock *table_take(int fd)
 {
-    if (!look(fd))
+    if (!table_look(fd))
         return NULL;
     const ino_t inode = inode_of(fd);
     table_lock();
-    cansock *s = look(fd);
+    cansock *s = table_look(fd);
     if (s && s->inode == inode) {
         s->uses++;
     } else if (s) {
@@ -146,16 +146,16 @@ void table_add(int fd, cansock *s)
     table_forget(fd);
     s->uses++;
     s->descriptors++;
-    put(fd, s);
+    table_put(fd, s);
     table_unlock();
 }
 
 void table_forget(int fd)
 {
-    cansock *s = look(fd);
+    cansock *s = table_look(fd);
     if (!s)
         return;
-    put(fd, NULL);
+    table_put(fd, NULL);
     watch_forget(&s->watches, fd);
     s->descriptors--;
     table_give_locked(s);
@@ -163,13 +163,13 @@ void table_forget(int fd)
 
 cansock *table_at(int fd)
 {
-    return look(fd);
+    return table_look(fd);
 }
 
 int table_next(int fd)
 {
     for (; fd <= highest; fd++)
-        if (look(fd))
+        if (table_look(fd))
             return fd;
     return -1;
 }
@@ -188,7 +188,7 @@ void table_replace(cansock *s, int fd)
 {
     bool first = true;
     for (int old = table_next(0); old >= 0; old = table_next(old + 1)) {
-        if (look(old) != s)
+        if (table_look(old) != s)
             continue;
         if (first) {
             copy_option(fd, old, SO_RCVTIMEO);

@@ -46,7 +46,7 @@ static int64_t real_ns(void)
     return now.tv_sec * NS_PER_S + now.tv_nsec;
 }
 
-static void lose(void)
+static void vtime_lose(void)
 {
     if (state != VTIME_ON)
         return;
@@ -66,13 +66,13 @@ static void say(timing_type type, unsigned flags, int64_t bus_ns)
                                .bus_ns = (uint64_t)bus_ns};
     while (real()->send(fd, &head, sizeof head, MSG_NOSIGNAL) < 0)
         if (errno != EINTR) {
-            lose();
+            vtime_lose();
             return;
         }
 }
 
 /* Ends a program that cannot have virtual time. */
-static void give_up(const char *why)
+static void vtime_give_up(const char *why)
 {
     (void)fprintf(stderr, "libcanwire-socketcan: virtual time: %s: %s\n", path, why);
     real()->_exit(1);
@@ -80,15 +80,15 @@ static void give_up(const char *why)
 }
 
 /* Takes a message. Returns true when the turn has begun. */
-static bool take(timing_message *m, ssize_t size)
+static bool vtime_take(timing_message *m, ssize_t size)
 {
     if (size < (ssize_t)sizeof m->head) {
-        lose();
+        vtime_lose();
         return true;
     }
     if (m->head.type == TIMING_ERROR) {
         m->error.text[sizeof m->error.text - 1] = '\0';
-        give_up(m->error.text);
+        vtime_give_up(m->error.text);
     }
     if (m->head.type == TIMING_NOW)
         now_ns = (int64_t)m->head.bus_ns;
@@ -103,7 +103,7 @@ static void await_turn(void)
         const ssize_t size = real()->recv(fd, &m, sizeof m, 0);
         if (size < 0 && errno == EINTR)
             continue;
-        if (take(&m, size))
+        if (vtime_take(&m, size))
             return;
     }
 }
@@ -147,18 +147,18 @@ static void say_join(void)
     for (unsigned i = 0; i < TIMING_ANCESTORS && pid > 1; i++)
         m.join.ancestors[i] = pid = parent_of(pid);
     if (real()->send(fd, &m, m.head.size, MSG_NOSIGNAL) < 0)
-        give_up(strerror(errno));
+        vtime_give_up(strerror(errno));
 }
 
 /* Connects, and says that the program is there. Its turn has not begun. */
-static void join(void)
+static void vtime_join(void)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     const struct sockaddr *any = (const struct sockaddr *)&address;
     memcpy(address.sun_path, path, sizeof path);
     fd = table_hide(real()->socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0));
     if (fd < 0 || real()->connect(fd, any, sizeof address) != 0)
-        give_up(strerror(errno));
+        vtime_give_up(strerror(errno));
     say_join();
     owner = getpid();
     state = VTIME_ON;
@@ -169,7 +169,7 @@ static const char *take_field(char *out, size_t room, const char *text)
 {
     const size_t length = strcspn(text, "\t");
     if (length >= room)
-        give_up(VTIME_VARIABLE " cannot be read");
+        vtime_give_up(VTIME_VARIABLE " cannot be read");
     memcpy(out, text, length);
     out[length] = '\0';
     return text + length + (text[length] == '\t');
@@ -187,14 +187,14 @@ void vtime_begin(void)
     state = VTIME_LATER;
     if (atoi(pid) != getpid())
         return;
-    join();
+    vtime_join();
     await_turn();
 }
 
 bool vtime_is_on(void)
 {
     if (state == VTIME_LATER) {
-        join();
+        vtime_join();
         await_turn();
     }
     return state != VTIME_OFF;
@@ -248,7 +248,7 @@ static int await_any(const vtime_wait *wait, const sigset_t *mask, bool *begun)
     const int found = real()->ppoll(all, count + 1, NULL, mask);
     const int error = found < 0 ? errno : 0;
     if (found > 0 && all[0].revents)
-        *begun = take(&m, real()->recv(fd, &m, sizeof m, 0));
+        *begun = vtime_take(&m, real()->recv(fd, &m, sizeof m, 0));
     if (all != few)
         free(all);
     return error;
@@ -261,7 +261,7 @@ static int await_restarting(bool *begun)
     const ssize_t size = real()->recv(fd, &m, sizeof m, 0);
     if (size < 0 && errno == EINTR)
         return EINTR;
-    *begun = take(&m, size);
+    *begun = vtime_take(&m, size);
     return 0;
 }
 
@@ -367,7 +367,7 @@ void vtime_fork_child(void)
         return;
     table_close_hidden(fd);
     close_end(0);
-    join();
+    vtime_join();
     waits = false;
     close_end(1);
     await_turn();

@@ -33,7 +33,7 @@ typedef struct vtimer {
 static vtimer all[FDS_MAX + 1] = {[ALARM] = {.used = true, .fd = -1, .due_ns = VTIME_NEVER}};
 static unsigned highest; /* place of a timerfd that was ever used, and 1 */
 
-static vtimer *find(int fd)
+static vtimer *vtimer_find(int fd)
 {
     for (unsigned i = 0; i < highest; i++)
         if (all[i].used && all[i].fd == fd)
@@ -43,12 +43,12 @@ static vtimer *find(int fd)
 
 bool vtimer_is_fd(int fd)
 {
-    return highest > 0 && find(fd);
+    return highest > 0 && vtimer_find(fd);
 }
 
 void vtimer_forget(int fd)
 {
-    vtimer *t = highest > 0 ? find(fd) : NULL;
+    vtimer *t = highest > 0 ? vtimer_find(fd) : NULL;
     if (t)
         t->used = false;
 }
@@ -123,7 +123,7 @@ HOOK int timerfd_create(int clock, int flags)
     return fd;
 }
 
-static void tell(struct itimerspec *out, const vtimer *t)
+static void vtimer_tell(struct itimerspec *out, const vtimer *t)
 {
     const int64_t left_ns = t->due_ns - vtime_now_ns();
     if (!out)
@@ -136,11 +136,11 @@ HOOK int timerfd_settime(int fd, int flags, const struct itimerspec *set, struct
 {
     struct pollfd one = {.fd = fd, .events = POLLIN};
     uint64_t count;
-    vtimer *t = highest > 0 ? find(fd) : NULL;
+    vtimer *t = highest > 0 ? vtimer_find(fd) : NULL;
     if (!t)
         return real()->timerfd_settime(fd, flags, set, before);
     const int64_t value_ns = ns_of(&set->it_value);
-    tell(before, t);
+    vtimer_tell(before, t);
     if (real()->poll(&one, 1, 0) == 1)
         (void)!real()->read(fd, &count, sizeof count); /* earlier expirations are forgotten */
     t->every_ns = ns_of(&set->it_interval);
@@ -155,10 +155,10 @@ HOOK int timerfd_settime(int fd, int flags, const struct itimerspec *set, struct
 
 HOOK int timerfd_gettime(int fd, struct itimerspec *out)
 {
-    const vtimer *t = highest > 0 ? find(fd) : NULL;
+    const vtimer *t = highest > 0 ? vtimer_find(fd) : NULL;
     if (!t)
         return real()->timerfd_gettime(fd, out);
-    tell(out, t);
+    vtimer_tell(out, t);
     return 0;
 }
 
@@ -179,7 +179,7 @@ HOOK int getitimer(__itimer_which_t which, struct itimerval *out)
     struct itimerspec left;
     if (which != ITIMER_REAL || !vtime_is_on())
         return real()->getitimer((int)which, out);
-    tell(&left, &all[ALARM]);
+    vtimer_tell(&left, &all[ALARM]);
     *out = (struct itimerval){.it_interval = us_of(&left.it_interval),
                               .it_value = us_of(&left.it_value)};
     return 0;

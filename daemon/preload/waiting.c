@@ -36,7 +36,7 @@ int64_t waiting_until(const struct timespec *span)
 /* ---- Sockets --------------------------------------------------------------------------------- */
 
 /* Returns when a blocking call of a socket ends, by its option. */
-static int64_t end_of(int fd, int option)
+static int64_t waiting_end_of(int fd, int option)
 {
     struct timeval limit = {.tv_sec = 0};
     socklen_t size = sizeof limit;
@@ -69,7 +69,7 @@ ssize_t waiting_recv(int fd, void *to, size_t size, int flags)
     if (!vtime_is_on())
         return real()->recv(fd, to, size, flags);
     const bool waits = blocks(fd, flags);
-    const int64_t until_ns = waits ? end_of(fd, SO_RCVTIMEO) : 0;
+    const int64_t until_ns = waits ? waiting_end_of(fd, SO_RCVTIMEO) : 0;
     ssize_t result;
     pump_step();
     do
@@ -87,7 +87,7 @@ ssize_t waiting_send(int fd, const struct msghdr *whole, int flags)
     if (!vtime_is_on())
         return real()->sendmsg(fd, whole, flags);
     const bool waits = blocks(fd, flags);
-    const int64_t until_ns = waits ? end_of(fd, SO_SNDTIMEO) : 0;
+    const int64_t until_ns = waits ? waiting_end_of(fd, SO_SNDTIMEO) : 0;
     ssize_t result;
     do
         result = real()->sendmsg(fd, whole, flags | MSG_DONTWAIT);

@@ -24,7 +24,7 @@ static void drop(watch **at)
     free(gone);
 }
 
-static watch **find(watch **first, int set, int fd)
+static watch **watch_find(watch **first, int set, int fd)
 {
     while (*first && ((*first)->set != set || (*first)->fd != fd))
         first = &(*first)->next;
@@ -33,7 +33,7 @@ static watch **find(watch **first, int set, int fd)
 
 void watch_note(watch **first, int set, int operation, int fd, const struct epoll_event *event)
 {
-    watch **at = find(first, set, fd);
+    watch **at = watch_find(first, set, fd);
     if (operation == EPOLL_CTL_DEL) {
         if (*at)
             drop(at);

@@ -8,13 +8,13 @@
 
 #include <string.h>
 
-static const char *text_of(const json_t *line, const char *key)
+static const char *event_read_text_of(const json_t *line, const char *key)
 {
     const char *text = json_string_value(json_object_get(line, key));
     return text ? text : "";
 }
 
-static unsigned number_of(const json_t *line, const char *key)
+static unsigned event_read_number_of(const json_t *line, const char *key)
 {
     json_int_t value = json_integer_value(json_object_get(line, key));
     return value > 0 && value <= UINT16_MAX ? (unsigned)value : 0;
@@ -22,7 +22,7 @@ static unsigned number_of(const json_t *line, const char *key)
 
 /* ---- Words ----------------------------------------------------------------------------------- */
 
-static bool find_kind(cw_event_kind *kind, const char *word)
+static bool event_read_find_kind(cw_event_kind *kind, const char *word)
 {
     for (unsigned i = 0; i < CW_EVENT_COUNT; i++)
         if (strcmp(cw_event_name((cw_event_kind)i), word) == 0) {
@@ -86,36 +86,36 @@ static bool find_field(cw_field *field, const char *word)
 
 static bool read_error(cw_error *error, const json_t *line)
 {
-    bool sends = strcmp(text_of(line, "role"), "tx") == 0;
+    bool sends = strcmp(event_read_text_of(line, "role"), "tx") == 0;
     error->role = sends ? CW_ROLE_TRANSMITTER : CW_ROLE_RECEIVER;
-    error->place.index = (uint16_t)number_of(line, "index");
+    error->place.index = (uint16_t)event_read_number_of(line, "index");
     error->place.stuff = json_is_true(json_object_get(line, "stuff"));
-    return find_type(&error->type, text_of(line, "type")) &&
-           find_field(&error->place.field, text_of(line, "field"));
+    return find_type(&error->type, event_read_text_of(line, "type")) &&
+           find_field(&error->place.field, event_read_text_of(line, "field"));
 }
 
 /* Reads the details of an event beyond time, node and kind; returns false when they are not
  * understood. */
 static bool read_details(cw_event *out, const json_t *line)
 {
-    const char *frame = text_of(line, "frame");
+    const char *frame = event_read_text_of(line, "frame");
     if (*frame && text_parse_frame(&out->frame, frame) != NULL)
         return false;
-    out->tec = (uint16_t)number_of(line, "tec");
-    out->rec = (uint16_t)number_of(line, "rec");
-    out->lost_bit = (uint8_t)number_of(line, "bit");
+    out->tec = (uint16_t)event_read_number_of(line, "tec");
+    out->rec = (uint16_t)event_read_number_of(line, "rec");
+    out->lost_bit = (uint8_t)event_read_number_of(line, "bit");
     if (out->kind == CW_EVENT_ERROR) {
-        out->fast = strcmp(text_of(line, "rate"), "data") == 0;
+        out->fast = strcmp(event_read_text_of(line, "rate"), "data") == 0;
         return read_error(&out->error, line);
     }
-    if (strcmp(text_of(line, "was"), cw_state_name(CW_STATE_SLEEPING)) == 0)
+    if (strcmp(event_read_text_of(line, "was"), cw_state_name(CW_STATE_SLEEPING)) == 0)
         out->state_before = CW_STATE_SLEEPING;
     if (out->kind == CW_EVENT_STATE)
-        return find_state(&out->state, text_of(line, "state"));
+        return find_state(&out->state, event_read_text_of(line, "state"));
     if (out->kind == CW_EVENT_WAKE)
-        return find_wake(&out->why, text_of(line, "by"));
+        return find_wake(&out->why, event_read_text_of(line, "by"));
     if (out->kind == CW_EVENT_DROP)
-        return find_drop(&out->why, text_of(line, "why"));
+        return find_drop(&out->why, event_read_text_of(line, "why"));
     if (out->kind == CW_EVENT_CAPTURE) {
         const json_int_t local = json_integer_value(json_object_get(line, "local-time"));
         out->local_time = local > 0 ? (uint64_t)local : 0;
@@ -127,7 +127,7 @@ static bool read_details(cw_event *out, const json_t *line)
     return true;
 }
 
-static bool find_node(uint64_t *nodes, const json_t *line, const cfg *config)
+static bool event_read_find_node(uint64_t *nodes, const json_t *line, const cfg *config)
 {
     const char *name = json_string_value(json_object_get(line, "node"));
     uint8_t node = name ? cfg_find_node(config, name) : CW_NO_NODE;
@@ -141,10 +141,11 @@ event_read_result event_read(cw_event *out, uint64_t *time_ns, const json_t *lin
 {
     double seconds = json_number_value(json_object_get(line, "t"));
     *out = (cw_event){.kind = CW_EVENT_COUNT};
-    if (!(seconds >= 0 && seconds < 1e9) || !find_kind(&out->kind, text_of(line, "event")) ||
+    if (!(seconds >= 0 && seconds < 1e9) ||
+        !event_read_find_kind(&out->kind, event_read_text_of(line, "event")) ||
         !read_details(out, line))
         return EVENT_OTHER;
     *time_ns = (uint64_t)(seconds * 1e9 + 0.5); /* exact for the first hundred days */
     out->tick = *time_ns / 25 * 2;
-    return find_node(&out->nodes, line, config) ? EVENT_READ : EVENT_NO_SUCH_NODE;
+    return event_read_find_node(&out->nodes, line, config) ? EVENT_READ : EVENT_NO_SUCH_NODE;
 }

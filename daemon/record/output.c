@@ -46,20 +46,21 @@ static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus);
 static json_t *stats_of_rules(const cfg *config, const cw_bus *bus);
 
 static char *put_bus(char *at, const char *bus);
-static void write_event(FILE *out, const cfg *config, const cw_event *event, const char *bus);
+static void output_write_event(FILE *out, const cfg *config, const cw_event *event,
+                               const char *bus);
 
 void output_event(FILE *out, const cfg *config, const cw_event *event)
 {
-    write_event(out, config, event, NULL);
+    output_write_event(out, config, event, NULL);
 }
 
 void output_event_of_bus(FILE *out, const cfg *config, const cw_event *event)
 {
-    write_event(out, config, event, config->bus_name);
+    output_write_event(out, config, event, config->bus_name);
 }
 
 /* Writes the lines of an event; bus is NULL where there is only one. */
-static void write_event(FILE *out, const cfg *config, const cw_event *event, const char *bus)
+static void output_write_event(FILE *out, const cfg *config, const cw_event *event, const char *bus)
 {
     block b;
 

@@ -26,7 +26,7 @@ typedef struct block {
 
 /* ---- Blocks ---------------------------------------------------------------------------------- */
 
-static void add(block *b, const void *bytes, size_t count)
+static void pcapng_add(block *b, const void *bytes, size_t count)
 {
     assert(b->length + count <= BLOCK_BYTES_MAX);
     memcpy(b->bytes + b->length, bytes, count);
@@ -37,7 +37,7 @@ static void add_number(block *b, uint64_t value, unsigned bytes)
 {
     for (unsigned i = 0; i < bytes; i++) {
         unsigned char byte = (unsigned char)(value >> 8 * i);
-        add(b, &byte, 1);
+        pcapng_add(b, &byte, 1);
     }
 }
 
@@ -74,7 +74,7 @@ static void add_option_head(block *b, unsigned code, size_t length)
 static void add_text(block *b, unsigned code, const char *text)
 {
     add_option_head(b, code, strlen(text));
-    add(b, text, strlen(text));
+    pcapng_add(b, text, strlen(text));
     pad(b);
 }
 
@@ -196,7 +196,7 @@ static void write_packet(FILE *out, const packet *p, unsigned interface, uint64_
     add_number(&b, time_ns, 4);
     add_number(&b, p->length, 4); /* captured, and in all */
     add_number(&b, p->length, 4);
-    add(&b, p->bytes, p->length);
+    pcapng_add(&b, p->bytes, p->length);
     pad(&b);
     add_option(&b, OPTION_EPB_FLAGS, p->direction, 4);
     end_options(&b);

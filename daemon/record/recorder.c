@@ -120,7 +120,7 @@ static const format formats[] = {
 
 /* Moves the text of the stream to the spool, if there is any. Returns false without room or memory;
  * the text is then left out. */
-static bool pass_on(recorder *r)
+static bool recorder_pass_on(recorder *r)
 {
     bool good = fflush(r->stream) == 0;
     size_t length = good ? r->length : 0;
@@ -158,19 +158,19 @@ static bool begin_file(recorder *r, const cw_bus *bus)
     r->nodes = describe_nodes(r->config);
     r->in_file = 0;
     r->stats.begun++;
-    return r->nodes && r->format->begin(r, bus) && pass_on(r);
+    return r->nodes && r->format->begin(r, bus) && recorder_pass_on(r);
 }
 
 /* Goes on in another file, for which there is room. Without memory the recording ends. */
 static void change_file(recorder *r, const cw_bus *bus)
 {
     r->format->end(r);
-    bool good = pass_on(r) && spool_cut(r->spool) && begin_file(r, bus);
+    bool good = recorder_pass_on(r) && spool_cut(r->spool) && begin_file(r, bus);
     if (!good)
         recorder_end(r);
 }
 
-static bool is_over(const recorder *r)
+static bool recorder_is_over(const recorder *r)
 {
     return r->ended || spool_error(r->spool) != 0;
 }
@@ -194,7 +194,7 @@ static void look_at_room(recorder *r, const cw_bus *bus)
 static void count_entry(recorder *r)
 {
     const uint64_t before = r->stats.bytes;
-    bool good = pass_on(r);
+    bool good = recorder_pass_on(r);
     if (!good)
         r->stats.lost++;
     else if (r->stats.bytes > before)
@@ -218,7 +218,7 @@ bool recorder_wants_bits(const recorder *r)
 
 void recorder_event(recorder *r, const cw_event *event, uint64_t time_ns)
 {
-    if (is_over(r))
+    if (recorder_is_over(r))
         return;
     if (r->format->bit) { /* the event is written with its bit */
         if (!r->gap)
@@ -238,7 +238,7 @@ void recorder_event(recorder *r, const cw_event *event, uint64_t time_ns)
 void recorder_bit(recorder *r, const cw_bus *bus)
 {
     cw_bit_view bit;
-    if (!r->format->bit || is_over(r))
+    if (!r->format->bit || recorder_is_over(r))
         return;
     if (r->gap)
         r->stats.lost++;
@@ -251,7 +251,7 @@ void recorder_bit(recorder *r, const cw_bus *bus)
 
 void recorder_nodes_changed(recorder *r, const cw_bus *bus)
 {
-    if (is_over(r) || !r->format->has_nodes)
+    if (recorder_is_over(r) || !r->format->has_nodes)
         return;
     char *nodes = describe_nodes(r->config);
     bool same = nodes && strcmp(nodes, r->nodes) == 0;
@@ -292,7 +292,7 @@ static recorder *make_recorder(const cfg_record *what, const cfg *config)
 
 /* Begins the first file of a recorder whose spool may be NULL. patience_s limits closing it after a
  * failure. */
-static recorder *begin(recorder *r, const cw_bus *bus, unsigned patience_s, int *error)
+static recorder *recorder_begin(recorder *r, const cw_bus *bus, unsigned patience_s, int *error)
 {
     if (r->spool && r->format->has_nodes)
         spool_has_head(r->spool);
@@ -313,7 +313,7 @@ recorder *recorder_start(const cfg_record *what, const cfg *config, const cw_bus
     if (!r)
         return NULL;
     r->spool = spool_open(what->file, what->files, notify, user, error);
-    return begin(r, bus, UINT32_MAX, error);
+    return recorder_begin(r, bus, UINT32_MAX, error);
 }
 
 recorder *recorder_start_stream(const cfg_record *what, const cfg *config, int fd,
@@ -328,7 +328,7 @@ recorder *recorder_start_stream(const cfg_record *what, const cfg *config, int f
     r->is_stream = true;
     r->size = UINT64_MAX;
     r->spool = spool_stream(fd, notify, user, error);
-    return begin(r, NULL, 0, error);
+    return recorder_begin(r, NULL, 0, error);
 }
 
 recorder *recorder_start_later(const cfg_record *what, const cfg *config, const cw_bus *bus,
@@ -339,7 +339,7 @@ recorder *recorder_start_later(const cfg_record *what, const cfg *config, const 
     if (!r)
         return NULL;
     r->spool = spool_open_later(what->file, what->files, notify, user, error);
-    return begin(r, bus, 0, error);
+    return recorder_begin(r, bus, 0, error);
 }
 
 void recorder_look(recorder *r)
@@ -350,7 +350,7 @@ void recorder_look(recorder *r)
 spool_found recorder_begin_anew(recorder *r, const cw_bus *bus)
 {
     const spool_found found = spool_take_found(r->spool);
-    if (found == SPOOL_AS_IT_WAS || is_over(r))
+    if (found == SPOOL_AS_IT_WAS || recorder_is_over(r))
         return SPOOL_AS_IT_WAS;
     if (found == SPOOL_SHORTENED && !r->format->has_nodes) {
         r->in_file = 0; /* each line stands for itself */
@@ -379,7 +379,7 @@ void recorder_end(recorder *r)
         return;
     r->ended = true;
     r->format->end(r);
-    (void)pass_on(r);
+    (void)recorder_pass_on(r);
     spool_end(r->spool);
 }
 

@@ -324,7 +324,7 @@ static void write_number(vcd *self, uint64_t tick, char id, size_t node, unsigne
     end_change(self, put_id(at, id, node));
 }
 
-static void write_text(vcd *self, uint64_t tick, const char *text, char id, size_t node)
+static void vcd_write_text(vcd *self, uint64_t tick, const char *text, char id, size_t node)
 {
     char *at = begin_change(self, tick);
     *at++ = 's';
@@ -383,15 +383,15 @@ static void write_part(vcd *self, uint64_t tick, unsigned node, const cw_place *
     if (self->begun && bit_part_same(&n->part, &self->printed_part))
         return;
     n->part = self->printed_part;
-    write_text(self, tick, self->printed, 'f', node);
+    vcd_write_text(self, tick, self->printed, 'f', node);
 }
 
 static void write_error(vcd *self, uint64_t tick, size_t node)
 {
     vcd_node *n = &self->nodes[node];
     if (!self->begun || n->error != n->error_now)
-        write_text(self, tick, n->error_now == NO_ERROR ? "" : cw_error_type_name(n->error_now),
-                   'e', node);
+        vcd_write_text(self, tick, n->error_now == NO_ERROR ? "" : cw_error_type_name(n->error_now),
+                       'e', node);
     n->error = n->error_now;
     n->error_now = NO_ERROR;
     if (n->error == NO_ERROR)
@@ -431,7 +431,7 @@ static void write_states(vcd *self, uint64_t tick)
 {
     for (size_t i = 0; i < self->node_count; i++) {
         const vcd_node *n = &self->nodes[i];
-        write_text(self, tick, cw_state_name(n->state), 'q', i);
+        vcd_write_text(self, tick, cw_state_name(n->state), 'q', i);
         write_number(self, tick, 'c', i, n->tec);
         write_number(self, tick, 'k', i, n->rec);
     }
@@ -444,7 +444,7 @@ static void write_state_changes(vcd *self, const cw_bit_view *bit, uint64_t node
         vcd_node *n = &self->nodes[i];
         const cw_bit_node *now = &bit->nodes[i];
         if (n->state != now->state)
-            write_text(self, bit->end, cw_state_name(now->state), 'q', i);
+            vcd_write_text(self, bit->end, cw_state_name(now->state), 'q', i);
         if (n->tec != now->tec)
             write_number(self, bit->end, 'c', i, now->tec);
         if (n->rec != now->rec)

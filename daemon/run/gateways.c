@@ -273,7 +273,7 @@ void gateways_answer(gateways *self, size_t bus, bool answers)
     self->answering = answers ? self->answering | one : self->answering & ~one;
 }
 
-static noted *add(gateways *self)
+static noted *gateways_add(gateways *self)
 {
     if (self->count == self->room) {
         const size_t room = self->room > 0 ? 2 * self->room : 64;
@@ -286,13 +286,13 @@ static noted *add(gateways *self)
     return &self->list[self->count++];
 }
 
-static bool receive(gateways *self, size_t g, unsigned end, const cw_event *event)
+static bool gateways_receive(gateways *self, size_t g, unsigned end, const cw_event *event)
 {
     const rig_gateway *gateway = &self->config->gateways[g];
     const rig_rule *rule = rig_find_rule(gateway, end, &event->frame);
     if (!rule)
         return true;
-    noted *n = add(self);
+    noted *n = gateways_add(self);
     if (!n)
         return false;
     *n = (noted){.tick = event->tick, .bus = gateway->ends[end].bus, .number = self->next_number++,
@@ -319,7 +319,7 @@ bool gateways_note(gateways *self, size_t bus, const cw_event *event)
             if (event->kind == CW_EVENT_DROP)
                 self->sides[g][1 - end].dropped++;
             else
-                good = receive(self, g, end, event) && good;
+                good = gateways_receive(self, g, end, event) && good;
         }
     return good;
 }

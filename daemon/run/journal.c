@@ -505,7 +505,7 @@ static void report_taken_up(journal *j)
 }
 
 /* Checks the progress of the disk and reports it. */
-static void look(journal *j)
+static void journal_look(journal *j)
 {
     int error = spool_error(j->spool);
     if (j->state == JOURNAL_TRYING && spool_has_resumed(j->spool)) {
@@ -562,7 +562,7 @@ static void look_at_file(journal *j)
 void journal_mark(journal *j, const inputs *in)
 {
     take_inputs(j, in);
-    look(j);
+    journal_look(j);
     look_at_file(j);
     if (j->state != JOURNAL_BROKEN_OFF)
         put_marks(j, "mark");
@@ -574,7 +574,7 @@ void journal_mark(journal *j, const inputs *in)
 void journal_retry(journal *j, const inputs *in)
 {
     take_inputs(j, in);
-    look(j);
+    journal_look(j);
     if (j->state == JOURNAL_BROKEN_OFF)
         take_up(j);
 }
@@ -588,7 +588,7 @@ static void free_journal(journal *j)
 }
 
 /* Opens the file. Returns NULL after writing the reason. */
-static journal *open_file(const char *file, unsigned files, char error[JOURNAL_ERROR_MAX])
+static journal *journal_open_file(const char *file, unsigned files, char error[JOURNAL_ERROR_MAX])
 {
     journal *j = calloc(1, sizeof *j);
     int problem = ENOMEM;
@@ -606,7 +606,7 @@ static journal *open_file(const char *file, unsigned files, char error[JOURNAL_E
     return NULL;
 }
 
-static journal *begin(journal *j)
+static journal *journal_begin(journal *j)
 {
     spool_last(j->spool);
     print_time(j->started, j->buses[0].config);
@@ -618,18 +618,18 @@ static journal *begin(journal *j)
 journal *journal_start(const char *file, unsigned files, const cfg *config,
                        char error[JOURNAL_ERROR_MAX])
 {
-    journal *j = open_file(file, files, error);
+    journal *j = journal_open_file(file, files, error);
     if (!j)
         return NULL;
     j->count = 1;
     j->buses[0] = (journal_part){.journal = j, .config = config};
-    return begin(j);
+    return journal_begin(j);
 }
 
 journal *journal_start_rig(const char *file, unsigned files, const inputs *const *buses,
                            size_t count, char error[JOURNAL_ERROR_MAX])
 {
-    journal *j = open_file(file, files, error);
+    journal *j = journal_open_file(file, files, error);
     if (!j)
         return NULL;
     for (j->count = 0; j->count < count; j->count++) {
@@ -639,7 +639,7 @@ journal *journal_start_rig(const char *file, unsigned files, const inputs *const
                                            .config = config,
                                            .in = buses[j->count]};
     }
-    return begin(j);
+    return journal_begin(j);
 }
 
 /* Reports lines that are missing at the end of the file. */
@@ -658,7 +658,7 @@ void journal_stop(journal *j, const inputs *in)
     if (!j)
         return;
     take_inputs(j, in);
-    look(j);
+    journal_look(j);
     if (j->state == JOURNAL_BROKEN_OFF)
         take_up(j);
     put_marks(j, "end");

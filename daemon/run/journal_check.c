@@ -25,7 +25,7 @@ typedef struct checker {
     bool ended;
 } checker;
 
-static void complain(checker *c, const char *problem)
+static void journal_check_complain(checker *c, const char *problem)
 {
     char time[TIME_TEXT_MAX];
     text_print_seconds(time, c->tick);
@@ -63,7 +63,7 @@ static void note_end(checker *c)
     c->ended = true;
     if (journal_is_at_end(c->reader))
         return;
-    complain(c, "damaged: there is something behind the end");
+    journal_check_complain(c, "damaged: there is something behind the end");
     c->damages++;
 }
 
@@ -74,7 +74,7 @@ static bool check_entry(checker *c, const journal_entry *entry)
     case JOURNAL_BAD:
         return note_damage(c);
     case JOURNAL_CUT:
-        complain(c, "cut off: canwired has not written its end, or still writes");
+        journal_check_complain(c, "cut off: canwired has not written its end, or still writes");
         return false;
     case JOURNAL_GAP:
         note_gap(c, entry);
@@ -84,7 +84,7 @@ static bool check_entry(checker *c, const journal_entry *entry)
             note_end(c);
         break;
     case JOURNAL_BROKEN:
-        complain(c, "broken: nothing was written from here on");
+        journal_check_complain(c, "broken: nothing was written from here on");
         c->gaps++;
         break;
     case JOURNAL_INPUT:
@@ -95,7 +95,7 @@ static bool check_entry(checker *c, const journal_entry *entry)
         break;
     }
     if (entry->at < c->ticks[entry->bus]) {
-        complain(c, "damaged: it is before the line above");
+        journal_check_complain(c, "damaged: it is before the line above");
         c->damages++;
     }
     c->ticks[entry->bus] = entry->at;

@@ -86,7 +86,7 @@ static void read_head(found *f, int fd)
 }
 
 /* Reads a line of a journal. last: it is the last line of the file, and complete. */
-static bool take_line(found *f, const char *line, size_t length, bool last)
+static bool journal_keep_take_line(found *f, const char *line, size_t length, bool last)
 {
     json_t *object = parse_line(line, length);
     const json_t *at = json_object_get(object, "at");
@@ -105,7 +105,7 @@ static void search_tail(found *f, const char *tail, size_t size)
     while (end) {
         const char *before = memrchr(tail, '\n', (size_t)(end - tail));
         const char *line = before ? before + 1 : tail;
-        if (take_line(f, line, (size_t)(end - line), last))
+        if (journal_keep_take_line(f, line, (size_t)(end - line), last))
             return;
         last = false;
         end = before;
@@ -170,7 +170,7 @@ static int read_row(row *r)
     return 0;
 }
 
-static void describe(char text[PATH_MAX], const row *r, const found *f)
+static void journal_keep_describe(char text[PATH_MAX], const row *r, const found *f)
 {
     char name[PATH_MAX];
     char time[TIME_TEXT_MAX];
@@ -192,14 +192,14 @@ static void report_without_end(const row *r)
             log_warning("%s is no journal: it is kept", text);
             continue;
         }
-        describe(text, r, &r->all[i]);
+        journal_keep_describe(text, r, &r->all[i]);
         log_warning("%s has no end: that canwired did not stop by itself%s", text,
                     r->all[i].number == 0 ? ", or its disk was full" : "");
     }
 }
 
 /* Returns the number of the journal to remove; 0: none. The newest one stays. */
-static size_t choose(const row *r)
+static size_t journal_keep_choose(const row *r)
 {
     size_t first = 0; /* the oldest without end */
     size_t second = 0;
@@ -225,7 +225,7 @@ static int remove_one(row *r, size_t which)
     print_name(name, r->folder.name, f.number);
     if (unlinkat(r->folder.fd, name, 0) != 0 && errno != ENOENT)
         return errno;
-    describe(text, r, &f);
+    journal_keep_describe(text, r, &f);
     log_warning("%s is removed%s", text, f.empty ? "" : ": there are too many");
     r->count--;
     memmove(&r->all[which], &r->all[which + 1], (r->count - which) * sizeof r->all[0]);
@@ -246,7 +246,7 @@ static int remove_some(row *r, unsigned files)
     size_t which;
     if (r->count > 0 && r->all[0].number == 0 && r->all[0].empty)
         error = remove_one(r, 0);
-    while (error == 0 && count_journals(r) >= files && (which = choose(r)) > 0)
+    while (error == 0 && count_journals(r) >= files && (which = journal_keep_choose(r)) > 0)
         error = remove_one(r, which);
     return error;
 }

@@ -37,7 +37,7 @@ struct journal_player {
 
 /* ---- Start and stop -------------------------------------------------------------------------- */
 
-static bool fail(journal_player *p, const char *key, const char *problem)
+static bool journal_play_fail(journal_player *p, const char *key, const char *problem)
 {
     journal_complain(p->reader, key, "%s", problem);
     return false;
@@ -48,13 +48,13 @@ static bool make_bus(journal_player *p, played *b)
 {
     cfg *config = cfg_load_given(p->entry.files, p->entry.file_count, p->errors);
     if (!config)
-        return fail(p, "config", "the configuration has errors");
+        return journal_play_fail(p, "config", "the configuration has errors");
     b->live = live_new(config);
     if (!b->live)
         cfg_free(config);
     cw_bus *bus = b->live ? bus_make(&b->memory, config) : NULL;
     if (!bus)
-        return fail(p, NULL, bus_why_not());
+        return journal_play_fail(p, NULL, bus_why_not());
     b->user = journal_buses(p->reader) > 0 ? p->calls.of_bus(p->user, p->count) : p->user;
     inputs_init(&b->inputs, b->live, bus, p->calls.drain, b->user);
     b->inputs.renaming = p->calls.renaming;
@@ -65,16 +65,17 @@ static bool read_configs(journal_player *p)
 {
     const size_t buses = journal_buses(p->reader);
     if (buses > 0 && !p->calls.of_bus)
-        return fail(p, "buses", "the journal of a rig can be run only from a regular file");
+        return journal_play_fail(p, "buses",
+                                 "the journal of a rig can be run only from a regular file");
     do {
         journal_next(p->reader, &p->entry);
         if (p->entry.kind == JOURNAL_BAD)
             return false;
         if (p->entry.kind != JOURNAL_CONFIG)
-            return fail(p, NULL,
-                        "a journal begins with a configuration: {\"at\":0,\"config\":[...]}");
+            return journal_play_fail(
+                p, NULL, "a journal begins with a configuration: {\"at\":0,\"config\":[...]}");
         if (p->entry.bus < p->count)
-            return fail(p, "config", "there is a second configuration");
+            return journal_play_fail(p, "config", "there is a second configuration");
         if (!make_bus(p, &p->buses[p->count]))
             return false;
         p->count++;
@@ -159,7 +160,7 @@ static void expect_ok(journal_player *p, const char *key, cw_status status)
         differ(p, key, "the bus refuses what it did then");
 }
 
-static bool find_node(journal_player *p, unsigned *node)
+static bool journal_play_find_node(journal_player *p, unsigned *node)
 {
     static const char *const keys[INPUT_COUNT] = {
         [INPUT_SEND] = "send", [INPUT_RESTART] = "restart", [INPUT_SET] = "set"};
@@ -173,7 +174,7 @@ static bool find_node(journal_player *p, unsigned *node)
     return false;
 }
 
-static bool find_rule(journal_player *p, unsigned *rule)
+static bool journal_play_find_rule(journal_player *p, unsigned *rule)
 {
     const input *what = &p->entry.what;
     if (live_find(p->now->live, rule, what->rule))
@@ -192,7 +193,7 @@ static bool inject(journal_player *p)
     size_t size = 0;
     FILE *stream = open_memstream(&errors, &size);
     if (!stream)
-        return fail(p, NULL, "out of memory");
+        return journal_play_fail(p, NULL, "out of memory");
     cfg_rules *rules = inputs_inject(&p->now->inputs, what->text, what->size, what->name, stream);
     (void)fclose(stream);
     if (!rules != what->refused)
@@ -216,7 +217,7 @@ static void renaming(journal_player *p)
 static bool act_on_rule(journal_player *p)
 {
     unsigned rule;
-    if (!find_rule(p, &rule))
+    if (!journal_play_find_rule(p, &rule))
         return false;
     if (p->entry.what.kind == INPUT_CLEAR) {
         renaming(p);
@@ -227,7 +228,7 @@ static bool act_on_rule(journal_player *p)
     return true;
 }
 
-static void set(journal_player *p, unsigned node)
+static void journal_play_set(journal_player *p, unsigned node)
 {
     const input *what = &p->entry.what;
     char problem[RETIME_PROBLEM_MAX];
@@ -261,14 +262,14 @@ static bool act_on_node(journal_player *p)
 {
     const input *what = &p->entry.what;
     unsigned node;
-    if (!find_node(p, &node))
+    if (!journal_play_find_node(p, &node))
         return false;
     if (what->kind == INPUT_SEND)
         expect_ok(p, "send", inputs_send(&p->now->inputs, node, what->frame, what->at_tick));
     else if (what->kind == INPUT_RESTART)
         expect_ok(p, "restart", inputs_restart(&p->now->inputs, node));
     else if (what->kind == INPUT_SET)
-        set(p, node);
+        journal_play_set(p, node);
     else
         return attach(p, node);
     return true;
@@ -282,7 +283,7 @@ static bool skip(journal_player *p)
     return true;
 }
 
-static bool go_over(journal_player *p, cfg *config)
+static bool journal_play_go_over(journal_player *p, cfg *config)
 {
     uint8_t from[CW_NODES_MAX];
     void *memory;
@@ -292,7 +293,7 @@ static bool go_over(journal_player *p, cfg *config)
         const char *why = bus ? "the bus cannot go over to it" : bus_why_not();
         free(memory);
         cfg_free(config);
-        return fail(p, "reload", why);
+        return journal_play_fail(p, "reload", why);
     }
     p->calls.leaving(p->now->user, config, from);
     free(p->now->memory);
@@ -305,7 +306,8 @@ static bool go_over(journal_player *p, cfg *config)
 static bool reload(journal_player *p)
 {
     cfg *config = cfg_load_given(p->entry.files, p->entry.file_count, p->errors);
-    return config ? go_over(p, config) : fail(p, "reload", "the configuration has errors");
+    return config ? journal_play_go_over(p, config)
+                  : journal_play_fail(p, "reload", "the configuration has errors");
 }
 
 static bool act(journal_player *p)
@@ -337,7 +339,7 @@ static bool check_order(journal_player *p)
 {
     if (p->entry.at >= cw_bus_now(p->now->inputs.bus))
         return true;
-    return fail(p, "at", "at: before the line above");
+    return journal_play_fail(p, "at", "at: before the line above");
 }
 
 /* The bus that wrote the line was at the end of a bit. This one has gone there, or as near as its
@@ -390,7 +392,7 @@ static void report_gap(journal_player *p)
             p->file, journal_line(p->reader), begin, end, p->entry.why, p->entry.missing);
 }
 
-static journal_outcome conclude(journal_player *p)
+static journal_outcome journal_play_conclude(journal_player *p)
 {
     journal_outcome outcome = JOURNAL_PLAYED;
     if (p->entry.kind == JOURNAL_GAP) {
@@ -416,7 +418,7 @@ static bool play_entry(journal_player *p)
         check_counters(p);
         return true;
     case JOURNAL_CONFIG:
-        return fail(p, "config", "there is a second configuration");
+        return journal_play_fail(p, "config", "there is a second configuration");
     case JOURNAL_GAP:
     case JOURNAL_BROKEN:
     case JOURNAL_CUT:
@@ -455,11 +457,11 @@ journal_outcome journal_play(journal_player *p)
         if (e->kind == JOURNAL_BAD)
             return JOURNAL_FAILED;
         if (e->kind == JOURNAL_CUT || e->kind == JOURNAL_GAP)
-            return conclude(p);
+            return journal_play_conclude(p);
         if (!p->now->stopped && !play_at(p))
             return JOURNAL_FAILED;
         if (all_stopped(p))
             return p->differs ? JOURNAL_FAILED : JOURNAL_STOPPED;
     } while (!e->last);
-    return conclude(p);
+    return journal_play_conclude(p);
 }

@@ -148,19 +148,20 @@ static bool no_memory(journal_reader *r)
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-static const json_t *value_of(const journal_reader *r, const char *key)
+static const json_t *journal_read_value_of(const journal_reader *r, const char *key)
 {
     return json_object_get(r->object, key);
 }
 
-static const char *text_of(const journal_reader *r, const char *key)
+static const char *journal_read_text_of(const journal_reader *r, const char *key)
 {
-    return json_string_value(value_of(r, key));
+    return json_string_value(journal_read_value_of(r, key));
 }
 
-static bool read_number(journal_reader *r, uint64_t *out, const char *key, uint64_t max)
+static bool journal_read_read_number(journal_reader *r, uint64_t *out, const char *key,
+                                     uint64_t max)
 {
-    const json_t *value = value_of(r, key);
+    const json_t *value = journal_read_value_of(r, key);
     if (!json_is_integer(value) || json_integer_value(value) < 0 ||
         (uint64_t)json_integer_value(value) > max)
         return wrong(r, key, "%s: expected a whole number from 0 to %" PRIu64, key, max);
@@ -231,11 +232,13 @@ static bool read_raw_frame(journal_reader *r, cw_frame *frame)
 {
     uint64_t id = 0, flags = 0, dlc = 0; /* compilers do not see that all are assigned */
     char bytes[CW_FRAME_DATA_MAX];
-    const char *data = text_of(r, "data");
-    if (!value_of(r, "id") || !value_of(r, "flags") || !value_of(r, "dlc") || !data)
+    const char *data = journal_read_text_of(r, "data");
+    if (!journal_read_value_of(r, "id") || !journal_read_value_of(r, "flags") ||
+        !journal_read_value_of(r, "dlc") || !data)
         return wrong(r, NULL, "send: expected either frame, or id, flags, dlc and data");
-    if (!read_number(r, &id, "id", UINT32_MAX) || !read_number(r, &flags, "flags", FLAGS_MAX) ||
-        !read_number(r, &dlc, "dlc", UINT8_MAX))
+    if (!journal_read_read_number(r, &id, "id", UINT32_MAX) ||
+        !journal_read_read_number(r, &flags, "flags", FLAGS_MAX) ||
+        !journal_read_read_number(r, &dlc, "dlc", UINT8_MAX))
         return false;
     /* before there was CAN FD, 8 bytes were kept of any frame */
     const bool is_short =
@@ -250,14 +253,15 @@ static bool read_raw_frame(journal_reader *r, cw_frame *frame)
 
 static bool read_send(journal_reader *r, journal_entry *entry)
 {
-    const char *frame = text_of(r, "frame");
-    entry->node = text_of(r, "send");
+    const char *frame = journal_read_text_of(r, "frame");
+    entry->node = journal_read_text_of(r, "send");
     entry->what.frame = &entry->frame;
-    if (!read_number(r, &entry->what.at_tick, "tick", INT64_MAX))
+    if (!journal_read_read_number(r, &entry->what.at_tick, "tick", INT64_MAX))
         return false;
     if (!frame)
         return read_raw_frame(r, &entry->frame);
-    if (value_of(r, "id") || value_of(r, "flags") || value_of(r, "dlc") || value_of(r, "data"))
+    if (journal_read_value_of(r, "id") || journal_read_value_of(r, "flags") ||
+        journal_read_value_of(r, "dlc") || journal_read_value_of(r, "data"))
         return wrong(r, "frame", "send: expected either frame, or id, flags, dlc and data");
     const char *problem = text_parse_frame(&entry->frame, frame);
     return !problem || wrong(r, "frame", "frame: %s", problem);
@@ -265,30 +269,32 @@ static bool read_send(journal_reader *r, journal_entry *entry)
 
 static bool read_inject(journal_reader *r, journal_entry *entry)
 {
-    entry->what.text = read_bytes(r, &entry->what.size, value_of(r, "inject"), "inject");
-    entry->what.name = entry->what.text ? read_word(r, value_of(r, "name"), "name") : NULL;
-    entry->what.refused = json_is_true(value_of(r, "refused"));
+    entry->what.text =
+        read_bytes(r, &entry->what.size, journal_read_value_of(r, "inject"), "inject");
+    entry->what.name =
+        entry->what.text ? read_word(r, journal_read_value_of(r, "name"), "name") : NULL;
+    entry->what.refused = json_is_true(journal_read_value_of(r, "refused"));
     return entry->what.name != NULL;
 }
 
 static bool read_rule(journal_reader *r, journal_entry *entry)
 {
     const char *key = entry->what.kind == INPUT_CLEAR ? "clear" : "fire";
-    entry->what.rule = text_of(r, key);
+    entry->what.rule = journal_read_text_of(r, key);
     return true;
 }
 
 static bool read_restart(journal_reader *r, journal_entry *entry)
 {
-    entry->node = text_of(r, "restart");
+    entry->node = journal_read_text_of(r, "restart");
     return true;
 }
 
 static bool read_attach(journal_reader *r, journal_entry *entry)
 {
-    entry->what.on = value_of(r, "attach") != NULL;
-    entry->node = text_of(r, entry->what.on ? "attach" : "detach");
-    entry->what.as = value_of(r, "as") ? text_of(r, "as") : NULL;
+    entry->what.on = journal_read_value_of(r, "attach") != NULL;
+    entry->node = journal_read_text_of(r, entry->what.on ? "attach" : "detach");
+    entry->what.as = journal_read_value_of(r, "as") ? journal_read_text_of(r, "as") : NULL;
     return !entry->what.as || cfg_name_valid(entry->what.as, CFG_NODE_NAME_MAX) ||
            wrong(r, "as", "as: it cannot be the name of a node");
 }
@@ -296,21 +302,23 @@ static bool read_attach(journal_reader *r, journal_entry *entry)
 static bool read_set(journal_reader *r, journal_entry *entry)
 {
     char error[SETTINGS_ERROR_MAX];
-    entry->node = text_of(r, "set");
+    entry->node = journal_read_text_of(r, "set");
     entry->what.settings = &entry->settings;
     entry->what.time = &entry->time;
-    return settings_from_json(&entry->settings, &entry->time, error, value_of(r, "settings")) ||
+    return settings_from_json(&entry->settings, &entry->time, error,
+                              journal_read_value_of(r, "settings")) ||
            wrong(r, "settings", "settings: %s", error);
 }
 
 static bool read_skip(journal_reader *r, journal_entry *entry)
 {
-    return read_number(r, &entry->what.skipped, "skip", INT64_MAX) &&
-           (!value_of(r, "earlier") ||
-            read_number(r, &entry->what.earlier, "earlier", INT64_MAX));
+    return journal_read_read_number(r, &entry->what.skipped, "skip", INT64_MAX) &&
+           (!journal_read_value_of(r, "earlier") ||
+            journal_read_read_number(r, &entry->what.earlier, "earlier", INT64_MAX));
 }
 
-static bool read_file(journal_reader *r, cfg_file *file, const json_t *value, const char *key)
+static bool journal_read_read_file(journal_reader *r, cfg_file *file, const json_t *value,
+                                   const char *key)
 {
     if (!json_is_object(value) || json_object_size(value) != 2 || !json_object_get(value, "name") ||
         !json_object_get(value, "text"))
@@ -325,7 +333,7 @@ static bool read_file(journal_reader *r, cfg_file *file, const json_t *value, co
 static bool read_files(journal_reader *r, journal_entry *entry)
 {
     const char *key = entry->kind == JOURNAL_CONFIG ? "config" : "reload";
-    const json_t *list = value_of(r, key);
+    const json_t *list = journal_read_value_of(r, key);
     size_t count = json_array_size(list);
     if (count == 0 || count > FILES_MAX)
         return wrong(r, key, "%s: expected 1 to %u files", key, FILES_MAX);
@@ -333,7 +341,7 @@ static bool read_files(journal_reader *r, journal_entry *entry)
     if (!files)
         return no_memory(r);
     for (size_t i = 0; i < count; i++)
-        if (!read_file(r, &files[i], json_array_get(list, i), key))
+        if (!journal_read_read_file(r, &files[i], json_array_get(list, i), key))
             return false;
     entry->files = files;
     entry->file_count = count;
@@ -343,7 +351,7 @@ static bool read_files(journal_reader *r, journal_entry *entry)
 static bool read_counters(journal_reader *r, journal_entry *entry)
 {
     const char *key = entry->kind == JOURNAL_MARK ? "mark" : "end";
-    const json_t *counters = value_of(r, key);
+    const json_t *counters = journal_read_value_of(r, key);
     for (size_t i = 0; i < JOURNAL_COUNTERS; i++) {
         const json_t *value = json_object_get(counters, journal_counters[i].name);
         if (!json_is_integer(value) || json_integer_value(value) < 0)
@@ -357,7 +365,7 @@ static bool read_counters(journal_reader *r, journal_entry *entry)
 
 static bool read_gap(journal_reader *r, journal_entry *entry)
 {
-    entry->why = json_string_value(json_object_get(value_of(r, "gap"), "why"));
+    entry->why = json_string_value(json_object_get(journal_read_value_of(r, "gap"), "why"));
     return entry->why || wrong(r, "gap", "gap: the key 'why' is missing");
 }
 
@@ -416,13 +424,13 @@ static bool check_type(journal_reader *r, const char *key, json_type type)
                                         [JSON_STRING] = "a text",
                                         [JSON_INTEGER] = "a whole number",
                                         [JSON_TRUE] = "true"};
-    const json_t *value = value_of(r, key);
+    const json_t *value = journal_read_value_of(r, key);
     if (type == JSON_NULL || json_typeof(value) == type)
         return true;
     return wrong(r, key, "%s: expected %s", key, names[type]);
 }
 
-static const key_spec *find_key(const line_spec *spec, const char *name)
+static const key_spec *journal_read_find_key(const line_spec *spec, const char *name)
 {
     for (const key_spec *key = spec->keys; key->name; key++)
         if (strcmp(key->name, name) == 0)
@@ -433,7 +441,7 @@ static const key_spec *find_key(const line_spec *spec, const char *name)
 static const line_spec *find_spec(journal_reader *r)
 {
     for (size_t i = 0; i < SPECS; i++)
-        if (value_of(r, specs[i].name))
+        if (journal_read_value_of(r, specs[i].name))
             return &specs[i];
     nearest guess = {.word = ""};
     for (void *i = json_object_iter(r->object); i; i = json_object_iter_next(r->object, i)) {
@@ -451,11 +459,11 @@ static const line_spec *find_spec(journal_reader *r)
     return NULL;
 }
 
-static bool check_keys(journal_reader *r, const line_spec *spec)
+static bool journal_read_check_keys(journal_reader *r, const line_spec *spec)
 {
     for (void *i = json_object_iter(r->object); i; i = json_object_iter_next(r->object, i)) {
         const char *name = json_object_iter_key(i);
-        const key_spec *key = find_key(spec, name);
+        const key_spec *key = journal_read_find_key(spec, name);
         if (is_common(r, name) || strcmp(name, spec->name) == 0 ||
             (strcmp(name, "again") == 0 && spec->kind != JOURNAL_CONFIG))
             continue;
@@ -465,7 +473,7 @@ static bool check_keys(journal_reader *r, const line_spec *spec)
             return false;
     }
     for (const key_spec *key = spec->keys; key->name; key++)
-        if (key->required && !value_of(r, key->name))
+        if (key->required && !journal_read_value_of(r, key->name))
             return wrong(r, NULL, "%s: the key '%s' is missing", spec->name, key->name);
     return check_type(r, spec->name, spec->type);
 }
@@ -478,12 +486,12 @@ static bool check_number(journal_reader *r, journal_entry *entry)
     uint64_t number = 0;
     if (r->version < 2)
         return true;
-    if (!read_number(r, &number, "n", INT64_MAX))
+    if (!journal_read_read_number(r, &number, "n", INT64_MAX))
         return false;
     const uint64_t missing = r->missing + (number > r->last ? number - r->last - 1 : 0);
     const bool again = number <= r->last;
-    const bool known = r->damaged || value_of(r, "gap");
-    const bool reported_later = !known && value_of(r, "config");
+    const bool known = r->damaged || journal_read_value_of(r, "gap");
+    const bool reported_later = !known && journal_read_value_of(r, "config");
     r->last = number;
     r->damaged = false;
     r->missing = reported_later ? missing : 0;
@@ -510,7 +518,7 @@ static bool add_bus(journal_reader *r, journal_entry *entry, const char *name)
 /* Finds the bus of a line of a rig. Returns false after a complaint. */
 static bool read_bus(journal_reader *r, journal_entry *entry)
 {
-    const char *name = text_of(r, "bus");
+    const char *name = journal_read_text_of(r, "bus");
     if (!name)
         return wrong(r, "bus", "the key 'bus' is missing, or no text");
     for (size_t i = 0; i < r->known; i++) {
@@ -519,7 +527,7 @@ static bool read_bus(journal_reader *r, journal_entry *entry)
         entry->bus = i;
         return true;
     }
-    if (value_of(r, "config"))
+    if (journal_read_value_of(r, "config"))
         return add_bus(r, entry, name);
     return wrong(r, "bus", "bus: there is no configuration of '%.40s'", name);
 }
@@ -528,19 +536,19 @@ static bool understand(journal_reader *r, journal_entry *entry)
 {
     if (!check_number(r, entry) || (r->buses > 0 && !read_bus(r, entry)))
         return false;
-    if (!value_of(r, "at"))
+    if (!journal_read_value_of(r, "at"))
         return wrong(r, NULL, "the key 'at' is missing");
-    if (!read_number(r, &entry->at, "at", INT64_MAX))
+    if (!journal_read_read_number(r, &entry->at, "at", INT64_MAX))
         return false;
     const line_spec *spec = find_spec(r);
-    if (!spec || !check_keys(r, spec))
+    if (!spec || !journal_read_check_keys(r, spec))
         return false;
-    if (value_of(r, "again") && !check_type(r, "again", JSON_TRUE))
+    if (journal_read_value_of(r, "again") && !check_type(r, "again", JSON_TRUE))
         return false;
     entry->kind = spec->kind;
     entry->what.kind = spec->input;
     entry->what.now = entry->at;
-    entry->what.advanced = value_of(r, "again") != NULL;
+    entry->what.advanced = journal_read_value_of(r, "again") != NULL;
     r->tick = entry->at;
     return spec->read(r, entry);
 }
@@ -638,10 +646,10 @@ static bool read_header(journal_reader *r)
         return !r->over && wrong(r, NULL, "%s", none);
     if (!parse_line(r))
         return false;
-    const char *writer = text_of(r, "canwire");
-    if (!value_of(r, "canwire-journal") || !writer)
+    const char *writer = journal_read_text_of(r, "canwire");
+    if (!journal_read_value_of(r, "canwire-journal") || !writer)
         return wrong(r, NULL, "%s", none);
-    if (!read_number(r, &version, "canwire-journal", INT64_MAX))
+    if (!journal_read_read_number(r, &version, "canwire-journal", INT64_MAX))
         return false;
     if (version < 1 || version > JOURNAL_VERSION_RIG)
         return wrong(r, "canwire-journal",
@@ -649,13 +657,14 @@ static bool read_header(journal_reader *r)
                      JOURNAL_VERSION_RIG);
     r->version = (unsigned)version;
     uint64_t buses = 0;
-    if (version == JOURNAL_VERSION_RIG && !read_number(r, &buses, "buses", RIG_BUSES_MAX))
+    if (version == JOURNAL_VERSION_RIG &&
+        !journal_read_read_number(r, &buses, "buses", RIG_BUSES_MAX))
         return false;
     if (version == JOURNAL_VERSION_RIG && buses == 0)
         return wrong(r, "buses", "buses: expected a whole number from 1 to %u", RIG_BUSES_MAX);
     r->buses = (size_t)buses;
-    const char *bus = text_of(r, "bus");
-    const char *started = text_of(r, "started");
+    const char *bus = journal_read_text_of(r, "bus");
+    const char *started = journal_read_text_of(r, "started");
     r->writer = strdup(writer);
     r->bus = strdup(bus ? bus : "");
     r->started = strdup(started ? started : "");
@@ -663,7 +672,7 @@ static bool read_header(journal_reader *r)
         return no_memory(r);
     if (r->version < 2)
         return true;
-    if (!check_seal(r) || !read_number(r, &r->last, "n", INT64_MAX))
+    if (!check_seal(r) || !journal_read_read_number(r, &r->last, "n", INT64_MAX))
         return false;
     r->missing = r->last > 0 ? r->last - 1 : 0;
     return true;

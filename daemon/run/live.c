@@ -19,7 +19,7 @@ struct live {
     char *own[CW_NODES_MAX]; /* names by node, as the file has them */
 };
 
-static void take(live *l, cfg *config)
+static void live_take(live *l, cfg *config)
 {
     assert(config->rule_count <= CW_RULES_MAX);
     for (size_t i = 0; i < config->rule_count; i++) {
@@ -42,7 +42,7 @@ live *live_new(cfg *config)
 {
     live *l = calloc(1, sizeof *l);
     if (l)
-        take(l, config);
+        live_take(l, config);
     return l;
 }
 
@@ -51,7 +51,7 @@ void live_replace(live *l, cfg *config)
     while (l->now.rule_count > 0)
         live_remove(l, (unsigned)l->now.rule_count - 1);
     cfg_free(l->file);
-    take(l, config);
+    live_take(l, config);
 }
 
 void live_restart(live *l, uint64_t seed)
@@ -65,7 +65,7 @@ void live_restart(live *l, uint64_t seed)
         l->file->nodes[i].name = l->own[i];
     memset(l->guests, 0, sizeof l->guests);
     l->file->seed = seed;
-    take(l, l->file);
+    live_take(l, l->file);
 }
 
 void live_free(live *l)

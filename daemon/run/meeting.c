@@ -157,7 +157,7 @@ static uint64_t known(const meeting *m)
 }
 
 /* Finds the limits, and passes on what is known. A frame that waits for that may come back. */
-static void pass_on(meeting *m)
+static void meeting_pass_on(meeting *m)
 {
     uint64_t given[RIG_BUSES_MAX];
     uint64_t before;
@@ -188,7 +188,7 @@ static bool may_tell(const meeting *m, size_t bus, uint64_t end, bool tie)
 /* Lets buses go on that may tell about a frame. At its limit a frame may come in, before the
  * traffic of that tick, so it stays before that if others can go. The bus with the first frame
  * always can. */
-static bool go_on(meeting *m, uint64_t end, bool tie, bool *good)
+static bool meeting_go_on(meeting *m, uint64_t end, bool tie, bool *good)
 {
     bool went = false;
     for (size_t i = 0; i < m->bus_count; i++) {
@@ -204,13 +204,13 @@ static bool go_on(meeting *m, uint64_t end, bool tie, bool *good)
 bool meeting_run(meeting *m, uint64_t end, uint32_t buses)
 {
     bool good = true;
-    pass_on(m);
-    while (good && (go_on(m, end, false, &good) || go_on(m, end, true, &good)))
-        pass_on(m);
+    meeting_pass_on(m);
+    while (good && (meeting_go_on(m, end, false, &good) || meeting_go_on(m, end, true, &good)))
+        meeting_pass_on(m);
     const bool free = good; /* no gateway gets a frame before the end any more */
     for (size_t i = 0; i < m->bus_count; i++)
         if (free && (buses >> i & 1u))
             good = go(m, i, end) && good;
-    pass_on(m);
+    meeting_pass_on(m);
     return good;
 }

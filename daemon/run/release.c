@@ -297,7 +297,7 @@ static bool same_replay(const cfg_traffic *a, const cfg_traffic *b)
 
 /* ---- Plans ----------------------------------------------------------------------------------- */
 
-static void start(release_plan *plan, source *s)
+static void release_start(release_plan *plan, source *s)
 {
     if (s->traffic->kind == CFG_TRAFFIC_REPLAY) {
         start_replay(plan, s);
@@ -316,7 +316,7 @@ static void place(release_plan *plan, source *s)
         push(plan, s);
 }
 
-static void add_node(release_plan *plan, const cfg_node *node, unsigned index)
+static void release_add_node(release_plan *plan, const cfg_node *node, unsigned index)
 {
     for (size_t t = 0; t < node->traffic_count; t++) {
         if (node->traffic[t].kind == CFG_TRAFFIC_REPLY)
@@ -324,7 +324,7 @@ static void add_node(release_plan *plan, const cfg_node *node, unsigned index)
         unsigned number = (unsigned)plan->source_count++;
         source *s = &plan->sources[number];
         *s = (source){.traffic = &node->traffic[t], .node = index, .place = number};
-        start(plan, s);
+        release_start(plan, s);
         place(plan, s);
     }
 }
@@ -347,7 +347,7 @@ release_plan *release_plan_new(const cfg *config, release_reporter *report, void
     plan->rate = config->rate;
     plan->sources = all;
     for (size_t i = 0; i < config->node_count; i++)
-        add_node(plan, &config->nodes[i], (unsigned)i);
+        release_add_node(plan, &config->nodes[i], (unsigned)i);
     return plan;
 }
 
@@ -546,7 +546,7 @@ bool release_is_as_written(const release_plan *plan)
 }
 
 /* Moves the first source to its next release, or removes it. */
-static void go_on(release_plan *plan)
+static void release_go_on(release_plan *plan)
 {
     source *s = plan->heap[0];
     bool goes_on;
@@ -574,7 +574,7 @@ cfg_place release_place(const release_plan *plan)
 void release_pass(release_plan *plan)
 {
     assert(plan->count > 0);
-    go_on(plan);
+    release_go_on(plan);
 }
 
 /* Returns true when the next frame is one of a file and finds its node's queue full. */
@@ -616,7 +616,7 @@ cw_status release_hand_in(release_plan *plan, cw_bus *bus)
     if (status != CW_OK)
         return status;
     count_late(plan->heap[0]);
-    go_on(plan);
+    release_go_on(plan);
     return status;
 }
 
@@ -674,7 +674,7 @@ static void look_for_room(release_plan *plan, source *s, const cw_bus *bus)
     push(plan, s);
 }
 
-static void look(release_plan *plan, source *s, const cw_bus *bus)
+static void run_release_look(release_plan *plan, source *s, const cw_bus *bus)
 {
     if (!s->traffic->fast) {
         look_for_room(plan, s, bus);
@@ -697,7 +697,7 @@ void release_look(release_plan *plan, const cw_bus *bus)
 {
     for (size_t i = 0; release_is_fast(plan) && i < plan->source_count; i++)
         if (plan->sources[i].waits)
-            look(plan, &plan->sources[i], bus);
+            run_release_look(plan, &plan->sources[i], bus);
 }
 
 /* ---- The rest -------------------------------------------------------------------------------- */

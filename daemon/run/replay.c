@@ -102,7 +102,7 @@ bool replay_read_ahead(replay *r)
 
 /* ---- Entries --------------------------------------------------------------------------------- */
 
-static void count(const replay *r, tally *t, const trace_record *record)
+static void replay_count(const replay *r, tally *t, const trace_record *record)
 {
     if (r->passes > 0)
         return;
@@ -120,7 +120,7 @@ static uint64_t elapsed_ns(replay *r, const trace_record *record)
     }
     uint64_t ns = record->time_ns > r->base_ns ? record->time_ns - r->base_ns : 0;
     if (record->time_ns < r->base_ns || ns < r->last_ns)
-        count(r, &r->stepped_back, record);
+        replay_count(r, &r->stepped_back, record);
     else
         r->last_ns = ns;
     return r->last_ns;
@@ -173,7 +173,7 @@ static bool is_on_channel(replay *r, const trace_record *record)
 
 /* ---- Passes ---------------------------------------------------------------------------------- */
 
-static uint64_t sum(uint64_t a, uint64_t b)
+static uint64_t replay_sum(uint64_t a, uint64_t b)
 {
     return b < UINT64_MAX - a ? a + b : UINT64_MAX;
 }
@@ -192,8 +192,8 @@ static replay_step end_pass(replay *r)
         return REPLAY_OVER;
     if (!r->ahead && !trace_rewind(r->reader))
         return REPLAY_FAILED;
-    r->begin.ns = sum(sum(r->begin.ns, r->last_ns), gap->ns);
-    r->begin.bits = sum(r->begin.bits, gap->bits);
+    r->begin.ns = replay_sum(replay_sum(r->begin.ns, r->last_ns), gap->ns);
+    r->begin.bits = replay_sum(r->begin.bits, gap->bits);
     r->begun = false;
     r->last_ns = 0;
     r->matched = 0;
@@ -215,7 +215,7 @@ static void leave_untimed(replay *r, const trace_record *record)
 {
     if (r->untimed.count == 0)
         trace_complain_no_time(r->problem, r->reader, record);
-    count(r, &r->untimed, record);
+    replay_count(r, &r->untimed, record);
 }
 
 /* Reads one entry. REPLAY_PAUSE: the entry is not sent. */
@@ -233,7 +233,7 @@ static replay_step step(replay *r, cw_frame *frame, uint64_t *tick)
     bool here = is_on_channel(r, &record);
     const bool carried = is_carried(r, &record);
     if (!carried && record.kind != TRACE_MARK && here)
-        count(r, &r->left_out[record.kind], &record);
+        replay_count(r, &r->left_out[record.kind], &record);
     if (!carried || !here || !is_wanted(r, &record))
         return REPLAY_PAUSE;
     if (!record.timed && !r->traffic->fast) {
@@ -241,7 +241,7 @@ static replay_step step(replay *r, cw_frame *frame, uint64_t *tick)
         return REPLAY_PAUSE;
     }
     if (record.cut)
-        count(r, &r->cut, &record);
+        replay_count(r, &r->cut, &record);
     r->stamped = r->stamped || record.timed;
     r->matched++;
     *frame = record.frame;

@@ -24,7 +24,7 @@ static bool read_bool(bool *out, const json_t *value)
     return json_is_boolean(value) || (text && schema_parse_bool(out, text));
 }
 
-static bool read_number(uint64_t *out, const json_t *value)
+static bool settings_read_number(uint64_t *out, const json_t *value)
 {
     if (json_is_integer(value) && json_integer_value(value) >= 0) {
         *out = (uint64_t)json_integer_value(value);
@@ -53,7 +53,7 @@ static bool set_number(cw_settings *s, char *error, const schema_key *key, const
 {
     const schema_range *range = key->arg;
     uint64_t number = 0;
-    if (!read_number(&number, value) || number < range->min || number > range->max) {
+    if (!settings_read_number(&number, value) || number < range->min || number > range->max) {
         const char *text = json_string_value(value);
         int used = snprintf(error, SETTINGS_ERROR_MAX,
                             "%s: expected a number from %" PRIu64 " to %" PRIu64, key->name,

@@ -61,7 +61,7 @@ static json_t *words_of(const schema_choice *choices)
 }
 
 /* A number above those of json_int_t is a text until it is written. */
-static json_t *number_of(uint64_t number)
+static json_t *schema_number_of(uint64_t number)
 {
     char text[32];
     if (number <= INT64_MAX)
@@ -72,8 +72,8 @@ static json_t *number_of(uint64_t number)
 
 static json_t *numbers_of(const schema_range *range)
 {
-    return json_pack("{s:s, s:o, s:o}", "type", "integer", "minimum", number_of(range->min),
-                     "maximum", number_of(range->max));
+    return json_pack("{s:s, s:o, s:o}", "type", "integer", "minimum", schema_number_of(range->min),
+                     "maximum", schema_number_of(range->max));
 }
 
 static json_t *typed(maker *self, const schema_key *key)
@@ -87,14 +87,14 @@ static json_t *typed(maker *self, const schema_key *key)
     return value;
 }
 
-static json_t *value_of(maker *self, const schema_key *key)
+static json_t *schema_value_of(maker *self, const schema_key *key)
 {
     json_t *value = typed(self, key);
     const char *type = key->type ? key->type : "";
     if (value)
         return value;
     if (key->read == cfg_read_setting)
-        return value_of(self, key->live);
+        return schema_value_of(self, key->live);
     const char *known = type_of_reader(key->read);
     if (key->read == schema_read_uint || strcmp(type, TYPE_UINT) == 0)
         return numbers_of(key->arg);
@@ -124,7 +124,7 @@ static json_t *preset_of(const char *text)
 
 static json_t *make_key(maker *self, const schema_key *key)
 {
-    json_t *value = value_of(self, key);
+    json_t *value = schema_value_of(self, key);
     if (self->open && !is_whole(self, key, value))
         value = json_pack("{s:[o, o]}", "anyOf", value, reference_to("parameter"));
     if (key->help)

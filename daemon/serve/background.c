@@ -32,7 +32,7 @@ static int explain(pid_t child)
     return WIFEXITED(status) && WEXITSTATUS(status) != 0 ? WEXITSTATUS(status) : FAILED;
 }
 
-static int fail(const char *what)
+static int background_fail(const char *what)
 {
     log_error("--background: %s", what);
     return FAILED;
@@ -52,7 +52,7 @@ static int tell_number(pid_t child)
     return FAILED;
 }
 
-static int await(pid_t child, int fd)
+static int background_await(pid_t child, int fd)
 {
     char byte;
     ssize_t count;
@@ -78,12 +78,12 @@ int background_start(int *ready)
     int ends[2];
     const pid_t parent = getpid();
     if (sd_listen_fds(0) > 0)
-        return fail("the sockets of LISTEN_FDS are for this process alone");
+        return background_fail("the sockets of LISTEN_FDS are for this process alone");
     if (pipe2(ends, O_CLOEXEC) != 0)
-        return fail(strerror(errno));
+        return background_fail(strerror(errno));
     const pid_t child = fork();
     if (child < 0)
-        return fail(strerror(errno));
+        return background_fail(strerror(errno));
     if (child == 0) {
         (void)close(ends[0]);
         follow(parent);
@@ -91,7 +91,7 @@ int background_start(int *ready)
         return -1;
     }
     (void)close(ends[1]);
-    return await(child, ends[0]);
+    return background_await(child, ends[0]);
 }
 
 void background_ready(int ready)

@@ -96,7 +96,7 @@ static void on_line(void *user, server_client *client, char *line, size_t length
 }
 
 /* Gives a client its reply, and reads on from it. */
-static void answer(waiter *w, server_client *client)
+static void control_answer(waiter *w, server_client *client)
 {
     write_json(client, w->reply);
     json_decref(w->reply);
@@ -112,7 +112,7 @@ void control_reloaded(control *c, uint64_t round, const char *errors)
         if (!w->reply || w->of.round != round || !client)
             continue;
         request_reloaded(w->reply, errors);
-        answer(w, client);
+        control_answer(w, client);
     }
 }
 
@@ -125,7 +125,7 @@ void control_saved(control *c, uint64_t save, int error)
             continue;
         if (error != 0 && w->of.keep)
             request_not_kept(&c->world, w->reply, error);
-        answer(w, client);
+        control_answer(w, client);
     }
 }
 
@@ -147,7 +147,7 @@ static size_t room_needed(const watcher *w, size_t length)
     return w->lost > 0 ? SERVER_STREAM_MAX / 2 + length : length;
 }
 
-static void write_event(control *c, unsigned number, unsigned lines)
+static void control_write_event(control *c, unsigned number, unsigned lines)
 {
     watcher *w = &c->watchers[number];
     server_client *client = server_client_at(c->server, number);
@@ -179,7 +179,7 @@ void control_event(void *self, const cw_event *event)
     unsigned lines = format_event(c, event);
     for (unsigned i = 0; lines > 0 && i < SERVER_CLIENTS_MAX; i++)
         if (c->watchers[i].kinds >> event->kind & 1u)
-            write_event(c, i, lines);
+            control_write_event(c, i, lines);
 }
 
 /* Writes a line with "t", "event", "file", "state" and perhaps "why" to c->text; returns false
@@ -210,7 +210,7 @@ void control_report_recording(control *c, const char *file, const char *why)
         return;
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
         if (c->watchers[i].kinds & REQUEST_WATCH_RECORD)
-            write_event(c, i, 1);
+            control_write_event(c, i, 1);
 }
 
 static void on_drained(void *user, server_client *client)

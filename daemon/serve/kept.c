@@ -166,7 +166,7 @@ static void forget_crash(kept *k)
     k->note[0] = '\0';
 }
 
-static void read_file(kept *k)
+static void kept_read_file(kept *k)
 {
     struct stat file;
     const int fd =
@@ -347,7 +347,7 @@ kept *kept_open(struct ev_loop *loop, const char *control, const char *bus, kept
                 .passing = json_array()};
     const int error = k->bus ? open_folder(k, loop, control) : ENOMEM;
     if (error == 0) {
-        read_file(k);
+        kept_read_file(k);
         return k;
     }
     log_warning("rules %s: %s: injected rules are not remembered", k->path ? k->path : control,

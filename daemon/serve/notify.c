@@ -117,7 +117,7 @@ static bool send_all(notifier *n)
     return true;
 }
 
-static void flush(notifier *n)
+static void notify_flush(notifier *n)
 {
     if (send_all(n))
         ev_timer_stop(n->loop, &n->retry);
@@ -129,7 +129,7 @@ static void on_retry(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
     (void)events;
-    flush(timer->data);
+    notify_flush(timer->data);
 }
 
 void notify_close(notifier *n)
@@ -151,7 +151,7 @@ static void add_state(notifier *n, const char *state)
     if (n->state_count == STATES_MAX)
         drop_first_state(n);
     (void)snprintf(n->states[n->state_count++], STATE_BYTES, "%s", state);
-    flush(n);
+    notify_flush(n);
 }
 
 void notify_ready(notifier *n)
@@ -179,7 +179,7 @@ void notify_alive(notifier *n)
     if (!n)
         return;
     n->alive = true;
-    flush(n);
+    notify_flush(n);
 }
 
 void notify_status(notifier *n, const char *format, ...)
@@ -192,5 +192,5 @@ void notify_status(notifier *n, const char *format, ...)
     va_start(args, format);
     (void)vsnprintf(n->status + strlen(key), STATUS_BYTES - strlen(key), format, args);
     va_end(args);
-    flush(n);
+    notify_flush(n);
 }

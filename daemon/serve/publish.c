@@ -240,7 +240,7 @@ static void send_all(publisher *p, lcm_t *lcm)
     (void)pthread_mutex_unlock(&p->lock);
 }
 
-static void *run(void *argument)
+static void *publish_run(void *argument)
 {
     publisher *p = argument;
     bool warned = false;
@@ -299,7 +299,7 @@ publisher *publisher_start(const cfg *config)
     (void)pthread_mutex_init(&p->lock, NULL);
     thread_init_condition(&p->changed);
     p->event_stream = open_memstream(&p->event_text, &p->event_size);
-    if (!p->url || !p->event_stream || thread_start(&p->thread, run, p) != 0) {
+    if (!p->url || !p->event_stream || thread_start(&p->thread, publish_run, p) != 0) {
         free_publisher(p);
         return NULL;
     }
@@ -684,7 +684,7 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
 }
 
 /* Returns a text that is only read while encoding; "" for a missing one. */
-static char *text_of(const json_t *object, const char *key)
+static char *publish_text_of(const json_t *object, const char *key)
 {
     const char *text = json_string_value(json_object_get(object, key));
     return (char *)(uintptr_t)(text ? text : "");
@@ -737,7 +737,7 @@ static void publish_gateway(publisher *p, const json_t *gateway)
     const canwire_gateway_t m = {
         .utime_us = realtime_us(),
         .bus = p->config->bus_name,
-        .name = text_of(gateway, "name"),
+        .name = publish_text_of(gateway, "name"),
         .node = (char *)(uintptr_t)(json_string_value(json_array_get(ends, !forward)) + length + 1),
         .other = (char *)(uintptr_t)json_string_value(json_array_get(ends, forward)),
         .forwarded = sum_of(rules, "forwarded"),

@@ -106,7 +106,7 @@ static void begin_first(recordings *all, entry *e, const cw_bus *bus)
         log_not_begun(all, e);
 }
 
-static void report(const recordings *all, const entry *e)
+static void recordings_report(const recordings *all, const entry *e)
 {
     if (all->reported)
         all->reported(all->user, e->what.file, e->recorder ? NULL : spool_explain(e->error));
@@ -126,7 +126,7 @@ static void begin_later(recordings *all, entry *e, const cw_bus *bus)
     if (e->recorder)
         return;
     log_not_begun(all, e);
-    report(all, e);
+    recordings_report(all, e);
 }
 
 static void get_stats(const entry *e, recorder_stats *stats)
@@ -203,7 +203,7 @@ static void look_after_file(const recordings *all, entry *e)
         log_info("record %s: somebody has made the file shorter; it goes on", e->what.file);
         break;
     }
-    report(all, e);
+    recordings_report(all, e);
 }
 
 static void on_wakeup(struct ev_loop *loop, ev_async *wakeup, int events)
@@ -216,13 +216,13 @@ static void on_wakeup(struct ev_loop *loop, ev_async *wakeup, int events)
         entry *e = all->entries[i];
         if (e->recorder && !e->open && recorder_is_open(e->recorder)) {
             log_begun(e);
-            report(all, e);
+            recordings_report(all, e);
         }
         if (e->recorder && e->open)
             look_after_file(all, e);
         if (e->recorder && recorder_has_ended(e->recorder)) {
             note_error(all, e);
-            report(all, e);
+            recordings_report(all, e);
         }
     }
 }
@@ -268,7 +268,7 @@ recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_b
     return NULL;
 }
 
-static void end(recordings *all, entry *e)
+static void recordings_end(recordings *all, entry *e)
 {
     if (!e->recorder) {
         free_entry(e);
@@ -316,7 +316,7 @@ void recordings_reload(recordings *all, const cw_bus *bus)
     }
     for (size_t i = 0; i < old_count; i++)
         if (old[i])
-            end(all, old[i]);
+            recordings_end(all, old[i]);
     for (size_t i = 0; i < all->count; i++) {
         entry *e = all->entries[i];
         if (e->recorder) {

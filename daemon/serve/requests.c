@@ -47,7 +47,8 @@ typedef struct request_kind {
 /* ---- Replies --------------------------------------------------------------------------------- */
 
 /* Returns false, for the caller to return. */
-static bool __attribute__((format(printf, 2, 3))) refuse(request *r, const char *format, ...)
+static bool __attribute__((format(printf, 2, 3)))
+requests_refuse(request *r, const char *format, ...)
 {
     char text[ERROR_TEXT_MAX];
     va_list args;
@@ -60,7 +61,7 @@ static bool __attribute__((format(printf, 2, 3))) refuse(request *r, const char 
 
 static bool refuse_at(request *r, const char *error, int line, int column)
 {
-    (void)refuse(r, "%s", error);
+    (void)requests_refuse(r, "%s", error);
     put(r->reply, "line", json_integer(line));
     put(r->reply, "column", json_integer(column));
     return false;
@@ -94,7 +95,7 @@ static bool refuse_lines(request *r, const char *text)
 {
     json_t *errors = lines_of(text);
     const char *first = json_string_value(json_array_get(errors, 0));
-    (void)refuse(r, "%s", first ? first : "refused without a reason");
+    (void)requests_refuse(r, "%s", first ? first : "refused without a reason");
     put_position(r->reply, first ? first : "");
     put(r->reply, "errors", errors);
     return false;
@@ -103,31 +104,33 @@ static bool refuse_lines(request *r, const char *text)
 /* ---- Arguments ------------------------------------------------------------------------------- */
 
 /* Returns NULL for a missing key. */
-static const char *text_of(const request *r, const char *key)
+static const char *requests_text_of(const request *r, const char *key)
 {
     return json_string_value(json_object_get(r->asked, key));
 }
 
 /* Finds the node that `node` names. */
-static bool find_node(request *r, unsigned *node)
+static bool requests_find_node(request *r, unsigned *node)
 {
     const cfg *config = live_config(r->world->config);
-    const char *name = text_of(r, "node");
+    const char *name = requests_text_of(r, "node");
     nearest guess = {.word = name};
     *node = cfg_find_node(config, name);
     if (*node != CW_NO_NODE)
         return true;
     for (unsigned i = 0; i < config->node_count; i++)
         nearest_consider(&guess, config->nodes[i].name);
-    return refuse(r, "there is no node '%.80s'%s%s%s", name, guess.best ? " (did you mean '" : "",
-                  guess.best ? guess.best : "", guess.best ? "'?)" : "");
+    return requests_refuse(r, "there is no node '%.80s'%s%s%s", name,
+                           guess.best ? " (did you mean '" : "", guess.best ? guess.best : "",
+                           guess.best ? "'?)" : "");
 }
 
 /* Finds the rule that `rule` names. */
-static bool find_rule(request *r, unsigned *rule)
+static bool requests_find_rule(request *r, unsigned *rule)
 {
-    const char *name = text_of(r, "rule");
-    return live_find(r->world->config, rule, name) || refuse(r, "there is no rule '%.80s'", name);
+    const char *name = requests_text_of(r, "rule");
+    return live_find(r->world->config, rule, name) ||
+           requests_refuse(r, "there is no rule '%.80s'", name);
 }
 
 /* ---- State ----------------------------------------------------------------------------------- */
@@ -174,8 +177,8 @@ static bool refuse_kind(request *r, const char *word)
 {
     json_t *all = kinds_to_json(EVERY_KIND);
     char *list = json_dumps(all, 0);
-    (void)refuse(r, "there is no kind of event '%.40s'; there are %s", word ? word : "?",
-                 list ? list : "");
+    (void)requests_refuse(r, "there is no kind of event '%.40s'; there are %s", word ? word : "?",
+                          list ? list : "");
     free(list);
     json_decref(all);
     return false;
@@ -223,7 +226,7 @@ static bool refuse_kept(request *r, const char *why)
             inputs_clear(r->inputs, index);
     }
     json_decref(rules);
-    return refuse(r, "the rules cannot be remembered, and are not injected: %s", why);
+    return requests_refuse(r, "the rules cannot be remembered, and are not injected: %s", why);
 }
 
 /* Remembers the rules beyond a crash. */
@@ -249,16 +252,17 @@ void request_not_kept(const request_world *world, json_t *reply, int error)
 
 static bool run_inject(request *r)
 {
-    const char *name = text_of(r, "name") ? text_of(r, "name") : "inject";
+    const char *name = requests_text_of(r, "name") ? requests_text_of(r, "name") : "inject";
     const json_t *text = json_object_get(r->asked, "text");
     const bool keep = json_is_true(json_object_get(r->asked, "keep"));
     if (keep && !r->world->kept)
-        return refuse(r, "keep: there is no control socket beside which they could be kept");
+        return requests_refuse(r,
+                               "keep: there is no control socket beside which they could be kept");
     char *errors = NULL;
     size_t length = 0;
     FILE *stream = open_memstream(&errors, &length);
     if (!stream)
-        return refuse(r, "out of memory");
+        return requests_refuse(r, "out of memory");
     cfg_rules *rules = inputs_inject(r->inputs, json_string_value(text), json_string_length(text),
                                      name, stream);
     (void)fclose(stream);
@@ -270,7 +274,7 @@ static bool run_inject(request *r)
         put(r->reply, "warnings", lines_of(rules->warnings));
     const bool none = rules && keep && rules->count == 0;
     if (none)
-        (void)refuse(r, "keep: the text has no rules");
+        (void)requests_refuse(r, "keep: the text has no rules");
     const bool good = rules && !none && note_injected(r, name, keep);
     cfg_free_rules(rules);
     free(errors);
@@ -289,7 +293,7 @@ static void clear_rule(request *r, json_t *cleared, unsigned index)
 /* Takes away a rule that is kept, but that the bus does not have, since it has refused it. */
 static bool clear_refused(request *r)
 {
-    const char *name = text_of(r, "rule");
+    const char *name = requests_text_of(r, "rule");
     if (!r->world->kept || !kept_clear(r->world->kept, name))
         return false;
     json_t *cleared = json_array();
@@ -304,13 +308,13 @@ static bool run_clear(request *r)
 {
     live *config = r->world->config;
     unsigned only = 0;
-    bool one = text_of(r, "rule") != NULL;
+    bool one = requests_text_of(r, "rule") != NULL;
     bool injected = json_is_true(json_object_get(r->asked, "injected"));
     if (one && injected)
-        return refuse(r, "either rule or injected");
-    if (one && !live_find(config, &only, text_of(r, "rule")) && clear_refused(r))
+        return requests_refuse(r, "either rule or injected");
+    if (one && !live_find(config, &only, requests_text_of(r, "rule")) && clear_refused(r))
         return true;
-    if (one && !find_rule(r, &only))
+    if (one && !requests_find_rule(r, &only))
         return false;
     json_t *cleared = json_array();
     for (unsigned i = 0; i < live_config(config)->rule_count; i++)
@@ -328,34 +332,35 @@ static bool run_clear(request *r)
 static bool run_fire(request *r)
 {
     unsigned index = 0;
-    if (!find_rule(r, &index))
+    if (!requests_find_rule(r, &index))
         return false;
     bool manual = live_config(r->world->config)->rules[index].manual;
     return inputs_fire(r->inputs, index) == CW_OK ||
-           refuse(r, "rule %s: %s", text_of(r, "rule"),
-                  manual ? "its count is used up" : "it is not manual");
+           requests_refuse(r, "rule %s: %s", requests_text_of(r, "rule"),
+                           manual ? "its count is used up" : "it is not manual");
 }
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
 static bool refuse_restart(request *r, unsigned node)
 {
-    const char *name = text_of(r, "node");
+    const char *name = requests_text_of(r, "node");
     cw_node_stats stats = {.state = CW_STATE_ERROR_ACTIVE};
     cw_settings settings = {.which = 0};
     (void)cw_node_get_stats(r->inputs->bus, node, &stats);
     (void)cw_node_get_settings(r->inputs->bus, node, &settings);
     if (stats.state != CW_STATE_BUS_OFF)
-        return refuse(r, "node %s: it is not bus-off but %s", name, cw_state_name(stats.state));
+        return requests_refuse(r, "node %s: it is not bus-off but %s", name,
+                               cw_state_name(stats.state));
     if (settings.restart_ticks != 0)
-        return refuse(r, "node %s: it restarts by itself, see restart-ms", name);
-    return refuse(r, "node %s: it is restarting already", name);
+        return requests_refuse(r, "node %s: it restarts by itself, see restart-ms", name);
+    return requests_refuse(r, "node %s: it is restarting already", name);
 }
 
 static bool run_restart(request *r)
 {
     unsigned node = 0;
-    return find_node(r, &node) &&
+    return requests_find_node(r, &node) &&
            (inputs_restart(r->inputs, node) == CW_OK || refuse_restart(r, node));
 }
 
@@ -365,16 +370,16 @@ static bool run_set(request *r)
     cw_settings settings = {.which = 0};
     cfg_retime time = {.given = 0};
     char error[SETTINGS_ERROR_MAX], problem[RETIME_PROBLEM_MAX];
-    if (!find_node(r, &node))
+    if (!requests_find_node(r, &node))
         return false;
     if (!settings_from_json(&settings, &time, error, json_object_get(r->asked, "settings")))
-        return refuse(r, "%s", error);
+        return requests_refuse(r, "%s", error);
     if (cfg_stops_schedule(&live_config(r->world->config)->nodes[node], &settings))
-        return refuse(r, "node %s: it has a schedule, which needs time-triggered: on",
-                      text_of(r, "node"));
+        return requests_refuse(r, "node %s: it has a schedule, which needs time-triggered: on",
+                               requests_text_of(r, "node"));
     if (inputs_set_all(r->inputs, problem, node, &settings, &time) != CW_OK)
-        return refuse(r, "node %s: %s", text_of(r, "node"),
-                      *problem ? problem : "the bus does not take these settings");
+        return requests_refuse(r, "node %s: %s", requests_text_of(r, "node"),
+                               *problem ? problem : "the bus does not take these settings");
     (void)cw_node_get_settings(r->inputs->bus, node, &settings);
     time = cfg_retime_present(&live_config(r->world->config)->nodes[node].time);
     put(r->reply, "settings", settings_to_json(&settings));
@@ -391,7 +396,7 @@ static bool run_reload(request *r)
     size_t length = 0;
     FILE *stream = r->world->reload ? open_memstream(&errors, &length) : NULL;
     if (!stream)
-        return refuse(r, r->world->reload ? "out of memory" : "there is no reload");
+        return requests_refuse(r, r->world->reload ? "out of memory" : "there is no reload");
     r->result->round = r->world->reload(r->world->reload_user, stream);
     (void)fclose(stream);
     if (r->result->round == 0)
@@ -409,7 +414,7 @@ void request_reloaded(json_t *reply, const char *errors)
     else if (text)
         (void)refuse_lines(&r, text);
     else
-        (void)refuse(&r, "out of memory");
+        (void)requests_refuse(&r, "out of memory");
     free(text);
 }
 
@@ -471,7 +476,7 @@ static json_t *parse(request *r, const char *line, size_t length)
     if (!asked)
         (void)refuse_at(r, error.text, error.line, error.column);
     else if (!json_is_object(asked))
-        (void)refuse(r, "a request is an object");
+        (void)requests_refuse(r, "a request is an object");
     if (json_is_object(asked))
         return asked;
     json_decref(asked);
@@ -483,15 +488,15 @@ static bool take_id(request *r)
 {
     json_t *id = json_object_get(r->asked, "id");
     if (id && !json_is_string(id) && !json_is_integer(id))
-        return refuse(r, "id: expected a text or a whole number");
+        return requests_refuse(r, "id: expected a text or a whole number");
     if (id)
         put(r->reply, "id", json_incref(id));
     return true;
 }
 
-static const request_kind *find_kind(request *r)
+static const request_kind *requests_find_kind(request *r)
 {
-    const char *name = text_of(r, "request");
+    const char *name = requests_text_of(r, "request");
     nearest guess = {.word = name};
     for (size_t i = 0; name && i < KINDS; i++) {
         if (strcmp(kinds[i].name, name) == 0)
@@ -499,15 +504,15 @@ static const request_kind *find_kind(request *r)
         nearest_consider(&guess, kinds[i].name);
     }
     if (!name)
-        (void)refuse(r, "request: expected a text, the name of the request");
+        (void)requests_refuse(r, "request: expected a text, the name of the request");
     else
-        (void)refuse(r, "there is no request '%.40s'%s%s%s", name,
-                     guess.best ? " (did you mean '" : "", guess.best ? guess.best : "",
-                     guess.best ? "'?)" : "");
+        (void)requests_refuse(r, "there is no request '%.40s'%s%s%s", name,
+                              guess.best ? " (did you mean '" : "", guess.best ? guess.best : "",
+                              guess.best ? "'?)" : "");
     return NULL;
 }
 
-static const request_key *find_key(const request_kind *kind, const char *name)
+static const request_key *requests_find_key(const request_kind *kind, const char *name)
 {
     for (const request_key *key = kind->keys; key->name; key++)
         if (strcmp(key->name, name) == 0)
@@ -521,7 +526,7 @@ static bool has_type(const json_t *value, json_type type)
     return json_typeof(value) == type || (type == JSON_TRUE && json_is_false(value));
 }
 
-static bool check_keys(request *r, const request_kind *kind)
+static bool requests_check_keys(request *r, const request_kind *kind)
 {
     static const char *const types[] = {[JSON_OBJECT] = "an object",
                                         [JSON_ARRAY] = "a list",
@@ -531,28 +536,28 @@ static bool check_keys(request *r, const request_kind *kind)
                                                         object */
     for (void *i = json_object_iter(members); i; i = json_object_iter_next(members, i)) {
         const char *name = json_object_iter_key(i);
-        const request_key *key = find_key(kind, name);
+        const request_key *key = requests_find_key(kind, name);
         if (strcmp(name, "id") == 0 || strcmp(name, "request") == 0)
             continue;
         if (!key)
-            return refuse(r, "%s: there is no key '%.40s'", kind->name, name);
+            return requests_refuse(r, "%s: there is no key '%.40s'", kind->name, name);
         if (!has_type(json_object_iter_value(i), key->type))
-            return refuse(r, "%s: expected %s", name, types[key->type]);
+            return requests_refuse(r, "%s: expected %s", name, types[key->type]);
     }
     for (const request_key *key = kind->keys; key->name; key++)
         if (key->required && !json_object_get(r->asked, key->name))
-            return refuse(r, "%s: the key '%s' is missing", kind->name, key->name);
+            return requests_refuse(r, "%s: the key '%s' is missing", kind->name, key->name);
     return true;
 }
 
-static bool run(request *r, size_t length)
+static bool requests_run(request *r, size_t length)
 {
-    const request_kind *kind = take_id(r) ? find_kind(r) : NULL;
+    const request_kind *kind = take_id(r) ? requests_find_kind(r) : NULL;
     if (!kind)
         return false;
     if (length > REQUEST_BYTES_MAX && !kind->whole_line)
-        return refuse(r, "%s: longer than %u bytes", kind->name, REQUEST_BYTES_MAX);
-    if (!check_keys(r, kind))
+        return requests_refuse(r, "%s: longer than %u bytes", kind->name, REQUEST_BYTES_MAX);
+    if (!requests_check_keys(r, kind))
         return false;
     r->inputs = engine_change(r->world->engine);
     bool good = kind->run(r);
@@ -568,7 +573,7 @@ json_t *request_answer(const request_world *world, request_result *result, const
     json_t *asked = parse(&r, line, length);
     r.asked = asked;
     if (asked)
-        put_bool(r.reply, "ok", run(&r, length));
+        put_bool(r.reply, "ok", requests_run(&r, length));
     json_decref(asked);
     return r.reply;
 }

@@ -115,7 +115,7 @@ static void doom(server_client *c, int error)
 }
 
 /* Writes as much as the socket takes. */
-static void flush(server_client *c)
+static void server_flush(server_client *c)
 {
     while (buffer_length(&c->out) > 0) {
         ssize_t count =
@@ -152,7 +152,7 @@ static void on_writable(struct ev_loop *loop, ev_io *io, int events)
     server_client *c = io->data;
     if (!is_watched(c, events))
         return;
-    flush(c);
+    server_flush(c);
     if (c->doomed || is_done_with(c)) {
         close_client(c);
     } else if (buffer_length(&c->out) == 0) {
@@ -189,7 +189,7 @@ size_t server_room(const server_client *client)
 static void dismiss(server_client *c, const char *why)
 {
     server_write(c, why, strlen(why));
-    flush(c);
+    server_flush(c);
     close_client(c);
 }
 
@@ -260,7 +260,7 @@ static void handle_line(server_client *c)
     buffer_take(&c->in, length + 1);
     c->searched = 0;
     c->line_waits = false;
-    flush(c);
+    server_flush(c);
     if (c->doomed)
         close_client(c);
     else if (c->held)
@@ -277,7 +277,7 @@ void server_hold(server_client *client)
 void server_go_on(server_client *client)
 {
     client->held = false;
-    flush(client);
+    server_flush(client);
     if (client->doomed)
         close_client(client);
     else
@@ -382,7 +382,7 @@ static server_client *find_idle(server *s, bool of_user, uid_t user)
 }
 
 /* Disconnects an idle client when its place is needed, and not before. */
-static void make_room(server *s, uid_t user)
+static void server_make_room(server *s, uid_t user)
 {
     server_client *idle = find_idle(s, !has_quota(s, user), user);
     if (idle)
@@ -403,7 +403,7 @@ static void take_in(server *s, server_client *c, int fd, uid_t user)
     ev_io_start(s->loop, &c->reader);
 }
 
-static void refuse(server *s, int fd)
+static void server_refuse(server *s, int fd)
 {
     (void)send(fd, s->calls->too_many, strlen(s->calls->too_many), MSG_NOSIGNAL | MSG_DONTWAIT);
     (void)close(fd);
@@ -421,7 +421,7 @@ static void admit(server *s, int fd)
     struct ucred peer;
     bool known = get_peer(&peer, fd);
     if (known && !may_come(s, peer.uid))
-        make_room(s, peer.uid);
+        server_make_room(s, peer.uid);
     for (unsigned i = 0; known && i < SERVER_CLIENTS_MAX && may_come(s, peer.uid); i++) {
         if (s->clients[i].fd >= 0)
             continue;
@@ -434,7 +434,7 @@ static void admit(server *s, int fd)
                  (intmax_t)peer.uid, (intmax_t)peer.pid);
     else if (!known && may_log(s))
         log_warning("control: a client is refused, who it is cannot be told: %s", strerror(errno));
-    refuse(s, fd);
+    server_refuse(s, fd);
 }
 
 /* Pauses accepting: without resources the socket would stay readable and the loop spin. */
@@ -557,7 +557,7 @@ static void write_last_changes(server *s)
             return;
         for (nfds_t i = 0; i < count; i++) {
             server_client *c = &s->clients[clients[i]];
-            flush(c);
+            server_flush(c);
             if (!c->doomed && buffer_length(&c->out) == 0)
                 s->calls->drained(s->user, c);
         }

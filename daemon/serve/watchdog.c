@@ -16,7 +16,7 @@ bool watchdog_advanced(watchdog *w, uint64_t tick)
     return advanced;
 }
 
-static void on_timer(struct ev_loop *loop, ev_timer *timer, int events)
+static void watchdog_on_timer(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
     (void)events;
@@ -39,7 +39,7 @@ void watchdog_start(watchdog *w, struct ev_loop *loop, engine *const *buses, siz
         return;
     *w = (watchdog){.buses = buses, .count = count, .notifier = manager};
     double period = (double)usec / 1e6 / FEEDS;
-    ev_timer_init(&w->timer, on_timer, period, period);
+    ev_timer_init(&w->timer, watchdog_on_timer, period, period);
     w->timer.data = w;
     ev_timer_start(loop, &w->timer);
 }

@@ -167,7 +167,7 @@ static bool is_about(const cfg *config, const cfg_expect *e, const cw_event *eve
     return false;
 }
 
-static void count(tally *t, unsigned place, uint64_t tick)
+static void sim_expect_count(tally *t, unsigned place, uint64_t tick)
 {
     if (t->count[place]++ == 0)
         t->first[place] = tick;
@@ -230,7 +230,7 @@ static void note_event(tally *t, const cfg_expect *e, const cw_event *event)
     const uint64_t places = is_counted_by_node(e) ? event->nodes & (e->to | e->node) : 1u;
     for (uint64_t rest = places; rest; rest &= rest - 1) {
         const unsigned place = (unsigned)__builtin_ctzll(rest);
-        count(t, place, event->tick);
+        sim_expect_count(t, place, event->tick);
         if (e->kind == CFG_EXPECT_DELAY)
             note_delay(t, e, event);
         else if (e->kind == CFG_EXPECT_GAP)
@@ -549,7 +549,7 @@ static bool judge_load(FILE *out, const cfg_expect *e, const cw_bus_stats *start
     return permille >= e->min && permille <= e->max;
 }
 
-static bool judge(FILE *out, expect *x, size_t i, const cw_bus_stats *bus)
+static bool expect_judge(FILE *out, expect *x, size_t i, const cw_bus_stats *bus)
 {
     const cfg_expect *e = &x->config->expects[i];
     if (e->when.time_begin > bus->ticks) {
@@ -567,7 +567,7 @@ static bool judge(FILE *out, expect *x, size_t i, const cw_bus_stats *bus)
     return judge_counts(out, x->config, e, &x->tallies[i]);
 }
 
-static bool conclude(expect_report *report, expect *x, size_t i, const cw_bus_stats *bus)
+static bool sim_expect_conclude(expect_report *report, expect *x, size_t i, const cw_bus_stats *bus)
 {
     const cfg_expect *e = &x->config->expects[i];
     expect_outcome o = {.name = e->name ? strdup(e->name) : NULL};
@@ -579,7 +579,7 @@ static bool conclude(expect_report *report, expect *x, size_t i, const cw_bus_st
     if (wanted)
         write_wanted(wanted, x->config, e);
     if (got)
-        o.met = judge(got, x, i, bus);
+        o.met = expect_judge(got, x, i, bus);
     o.ticks = end > begin ? end - begin : 0;
     bool good = !e->name || o.name;
     good = wanted && fclose(wanted) == 0 && good;
@@ -592,7 +592,7 @@ bool expect_conclude(expect *x, expect_report *report, const cw_bus *bus)
     cw_bus_stats stats;
     cw_bus_get_stats(bus, &stats);
     for (size_t i = 0; i < x->count; i++)
-        if (!conclude(report, x, i, &stats))
+        if (!sim_expect_conclude(report, x, i, &stats))
             return false;
     return true;
 }

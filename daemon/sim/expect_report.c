@@ -111,7 +111,7 @@ static void write_case(FILE *out, const expect_report *report, const expect_outc
     fputs("\"/>\n    </testcase>\n", out);
 }
 
-static void write_counts(FILE *out, size_t count, size_t failed)
+static void expect_report_write_counts(FILE *out, size_t count, size_t failed)
 {
     fprintf(out, " tests=\"%zu\" failures=\"%zu\" errors=\"0\"", count, failed);
 }
@@ -121,7 +121,7 @@ static void write_suite(FILE *out, const expect_suite *suite, uint64_t ticks)
     const expect_report *report = suite->report;
     fputs("  <testsuite", out);
     xml_attribute(out, "name", suite->bus);
-    write_counts(out, report->count, report->failed);
+    expect_report_write_counts(out, report->count, report->failed);
     fputs(" skipped=\"0\"", out);
     write_time(out, ticks);
     fputs(">\n", out);
@@ -139,7 +139,7 @@ void expect_report_junit(FILE *out, const expect_suite *suites, size_t count, ui
         failed += suites[i].report->failed;
     }
     fputs("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites name=\"canwire\"", out);
-    write_counts(out, all, failed);
+    expect_report_write_counts(out, all, failed);
     write_time(out, ticks);
     fputs(">\n", out);
     for (size_t i = 0; i < count; i++)

@@ -21,7 +21,7 @@ void losses_forget(losses *all)
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
-static lost_frames *find(losses *all, unsigned node, unsigned why)
+static lost_frames *losses_find(losses *all, unsigned node, unsigned why)
 {
     for (unsigned i = 0; i < all->count; i++)
         if (all->list[i].node == node && all->list[i].why == why)
@@ -46,7 +46,7 @@ void losses_event(losses *all, const cw_event *event)
 {
     if (event->kind != CW_EVENT_DROP || event->why == CW_DROP_FAULT || event->nodes == 0)
         return;
-    lost_frames *l = find(all, (unsigned)__builtin_ctzll(event->nodes), event->why);
+    lost_frames *l = losses_find(all, (unsigned)__builtin_ctzll(event->nodes), event->why);
     if (!l) {
         all->more++;
         return;
@@ -65,7 +65,7 @@ typedef struct teller {
     void *user;
 } teller;
 
-static void tell(const teller *t, const char *name, loss_words words)
+static void sim_losses_tell(const teller *t, const char *name, loss_words words)
 {
     char full[LOSS_TEXT_MAX];
     (void)snprintf(full, sizeof full, "%s%s", t->before, name);
@@ -128,11 +128,11 @@ static void tell_dropped(const teller *t)
         print_ids(ids, l);
         print_queue(queue, all, l->node);
         words.help = l->why == CW_DROP_QUEUE_FULL ? queue : help_with(node, l->why);
-        tell(t, node->name, words);
+        sim_losses_tell(t, node->name, words);
     }
     if (all->more > 0)
-        tell(t, "other nodes, or for other reasons",
-             (loss_words){.why = "dropped", .frames = all->more, .ids = "", .help = ""});
+        sim_losses_tell(t, "other nodes, or for other reasons",
+                        (loss_words){.why = "dropped", .frames = all->more, .ids = "", .help = ""});
 }
 
 /* ---- Frames that were never sent ------------------------------------------------------------- */
@@ -159,8 +159,9 @@ static void tell_waiting(const teller *t)
             continue;
         const char *why = why_waiting(&config->nodes[i], &stats);
         if (why)
-            tell(t, config->nodes[i].name,
-                 (loss_words){.why = "not sent", .frames = stats.queue, .ids = "", .help = why});
+            sim_losses_tell(
+                t, config->nodes[i].name,
+                (loss_words){.why = "not sent", .frames = stats.queue, .ids = "", .help = why});
     }
 }
 
@@ -215,8 +216,9 @@ static void tell_rules(const teller *t)
             (t->all->of_row && waits_for_program(t->all, rule)))
             continue;
         print_reason(reason, t, rule);
-        tell(t, rule->name,
-             (loss_words){.is_rule = true, .why = "never matched", .ids = "", .help = reason});
+        sim_losses_tell(
+            t, rule->name,
+            (loss_words){.is_rule = true, .why = "never matched", .ids = "", .help = reason});
     }
 }
 

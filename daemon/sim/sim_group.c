@@ -27,7 +27,7 @@ static bool go(void *user, size_t bus, uint64_t tick)
     return true;
 }
 
-static meeting_outlook look(void *user, size_t bus)
+static meeting_outlook sim_group_look(void *user, size_t bus)
 {
     sim_group *g = user;
     sim_run *run = g->runs[bus];
@@ -35,8 +35,8 @@ static meeting_outlook look(void *user, size_t bus)
                         run->plan, run->config);
 }
 
-static cw_status send_frame(void *user, size_t bus, unsigned node, const cw_frame *frame,
-                            uint64_t received, uint64_t at_tick)
+static cw_status sim_group_send_frame(void *user, size_t bus, unsigned node, const cw_frame *frame,
+                                      uint64_t received, uint64_t at_tick)
 {
     sim_group *g = user;
     sim_run *run = g->runs[bus];
@@ -49,11 +49,11 @@ static cw_status send_frame(void *user, size_t bus, unsigned node, const cw_fram
 
 bool sim_group_open(sim_group *g, const rig *config)
 {
-    static const meeting_calls calls = {.go = go, .look = look};
+    static const meeting_calls calls = {.go = go, .look = sim_group_look};
     g->rest_from = CW_NEVER;
     g->meeting = (meeting){.calls = &calls, .user = g, .bus_count = config ? config->bus_count : 1};
     if (config)
-        g->meeting.gateways = gateways_new(config, send_frame, g);
+        g->meeting.gateways = gateways_new(config, sim_group_send_frame, g);
     return !config || g->meeting.gateways;
 }
 
@@ -363,7 +363,7 @@ static void tell_quiet(const sim_group *g)
 }
 
 /* Goes on to a tick and returns it. CW_NEVER: nothing is to be expected. */
-static uint64_t go_on(sim_group *g)
+static uint64_t sim_group_go_on(sim_group *g)
 {
     const uint64_t sure = sure_tick(g);
     const uint64_t far = g->step ? step_of(g, sure) : sure;
@@ -383,7 +383,7 @@ void sim_group_simulate(sim_group *g)
            !(until_of(g) == CW_NEVER && traffic_is_over(g))) {
         if (until_of(g) == CW_NEVER)
             skip_meetings(g, tick);
-        tick = go_on(g);
+        tick = sim_group_go_on(g);
     }
     const uint64_t until = until_of(g);
     if (until == CW_NEVER && tick == CW_NEVER)

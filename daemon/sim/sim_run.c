@@ -26,7 +26,7 @@ static void wipe(const sim_run *s)
 }
 
 /* Reports about replayed files. */
-static void report(void *user, bool failed, const char *text)
+static void sim_run_report(void *user, bool failed, const char *text)
 {
     sim_run *s = user;
     if (!s->messages)
@@ -35,7 +35,8 @@ static void report(void *user, bool failed, const char *text)
     plain_print(s->messages, "%s%s\n", failed ? "" : SIM_NOTE, text);
 }
 
-static void describe(cw_bus_config *out, cw_node_config nodes[CW_NODES_MAX], const sim_run *s)
+static void sim_run_describe(cw_bus_config *out, cw_node_config nodes[CW_NODES_MAX],
+                             const sim_run *s)
 {
     cfg_bus_config(out, nodes, s->config);
     out->inbox = INBOX_FRAMES;
@@ -48,9 +49,9 @@ static void describe(cw_bus_config *out, cw_node_config nodes[CW_NODES_MAX], con
 }
 
 /* Makes the bus at time 0 in its memory, and its plan. */
-static bool make(sim_run *s, const cw_bus_config *bus_config)
+static bool sim_run_make(sim_run *s, const cw_bus_config *bus_config)
 {
-    s->plan = release_plan_new(s->config, report, s);
+    s->plan = release_plan_new(s->config, sim_run_report, s);
     s->bus = s->plan ? bus_init(s->memory, bus_config) : NULL;
     if (!s->bus)
         return false;
@@ -76,8 +77,8 @@ static bool open_run(sim_run *s)
 {
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
-    describe(&bus_config, nodes, s);
-    return reserve(s, &bus_config) && make(s, &bus_config);
+    sim_run_describe(&bus_config, nodes, s);
+    return reserve(s, &bus_config) && sim_run_make(s, &bus_config);
 }
 
 bool sim_open(sim_run *s, const cfg *config, FILE *messages)
@@ -101,7 +102,7 @@ bool sim_restart(sim_run *s)
 {
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
-    describe(&bus_config, nodes, s);
+    sim_run_describe(&bus_config, nodes, s);
     release_plan_free(s->plan);
     s->last_activity = 0;
     s->last_rule = 0;
@@ -109,7 +110,7 @@ bool sim_restart(sim_run *s)
     s->watching = false;
     s->calm_bits = 0;
     s->plan = NULL;
-    if (!reserve(s, &bus_config) || !make(s, &bus_config))
+    if (!reserve(s, &bus_config) || !sim_run_make(s, &bus_config))
         return false;
     if (s->syncs)
         cw_bus_set_sync_records(s->bus, s->syncs);
@@ -132,7 +133,7 @@ bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus, FILE *messages)
                    .until = CW_NEVER,
                    .careful_from = CW_NEVER,
                    .messages = messages};
-    s->plan = release_plan_new(&no_traffic, report, s);
+    s->plan = release_plan_new(&no_traffic, sim_run_report, s);
     return s->plan != NULL;
 }
 
@@ -168,7 +169,7 @@ void sim_stop(sim_run *s, uint64_t tick)
 
 /* ---- The run --------------------------------------------------------------------------------- */
 
-static void pass_on(sim_run *s, const cw_event *event)
+static void sim_run_pass_on(sim_run *s, const cw_event *event)
 {
     s->calm_bits = 0;
     if (event->tick > s->until)
@@ -185,7 +186,7 @@ static void pass_on_events(sim_run *s)
     cw_event_row events;
     while (events = cw_bus_peek(s->bus), events.count > 0) {
         for (unsigned i = 0; i < events.count; i++)
-            pass_on(s, cw_event_at(&events, i));
+            sim_run_pass_on(s, cw_event_at(&events, i));
         cw_bus_take(s->bus, events.count);
     }
 }
@@ -194,7 +195,7 @@ void sim_pass_on(sim_run *s, const cw_event *event)
 {
     pass_on_events(s);
     if (event)
-        pass_on(s, event);
+        sim_run_pass_on(s, event);
 }
 
 /* A run that is careful from a tick on is expected to end there. */
@@ -278,7 +279,7 @@ static void advance_bit(sim_run *s)
 }
 
 /* Returns true when the run must end now, whatever is pending. */
-static bool is_over(const sim_run *s)
+static bool sim_run_is_over(const sim_run *s)
 {
     return s->stopped || release_failed(s->plan);
 }
@@ -296,10 +297,10 @@ static uint64_t next_look(const sim_run *s)
 /* Advances to a tick. Bits that no sink wants are left to the bus, which may skip them. The last
  * ones before a wanted time go singly: where bits have several lengths none need begin just then.
  * Ends early when a replay at full speed may send. */
-static void advance(sim_run *s, uint64_t tick)
+static void sim_run_advance(sim_run *s, uint64_t tick)
 {
     bool there = false;
-    while (!is_over(s) && cw_bus_tick_after(s->bus, 1) <= tick) {
+    while (!sim_run_is_over(s) && cw_bus_tick_after(s->bus, 1) <= tick) {
         uint64_t wanted = next_wanted(s);
         uint64_t look = next_look(s);
         uint64_t end = least(tick, least(look, s->careful_from));
@@ -322,7 +323,7 @@ static void advance(sim_run *s, uint64_t tick)
         if (release_next_tick(s->plan) <= cw_bus_tick_after(s->bus, 1))
             return;
     }
-    if (!is_over(s) && !there)
+    if (!sim_run_is_over(s) && !there)
         advance_bus(s, tick);
 }
 
@@ -348,12 +349,12 @@ static uint64_t quiet_end(sim_run *s)
  * their order within that tick. */
 static void hand_in_due(sim_run *s, uint64_t tick)
 {
-    while (!is_over(s) && release_next_tick(s->plan) == tick) {
+    while (!sim_run_is_over(s) && release_next_tick(s->plan) == tick) {
         unsigned node;
         bool frame = release_first(s->plan, &node) != NULL;
         const cw_status status = release_hand_in(s->plan, s->bus);
         if (status == CW_FULL) /* to the end of the bit in which it leaves */
-            advance(s, cw_bus_inbox_first(s->bus) + cw_rate_ticks(s->config->rate, 1) - 1);
+            sim_run_advance(s, cw_bus_inbox_first(s->bus) + cw_rate_ticks(s->config->rate, 1) - 1);
         else if (frame && status == CW_OK)
             s->last_activity = tick;
     }
@@ -363,7 +364,7 @@ static void hand_in_due(sim_run *s, uint64_t tick)
 static bool run_releases(sim_run *s)
 {
     release_look(s->plan, s->bus);
-    while (!is_over(s)) {
+    while (!sim_run_is_over(s)) {
         uint64_t tick = release_next_tick(s->plan);
         uint64_t bit_end = cw_bus_tick_after(s->bus, 1);
         bool fast = release_is_fast(s->plan);
@@ -376,7 +377,7 @@ static bool run_releases(sim_run *s)
         if (bit_end < tick && target < bit_end)
             return false;
         if (bit_end < tick)
-            advance(s, target);
+            sim_run_advance(s, target);
         else if (tick > quiet_end(s))
             return false;
         else
@@ -444,10 +445,10 @@ static uint64_t sure_until(const sim_run *s, uint64_t tick)
 /* Looks at each bit that may be the last one: the run ends in exactly the documented bit. */
 static void run_out(sim_run *s)
 {
-    while (!is_over(s) && !traffic_is_over(s) && cw_bus_now(s->bus) < quiet_end(s)) {
+    while (!sim_run_is_over(s) && !traffic_is_over(s) && cw_bus_now(s->bus) < quiet_end(s)) {
         const uint64_t bit = cw_bus_tick_after(s->bus, 1);
         const uint64_t sure = sure_until(s, quiet_end(s) - 1);
-        advance(s, sure > bit ? sure : bit);
+        sim_run_advance(s, sure > bit ? sure : bit);
     }
 }
 
@@ -463,9 +464,9 @@ bool sim_has_own_bits(const sim_run *s)
  * may end their own bits before. */
 static void run_until(sim_run *s)
 {
-    advance(s, s->until);
-    if (!is_over(s) && (cw_bus_inbox_first(s->bus) <= s->until || sim_has_own_bits(s)))
-        advance(s, s->until + cw_rate_ticks(s->config->rate, 1));
+    sim_run_advance(s, s->until);
+    if (!sim_run_is_over(s) && (cw_bus_inbox_first(s->bus) <= s->until || sim_has_own_bits(s)))
+        sim_run_advance(s, s->until + cw_rate_ticks(s->config->rate, 1));
 }
 
 /* Returns the events that sinks want. Lost arbitrations cost most with many nodes, and few sinks
@@ -503,8 +504,8 @@ bool sim_advance(sim_run *s, uint64_t tick)
     if (tick > s->until)
         run_until(s);
     else
-        advance(s, tick);
-    return tick <= s->until && !is_over(s);
+        sim_run_advance(s, tick);
+    return tick <= s->until && !sim_run_is_over(s);
 }
 
 void sim_change(sim_run *s, const cfg *config, cw_bus *bus)
@@ -555,7 +556,8 @@ bool sim_go(sim_run *s)
     else if (released)
         run_out(s);
     sim_end(s);
-    if (s->messages && s->until == CW_NEVER && !is_over(s) && !(released && traffic_is_over(s)))
+    if (s->messages && s->until == CW_NEVER && !sim_run_is_over(s) &&
+        !(released && traffic_is_over(s)))
         tell_end(s, released);
     return !release_failed(s->plan);
 }
@@ -566,13 +568,13 @@ bool sim_go(sim_run *s)
 static void release_before(sim_run *s, uint64_t limit, uint64_t end)
 {
     release_look(s->plan, s->bus);
-    while (!is_over(s)) {
+    while (!sim_run_is_over(s)) {
         const uint64_t tick = release_next_tick(s->plan);
         const uint64_t bit_end = cw_bus_tick_after(s->bus, 1);
         if (tick < limit && tick <= bit_end)
             hand_in_due(s, tick);
         else if (bit_end <= end)
-            advance(s, tick < limit ? tick - 1 : end);
+            sim_run_advance(s, tick < limit ? tick - 1 : end);
         else
             break;
     }
@@ -590,7 +592,7 @@ void sim_release_before(sim_run *s, uint64_t end)
 
 bool sim_owes_events(const sim_run *s, uint64_t tick)
 {
-    return !is_over(s) && cw_bus_now(s->bus) < tick &&
+    return !sim_run_is_over(s) && cw_bus_now(s->bus) < tick &&
            (cw_bus_inbox_first(s->bus) <= tick || sim_has_own_bits(s));
 }
 

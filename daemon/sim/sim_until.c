@@ -25,7 +25,7 @@ static const char expected[] =
     (1u << CW_EVENT_RX | 1u << CW_EVENT_TX | 1u << CW_EVENT_DROP |                                 \
      1u << CW_EVENT_ARBITRATION_LOST | 1u << CW_EVENT_IMPROPER | 1u << CW_EVENT_OVERRUN)
 
-static bool fail(const sim_until *u, const char *problem)
+static bool sim_until_fail(const sim_until *u, const char *problem)
 {
     if (u->run->messages)
         plain_print(u->run->messages, "%s%s: %s\n", u->before, u->text, problem);
@@ -38,7 +38,7 @@ static bool same(const char *word, size_t length, const char *name)
 }
 
 /* Finds the kind or the state for a word; returns false for other words. */
-static bool find_kind(sim_until *u, const char *word, size_t length)
+static bool sim_until_find_kind(sim_until *u, const char *word, size_t length)
 {
     for (unsigned kind = 0; kind < CW_EVENT_COUNT; kind++) {
         const char *name = cw_event_name((cw_event_kind)kind);
@@ -58,7 +58,7 @@ static bool find_kind(sim_until *u, const char *word, size_t length)
     return false;
 }
 
-static int find_node(const cfg *config, const char *word, size_t length)
+static int sim_until_find_node(const cfg *config, const char *word, size_t length)
 {
     for (size_t i = 0; i < config->node_count; i++)
         if (same(word, length, config->nodes[i].name))
@@ -91,14 +91,14 @@ static bool fail_unknown(sim_until *u, const char *what, const char *word, size_
 static bool fail_word(const sim_until *u, const char *word, size_t length)
 {
     if (same(word, length, "record"))
-        return fail(u, "recordings are canwired's, canwire sim has no such events");
+        return sim_until_fail(u, "recordings are canwired's, canwire sim has no such events");
     if (u->run->messages)
         plain_print(u->run->messages, "%s%s: there is no event '%.*s': %s\n", u->before, u->text,
                     (int)length, word, expected);
     return false;
 }
 
-static bool find_rule(sim_until *u, const char *name)
+static bool sim_until_find_rule(sim_until *u, const char *name)
 {
     const cfg *config = u->run->config;
     for (size_t i = 0; i < config->rule_count; i++)
@@ -119,19 +119,19 @@ static bool fail_behind(const sim_until *u, const char *which)
 static bool read_which(sim_until *u, const char *which)
 {
     if (u->kinds & 1u << CW_EVENT_FAULT)
-        return find_rule(u, which);
+        return sim_until_find_rule(u, which);
     if (!(u->kinds & FRAME_KINDS))
         return fail_behind(u, which);
     const char *problem =
         text_parse_filters(u->filters, &u->filter_count, CW_RULE_FILTERS_MAX, which);
-    return !problem || fail(u, problem);
+    return !problem || sim_until_fail(u, problem);
 }
 
 /* Reads "KIND" or "KIND:WHICH". */
 static bool read_kind(sim_until *u, const char *text)
 {
     size_t length = strcspn(text, ":");
-    if (!find_kind(u, text, length))
+    if (!sim_until_find_kind(u, text, length))
         return fail_word(u, text, length);
     return text[length] == '\0' || read_which(u, text + length + 1);
 }
@@ -142,12 +142,12 @@ static bool read_event(sim_until *u, const char *text)
 {
     size_t length = strcspn(text, ":");
     sim_until probe = *u;
-    bool event_itself = find_kind(&probe, text, length);
+    bool event_itself = sim_until_find_kind(&probe, text, length);
     const char *rest = text[length] == ':' ? text + length + 1 : NULL;
-    int node = rest ? find_node(u->run->config, text, length) : -1;
+    int node = rest ? sim_until_find_node(u->run->config, text, length) : -1;
     if (!rest || (node < 0 && event_itself))
         return read_kind(u, text);
-    bool event_follows = find_kind(&probe, rest, strcspn(rest, ":"));
+    bool event_follows = sim_until_find_kind(&probe, rest, strcspn(rest, ":"));
     if (!event_follows && (event_itself || node < 0))
         return read_kind(u, text);
     if (!event_follows)
@@ -155,7 +155,7 @@ static bool read_event(sim_until *u, const char *text)
     if (node < 0)
         return fail_unknown(u, "node", text, length);
     if (probe.kinds & BUS_KINDS)
-        return fail(u, "faults and skips are events of the bus, not of a node");
+        return sim_until_fail(u, "faults and skips are events of the bus, not of a node");
     u->nodes = UINT64_C(1) << node;
     return read_kind(u, rest);
 }

@@ -170,7 +170,8 @@ static bool refuse_all(char problem[TIMING_PROBLEM_MAX], const timing_request *r
 
 /* Tries all numbers of quanta. When none is possible, the message is about the largest one that
  * the clock can be divided into. */
-static bool choose(bit_timing *out, char problem[TIMING_PROBLEM_MAX], const timing_request *r)
+static bool segments_choose(bit_timing *out, char problem[TIMING_PROBLEM_MAX],
+                            const timing_request *r)
 {
     choice best = {.found = false};
     bool divisible = false;
@@ -196,5 +197,5 @@ bool timing_by_segments(bit_timing *out, char problem[TIMING_PROBLEM_MAX],
     assert(request->round_trip_ns <= TIMING_NS_MAX);
     if (request->quanta > 0)
         return divide(out, problem, request, request->quanta);
-    return choose(out, problem, request);
+    return segments_choose(out, problem, request);
 }

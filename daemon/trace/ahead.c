@@ -64,7 +64,7 @@ static unsigned read_piece(trace_ahead *a, item items[PIECE], bool *more)
 }
 
 /* Appends entries to the queue. Returns false when it is closed. The lock is held. */
-static bool add(trace_ahead *a, const item *items, unsigned count)
+static bool ahead_add(trace_ahead *a, const item *items, unsigned count)
 {
     while (a->count + count > TRACE_AHEAD_ENTRIES && !a->closed)
         (void)pthread_cond_wait(&a->changed, &a->lock);
@@ -73,7 +73,7 @@ static bool add(trace_ahead *a, const item *items, unsigned count)
     return !a->closed;
 }
 
-static void *run(void *argument)
+static void *ahead_run(void *argument)
 {
     trace_ahead *a = argument;
     item items[PIECE];
@@ -82,7 +82,7 @@ static void *run(void *argument)
     while (more && wanted) {
         unsigned count = read_piece(a, items, &more);
         (void)pthread_mutex_lock(&a->lock);
-        wanted = add(a, items, count);
+        wanted = ahead_add(a, items, count);
         a->ended = !more || !wanted;
         (void)pthread_cond_broadcast(&a->changed);
         (void)pthread_mutex_unlock(&a->lock);
@@ -103,7 +103,7 @@ trace_ahead *trace_ahead_start(trace_reader *reader, bool again)
     (void)pthread_mutex_init(&a->lock, NULL);
     thread_init_condition(&a->changed);
     a->reader = reader;
-    if (thread_start_alone(run, a) == 0)
+    if (thread_start_alone(ahead_run, a) == 0)
         return a;
     a->reader = NULL;
     free_ahead(a);

@@ -35,7 +35,7 @@ static bool begins(const char *text, const char *words)
 }
 
 /* Reads a word of `length` characters in the base of the file. */
-static bool read_number(uint32_t *value, const asc_state *s, const char *word, size_t length)
+static bool asc_read_number(uint32_t *value, const asc_state *s, const char *word, size_t length)
 {
     uint32_t sum = 0;
     if (!s->decimal)
@@ -89,12 +89,13 @@ static trace_result read_header(trace_input *in, asc_state *s, const char *text)
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
 /* Reads "123" or "54C5638x". */
-static trace_result read_id(trace_input *in, const asc_state *s, trace_record *r, const char *word)
+static trace_result asc_read_id(trace_input *in, const asc_state *s, trace_record *r,
+                                const char *word)
 {
     size_t length = trace_word(word);
     bool extended = length > 1 && (word[length - 1] == 'x' || word[length - 1] == 'X');
     uint32_t id = 0;
-    if (!read_number(&id, s, word, extended ? length - 1 : length))
+    if (!asc_read_number(&id, s, word, extended ? length - 1 : length))
         return trace_bad_text(in, word,
                               "'%.*s': expected an identifier in base %s, with x behind an "
                               "extended one (names in place of identifiers are not understood)",
@@ -112,7 +113,7 @@ static trace_result read_bytes(trace_input *in, const asc_state *s, trace_record
 {
     uint32_t value = 0;
     for (unsigned i = 0; i < length; i++) {
-        if (!read_number(&value, s, *word, trace_word(*word)) || value > UINT8_MAX)
+        if (!asc_read_number(&value, s, *word, trace_word(*word)) || value > UINT8_MAX)
             return trace_bad_text(in, *word, "expected %u data bytes in the file's base", length);
         r->frame.data[i] = (uint8_t)value;
         *word = next_word(*word);
@@ -121,17 +122,17 @@ static trace_result read_bytes(trace_input *in, const asc_state *s, trace_record
 }
 
 /* Reads "8 00 11 ..."; words such as "Length = 228000 BitCount = 118 ID = 54x" may follow. */
-static trace_result read_data(trace_input *in, const asc_state *s, trace_record *r,
-                              const char *word)
+static trace_result asc_read_data(trace_input *in, const asc_state *s, trace_record *r,
+                                  const char *word)
 {
     uint32_t value = 0;
-    if (!read_number(&value, s, word, trace_word(word)) || value > DLC_MAX)
+    if (!asc_read_number(&value, s, word, trace_word(word)) || value > DLC_MAX)
         return trace_bad_text(in, word, "expected a data length code, 0 to 15 in the file's base");
     r->frame.dlc = (uint8_t)value;
     word = next_word(word);
     if (read_bytes(in, s, r, cw_frame_length(&r->frame), &word) != TRACE_RECORD)
         return TRACE_BAD;
-    if (read_number(&value, s, word, trace_word(word)))
+    if (asc_read_number(&value, s, word, trace_word(word)))
         return trace_bad_text(in, word, "more data bytes than the data length code says, %u",
                               r->frame.dlc);
     return TRACE_RECORD;
@@ -142,7 +143,7 @@ static trace_result read_remote(trace_input *in, const asc_state *s, trace_recor
                                 const char *word)
 {
     uint32_t dlc = 0;
-    if (read_number(&dlc, s, word, trace_word(word)) && dlc > DLC_MAX)
+    if (asc_read_number(&dlc, s, word, trace_word(word)) && dlc > DLC_MAX)
         return trace_bad_text(in, word, "expected a data length code, 0 to 15 in the file's base");
     r->frame.flags |= CW_FRAME_REMOTE;
     r->frame.dlc = (uint8_t)dlc;
@@ -175,11 +176,11 @@ static trace_result read_fd_head(trace_input *in, const asc_state *s, trace_reco
         *word = next_word(*word);
     if (!read_digit(&brs, word) || !read_digit(&esi, word))
         return trace_bad_text(in, *word, "expected BRS and ESI of a CAN FD frame, 0 or 1");
-    if (!read_number(&dlc, s, *word, trace_word(*word)) || dlc > DLC_MAX)
+    if (!asc_read_number(&dlc, s, *word, trace_word(*word)) || dlc > DLC_MAX)
         return trace_bad_text(in, *word, "expected a data length code, 0 to 15 in the file's base");
     *word = next_word(*word);
     const asc_state decimal = {.decimal = true};
-    if (!read_number(&value, &decimal, *word, trace_word(*word)) || value > CW_FRAME_DATA_MAX)
+    if (!asc_read_number(&value, &decimal, *word, trace_word(*word)) || value > CW_FRAME_DATA_MAX)
         return trace_bad_text(in, *word, "expected a number of data bytes, 0 to 64");
     r->frame.flags |= (uint8_t)((brs ? CW_FRAME_BRS : 0) | (esi ? CW_FRAME_ESI : 0));
     r->frame.dlc = (uint8_t)dlc;
@@ -219,7 +220,7 @@ static trace_result read_fd_event(trace_input *in, const asc_state *s, trace_rec
         return TRACE_RECORD;
     }
     word = next_word(word);
-    if (read_id(in, s, r, word) != TRACE_RECORD)
+    if (asc_read_id(in, s, r, word) != TRACE_RECORD)
         return TRACE_BAD;
     word = next_word(word);
     if (read_fd_head(in, s, r, &length, &word) != TRACE_RECORD ||
@@ -251,9 +252,9 @@ static trace_result read_channel_event(trace_input *in, const asc_state *s, trac
         r->kind = TRACE_OTHER;
         return TRACE_RECORD;
     }
-    if (read_id(in, s, r, word) != TRACE_RECORD)
+    if (asc_read_id(in, s, r, word) != TRACE_RECORD)
         return TRACE_BAD;
-    return data ? read_data(in, s, r, next_word(type)) : read_remote(in, s, r, next_word(type));
+    return data ? asc_read_data(in, s, r, next_word(type)) : read_remote(in, s, r, next_word(type));
 }
 
 static trace_result read_event(trace_input *in, asc_state *s, trace_record *r, const char *text)

@@ -143,7 +143,7 @@ static const char *read_direction(uint8_t *fd_flags, const char *text)
     return text;
 }
 
-static trace_result read_id(trace_input *in, trace_record *r, const char **text)
+static trace_result candump_read_id(trace_input *in, trace_record *r, const char **text)
 {
     uint32_t id = 0;
     size_t digits = trace_word(*text);
@@ -228,7 +228,8 @@ static void reverse(uint8_t *bytes, unsigned count)
 }
 
 /* Reads the data. With -S the last byte comes first, and ` separates the bytes. */
-static trace_result read_data(trace_input *in, trace_record *r, unsigned count, const char *text)
+static trace_result candump_read_data(trace_input *in, trace_record *r, unsigned count,
+                                      const char *text)
 {
     bool swapped = false;
     for (unsigned i = 0; i < count; i++) {
@@ -253,14 +254,15 @@ static trace_result read_screen_frame(trace_input *in, trace_record *r, const ch
     uint8_t fd_flags;
     unsigned count = 0; /* compilers do not see that it is assigned */
     text = read_direction(&fd_flags, text);
-    if (read_id(in, r, &text) != TRACE_RECORD || read_length(in, r, &count, &text) != TRACE_RECORD)
+    if (candump_read_id(in, r, &text) != TRACE_RECORD ||
+        read_length(in, r, &count, &text) != TRACE_RECORD)
         return TRACE_BAD;
     if (r->kind == TRACE_FD_FRAME)
         r->frame.flags |= fd_flags;
     if (r->kind != TRACE_FRAME && r->kind != TRACE_FD_FRAME)
         return TRACE_RECORD;
     if (r->kind == TRACE_FD_FRAME || strncmp(text, remote, strlen(remote)) != 0)
-        return read_data(in, r, count, text);
+        return candump_read_data(in, r, count, text);
     r->frame.flags |= CW_FRAME_REMOTE;
     text = trace_blanks(text + strlen(remote));
     if (*text != '\0')
@@ -270,7 +272,7 @@ static trace_result read_screen_frame(trace_input *in, trace_record *r, const ch
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
 
-static trace_result read_line(trace_input *in, candump_state *s, trace_record *r)
+static trace_result candump_read_line(trace_input *in, candump_state *s, trace_record *r)
 {
     const char *text = trace_blanks(in->text);
     r->place = in->line;
@@ -302,7 +304,7 @@ trace_result candump_next(trace_input *in, candump_state *state, trace_record *r
         bool explanation = state->explains && in->text[0] == '\t'; /* candump -e */
         if (explanation || *trace_blanks(in->text) == '\0')
             continue;
-        result = read_line(in, state, record);
+        result = candump_read_line(in, state, record);
         state->explains = record->kind == TRACE_ERROR_FRAME;
         return result;
     }

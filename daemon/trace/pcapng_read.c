@@ -67,7 +67,7 @@ static trace_result need(trace_input *in, const unsigned char **bytes, size_t co
 }
 
 /* Refuses the file as a whole. */
-static trace_result refuse(trace_input *in)
+static trace_result pcapng_read_refuse(trace_input *in)
 {
     in->failed = true;
     return TRACE_BAD;
@@ -106,8 +106,8 @@ typedef struct packet {
     uint16_t link_type;
 } packet;
 
-static trace_result read_data(trace_input *in, trace_record *r, const packet *p,
-                              const unsigned char *b)
+static trace_result pcapng_take_data(trace_input *in, trace_record *r, const packet *p,
+                                     const unsigned char *b)
 {
     unsigned length = b[4];
     if (p->captured < CAN_HEAD + length)
@@ -119,7 +119,7 @@ static trace_result read_data(trace_input *in, trace_record *r, const packet *p,
 }
 
 /* Reads the identifier and whether it is an extended one. */
-static trace_result read_id(trace_input *in, trace_record *r, const packet *p, uint32_t id)
+static trace_result pcapng_take_id(trace_input *in, trace_record *r, const packet *p, uint32_t id)
 {
     r->frame.flags = (uint8_t)(id & CAN_EXTENDED ? CW_FRAME_EXTENDED : 0);
     r->frame.id = id & (CAN_REMOTE - 1);
@@ -129,21 +129,21 @@ static trace_result read_id(trace_input *in, trace_record *r, const packet *p, u
     return TRACE_RECORD;
 }
 
-static trace_result read_frame(trace_input *in, trace_record *r, const packet *p,
-                               const unsigned char *b)
+static trace_result pcapng_take_frame(trace_input *in, trace_record *r, const packet *p,
+                                      const unsigned char *b)
 {
     uint32_t id = big32(b);
     uint8_t length = b[4];
     if (length > 8)
         return trace_bad_byte(in, p->place, "a classical CAN frame with %u data bytes", length);
-    if (read_id(in, r, p, id) != TRACE_RECORD)
+    if (pcapng_take_id(in, r, p, id) != TRACE_RECORD)
         return TRACE_BAD;
     r->frame.dlc = length == 8 && b[7] > 8 && b[7] <= 15 ? b[7] : length;
     if (id & CAN_REMOTE) {
         r->frame.flags |= CW_FRAME_REMOTE;
         return TRACE_RECORD;
     }
-    return read_data(in, r, p, b);
+    return pcapng_take_data(in, r, p, b);
 }
 
 /* Reads a CAN FD frame. A length that none has is rounded up (D2), as drivers do. */
@@ -153,12 +153,12 @@ static trace_result read_fd_frame(trace_input *in, trace_record *r, const packet
     uint8_t length = b[4];
     if (length > CW_FRAME_DATA_MAX)
         return trace_bad_byte(in, p->place, "a CAN FD frame with %u data bytes", length);
-    if (read_id(in, r, p, big32(b) & ~CAN_REMOTE & ~CAN_ERROR) != TRACE_RECORD)
+    if (pcapng_take_id(in, r, p, big32(b) & ~CAN_REMOTE & ~CAN_ERROR) != TRACE_RECORD)
         return TRACE_BAD;
     r->frame.flags |= (uint8_t)(CW_FRAME_FD | (b[5] & CAN_BRS ? CW_FRAME_BRS : 0) |
                                 (b[5] & CAN_ESI ? CW_FRAME_ESI : 0));
     r->frame.dlc = (uint8_t)cw_fd_dlc(length);
-    return read_data(in, r, p, b);
+    return pcapng_take_data(in, r, p, b);
 }
 
 /* Takes the bytes of a packet, and the padding up to `space`. */
@@ -185,7 +185,7 @@ static trace_result read_packet(trace_input *in, trace_record *r, const packet *
     else if (big32(b) & CAN_ERROR)
         r->kind = TRACE_ERROR_FRAME;
     if (r->kind == TRACE_FRAME)
-        result = read_frame(in, r, p, b);
+        result = pcapng_take_frame(in, r, p, b);
     else if (r->kind == TRACE_FD_FRAME)
         result = read_fd_frame(in, r, p, b);
     return result == TRACE_RECORD ? trace_skip(in, space - count) : result;
@@ -507,7 +507,7 @@ static trace_result read_classic_head(trace_input *in, pcap_state *s)
 {
     const unsigned char *b;
     if (need(in, &b, PCAP_HEAD) != TRACE_RECORD)
-        return refuse(in);
+        return pcapng_read_refuse(in);
     bool ns = big32(b) == PCAP_NS || big32(b) == __builtin_bswap32(PCAP_NS);
     s->big_endian = big32(b) == PCAP_NS || big32(b) == PCAP_US;
     s->interfaces[0] = (pcap_interface){.link_type = (uint16_t)(get32(s, b + 20) & 0xFFFFu),
@@ -538,7 +538,7 @@ static trace_result read_classic(trace_input *in, pcap_state *s, trace_record *r
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
-static trace_result begin(trace_input *in, pcap_state *s)
+static trace_result pcapng_read_begin(trace_input *in, pcap_state *s)
 {
     const unsigned char *b;
     size_t count = trace_peek(in, &b, BLOCK_HEAD + 4);
@@ -554,12 +554,12 @@ static trace_result begin(trace_input *in, pcap_state *s)
     if (magic == BLOCK_SHB && count == BLOCK_HEAD + 4)
         return TRACE_RECORD;
     (void)trace_bad_byte(in, 0, "this is neither pcapng nor pcap");
-    return refuse(in);
+    return pcapng_read_refuse(in);
 }
 
 trace_result pcapng_next(trace_input *in, pcap_state *state, trace_record *record)
 {
-    if (!state->begun && begin(in, state) != TRACE_RECORD)
+    if (!state->begun && pcapng_read_begin(in, state) != TRACE_RECORD)
         return TRACE_BAD;
     if (state->classic)
         return read_classic(in, state, record);

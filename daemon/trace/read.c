@@ -35,12 +35,12 @@ struct trace_reader {
 };
 
 static trace_format detect(trace_input *in);
-static void start(trace_reader *reader);
+static void trace_read_start(trace_reader *reader);
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 /* Opens a regular file, never a pipe or a device, on which reading could wait. */
-static bool open_file(trace_reader *reader, const char *file, char problem[TRACE_PROBLEM_MAX])
+static bool read_open_file(trace_reader *reader, const char *file, char problem[TRACE_PROBLEM_MAX])
 {
     struct stat info;
     reader->input.fd = open(file, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
@@ -69,7 +69,7 @@ trace_reader *trace_open(const char *file, trace_format format, char problem[TRA
     }
     reader->file = name;
     reader->input.file = name;
-    if (!open_file(reader, file, problem)) {
+    if (!read_open_file(reader, file, problem)) {
         trace_close(reader);
         return NULL;
     }
@@ -79,7 +79,7 @@ trace_reader *trace_open(const char *file, trace_format format, char problem[TRA
         trace_close(reader);
         return NULL;
     }
-    start(reader);
+    trace_read_start(reader);
     return reader;
 }
 
@@ -93,7 +93,7 @@ void trace_close(trace_reader *reader)
     free(reader);
 }
 
-static void start(trace_reader *reader)
+static void trace_read_start(trace_reader *reader)
 {
     memset(&reader->state, 0, sizeof reader->state);
     reader->damaged = 0;
@@ -109,7 +109,7 @@ bool trace_rewind(trace_reader *reader)
         return false;
     in->line = 0;
     in->amid = false;
-    start(reader);
+    trace_read_start(reader);
     return true;
 }
 
@@ -220,7 +220,7 @@ static trace_result next_entry(trace_reader *reader, trace_record *record)
 }
 
 /* Refuses a file without a whole frame, for the first entry that is not whole. */
-static trace_result refuse(trace_reader *reader)
+static trace_result read_refuse(trace_reader *reader)
 {
     trace_input *in = &reader->input;
     memcpy(in->problem, reader->damage, sizeof in->problem);
@@ -239,7 +239,7 @@ static trace_result pass_over(trace_reader *reader, trace_record *record)
         reader->damage_place = in->place;
     }
     if (++reader->damaged == TRACE_DAMAGED_MAX && reader->whole == 0)
-        return refuse(reader);
+        return read_refuse(reader);
     if (capture && pcapng_recover(in, &reader->state.pcap) != TRACE_RECORD)
         return TRACE_BAD;
     if (!capture)
@@ -265,7 +265,7 @@ trace_result trace_next(trace_reader *reader, trace_record *record)
     if (result == TRACE_BAD && !in->failed)
         result = pass_over(reader, record);
     if (result == TRACE_END && reader->damaged > 0 && reader->whole == 0)
-        return refuse(reader);
+        return read_refuse(reader);
     if (result == TRACE_RECORD && reader->format != TRACE_PCAPNG) {
         record->column = (unsigned)(trace_blanks(in->text) - in->text) + 1;
         record->cut = in->cut;

@@ -19,7 +19,7 @@
 
 /* ---- Bytes ----------------------------------------------------------------------------------- */
 
-static trace_result fail(trace_input *in)
+static trace_result trace_input_fail(trace_input *in)
 {
     (void)snprintf(in->problem, sizeof in->problem, "%s: %s", in->file, strerror(errno));
     in->failed = true;
@@ -29,7 +29,7 @@ static trace_result fail(trace_input *in)
 trace_result trace_seek(trace_input *in, uint64_t offset)
 {
     if (lseek(in->fd, (off_t)offset, SEEK_SET) < 0)
-        return fail(in);
+        return trace_input_fail(in);
     in->at_end = false;
     in->first = 0;
     in->filled = 0;
@@ -51,13 +51,13 @@ static void fill(trace_input *in, size_t count)
         if (got < 0 && errno == EINTR)
             continue;
         if (got < 0)
-            (void)fail(in);
+            (void)trace_input_fail(in);
         in->at_end = got <= 0;
         in->filled += got > 0 ? (size_t)got : 0;
     }
 }
 
-static void take(trace_input *in, size_t count)
+static void trace_input_take(trace_input *in, size_t count)
 {
     in->first += count;
     in->offset += count;
@@ -77,7 +77,7 @@ trace_result trace_bytes(trace_input *in, const unsigned char **bytes, size_t co
     if (in->failed)
         return TRACE_BAD;
     if (there == count) {
-        take(in, count);
+        trace_input_take(in, count);
         return TRACE_RECORD;
     }
     if (there == 0)
@@ -95,7 +95,7 @@ trace_result trace_skip(trace_input *in, uint64_t count)
             return TRACE_BAD;
         if (there == 0)
             return trace_bad_end(in);
-        take(in, there);
+        trace_input_take(in, there);
         count -= there;
     }
     return TRACE_RECORD;
@@ -122,7 +122,7 @@ void trace_end_line(trace_input *in)
         while (count < there && (bytes[count] == 0) == zeros && bytes[count] != '\n')
             count++;
         const bool ends = count < there && bytes[count] == '\n';
-        take(in, count + ends);
+        trace_input_take(in, count + ends);
         more = count == there && there > 0;
         in->amid = !ends;
     }
@@ -136,7 +136,7 @@ static void begin_line(trace_input *in)
     if (in->amid || there == 0)
         return;
     if (in->line++ == 0 && trace_has_bom(in->buffer + in->first, there))
-        take(in, TRACE_BOM_BYTES);
+        trace_input_take(in, TRACE_BOM_BYTES);
 }
 
 trace_result trace_line(trace_input *in)
@@ -157,7 +157,7 @@ trace_result trace_line(trace_input *in)
     const bool too_long = length > TRACE_LINE_MAX;
     in->cut = !newline && !zero && !too_long;
     in->amid = zero || too_long;
-    take(in, length + (newline && !zero));
+    trace_input_take(in, length + (newline && !zero));
     in->text[length - too_long] = '\0'; /* replaces the newline; the buffer has a spare byte */
     if (too_long)
         return trace_bad_text(in, in->text, "this line has more than %u bytes", TRACE_LINE_MAX);

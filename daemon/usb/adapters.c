@@ -144,7 +144,7 @@ static void unplug(adapters *all, adapter *a)
     a->rest = RETRY_TICKS;
 }
 
-static void complain(adapter *a, int number)
+static void adapters_complain(adapter *a, int number)
 {
     if (a->told != number)
         log_node_error(a->name, "it cannot be plugged in: %s%s", strerror(number),
@@ -236,13 +236,13 @@ static void plug_in(adapters *all, adapter *a)
         return;
     a->port = find_port(all);
     if (a->port < 0) {
-        complain(a, errno);
+        adapters_complain(a, errno);
         return;
     }
     if (pipe2(beat, O_CLOEXEC | O_NONBLOCK) != 0 ||
         socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, kernel) != 0) {
         a->port = -1; /* without descriptors the process is of no more use: systemd's limit */
-        complain(a, errno);
+        adapters_complain(a, errno);
         return;
     }
     const bool good = start_server(all, a, kernel, beat);
@@ -253,7 +253,7 @@ static void plug_in(adapters *all, adapter *a)
     a->silent = 0;
     if (!good) {
         unplug(all, a);
-        complain(a, number);
+        adapters_complain(a, number);
         return;
     }
     start_namer(a);
@@ -444,7 +444,7 @@ static adapter make_adapter(const cfg_node *node)
     return made;
 }
 
-static bool is_same(const adapter *a, const adapter *b)
+static bool adapters_is_same(const adapter *a, const adapter *b)
 {
     return strcmp(a->name, b->name) == 0 && strcmp(a->netns, b->netns) == 0 &&
            strcmp(a->path, b->path) == 0;
@@ -454,7 +454,7 @@ static void want(adapters *a, const cfg_node *node)
 {
     const adapter made = make_adapter(node);
     for (size_t i = 0; i < a->count; i++)
-        if (is_same(&a->all[i], &made)) {
+        if (adapters_is_same(&a->all[i], &made)) {
             a->all[i].wanted = true;
             return;
         }

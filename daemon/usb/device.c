@@ -52,8 +52,8 @@ void device_free(usb_device *d)
 /* ---- Answers --------------------------------------------------------------------------------- */
 
 /* Answers a request. status: 0 or a negative errno; length: of the data that were carried. */
-static bool answer(usb_device *d, uint32_t command, uint32_t number, int status, uint32_t length,
-                   const void *data, size_t size)
+static bool device_answer(usb_device *d, uint32_t command, uint32_t number, int status,
+                          uint32_t length, const void *data, size_t size)
 {
     uint32_t head[HEAD_WORDS] = {0};
     head[0] = htonl(command);
@@ -66,7 +66,7 @@ static bool answer(usb_device *d, uint32_t command, uint32_t number, int status,
 
 static bool answer_data(usb_device *d, uint32_t number, const void *data, size_t size)
 {
-    return answer(d, SUBMITTED, number, 0, (uint32_t)size, data, size);
+    return device_answer(d, SUBMITTED, number, 0, (uint32_t)size, data, size);
 }
 
 static void forget_held(usb_device *d, unsigned place)
@@ -93,7 +93,7 @@ static unsigned find_held(const usb_device *d, uint32_t number)
 static void answer_sent(usb_device *d, unsigned place)
 {
     const held_frame *h = &d->held[place];
-    (void)answer(d, SUBMITTED, h->number, 0, h->bytes, NULL, 0);
+    (void)device_answer(d, SUBMITTED, h->number, 0, h->bytes, NULL, 0);
     forget_held(d, place);
     d->burst = d->held_count;
 }
@@ -107,14 +107,14 @@ static void answer_failed(usb_device *d, unsigned place)
         answer_sent(d, place);
         return;
     }
-    (void)answer(d, SUBMITTED, number, -EPROTO, 0, NULL, 0);
+    (void)device_answer(d, SUBMITTED, number, -EPROTO, 0, NULL, 0);
     forget_held(d, place);
 }
 
 static void fail_all(usb_device *d)
 {
     while (d->held_count > 0) {
-        (void)answer(d, SUBMITTED, d->held[0].number, -EPROTO, 0, NULL, 0);
+        (void)device_answer(d, SUBMITTED, d->held[0].number, -EPROTO, 0, NULL, 0);
         forget_held(d, 0);
     }
     d->burst = 0;
@@ -138,7 +138,7 @@ static size_t whole_records(const buffer *records, size_t room)
 }
 
 /* Answers a request to read with all records that fit. */
-static void deliver(usb_device *d)
+static void device_deliver(usb_device *d)
 {
     for (unsigned i = 0; i < d->read_count && buffer_length(&d->records) > 0;) {
         const read_request *r = &d->reads[i];
@@ -225,7 +225,7 @@ static void set_off(usb_device *d)
     fail_all(d);
 }
 
-static void obey(usb_device *d, const peak_command *c)
+static void device_obey(usb_device *d, const peak_command *c)
 {
     switch (c->opcode) {
     case PEAK_RESET_MODE:
@@ -255,21 +255,21 @@ static bool take_control(usb_device *d, const usb_request *r, const unsigned cha
     unsigned char reply[USB_ANSWER_MAX];
     const int size = usb_answer(reply, &d->who, r->setup);
     if (size < 0)
-        return answer(d, SUBMITTED, r->number, -EPIPE, 0, NULL, 0);
+        return device_answer(d, SUBMITTED, r->number, -EPIPE, 0, NULL, 0);
     if (r->reads)
         return answer_data(d, r->number, reply,
                            (uint32_t)size < r->length ? (size_t)size : r->length);
     d->claimed |= usb_is_claim(r->setup, data, r->length);
-    return answer(d, SUBMITTED, r->number, 0, r->length, NULL, 0);
+    return device_answer(d, SUBMITTED, r->number, 0, r->length, NULL, 0);
 }
 
 static bool take_read(usb_device *d, const usb_request *r)
 {
     if (d->read_count == DEVICE_READS_MAX)
-        return answer(d, SUBMITTED, r->number, -ENOMEM, 0, NULL, 0);
+        return device_answer(d, SUBMITTED, r->number, -ENOMEM, 0, NULL, 0);
     d->reads[d->read_count++] =
         (read_request){.number = r->number, .room = r->length, .endpoint = r->endpoint};
-    deliver(d);
+    device_deliver(d);
     return true;
 }
 
@@ -278,8 +278,8 @@ static bool take_commands(usb_device *d, const usb_request *r, const unsigned ch
     peak_command command;
     size_t at = 0;
     while (peak_take_command(&command, data, r->length, &at))
-        obey(d, &command);
-    return answer(d, SUBMITTED, r->number, 0, r->length, NULL, 0);
+        device_obey(d, &command);
+    return device_answer(d, SUBMITTED, r->number, 0, r->length, NULL, 0);
 }
 
 /* All frames of the driver have the mode that it has. */
@@ -293,13 +293,13 @@ static void choose_one_shot(usb_device *d, bool one_shot)
 }
 
 /* The driver has one frame in a request. */
-static bool take_frame(usb_device *d, const usb_request *r, const unsigned char *data)
+static bool device_take_frame(usb_device *d, const usb_request *r, const unsigned char *data)
 {
     size_t at = 0;
     held_frame held = {.number = r->number, .bytes = r->length};
     if (!d->on || d->held_count == DEVICE_HELD_MAX ||
         peak_take_frame(&held.frame, data, r->length, &at) != PEAK_FRAME)
-        return answer(d, SUBMITTED, r->number, -EPROTO, 0, NULL, 0);
+        return device_answer(d, SUBMITTED, r->number, -EPROTO, 0, NULL, 0);
     choose_one_shot(d, held.frame.one_shot);
     d->held[d->held_count++] = held;
     d->burst++;
@@ -312,10 +312,11 @@ static bool take_submit(usb_device *d, const usb_request *r, const unsigned char
     if (r->endpoint == 0)
         return take_control(d, r, data);
     if (r->endpoint > ENDPOINT_FRAMES)
-        return answer(d, SUBMITTED, r->number, -EPIPE, 0, NULL, 0);
+        return device_answer(d, SUBMITTED, r->number, -EPIPE, 0, NULL, 0);
     if (r->reads)
         return take_read(d, r);
-    return r->endpoint == ENDPOINT_COMMANDS ? take_commands(d, r, data) : take_frame(d, r, data);
+    return r->endpoint == ENDPOINT_COMMANDS ? take_commands(d, r, data)
+                                            : device_take_frame(d, r, data);
 }
 
 /* Takes a request back. One that has been answered is gone: the kernel knows that by the 0. */
@@ -330,7 +331,7 @@ static bool take_unlink(usb_device *d, const usb_request *r)
         forget_held(d, held);
     if (read < d->read_count)
         forget_read(d, read);
-    return answer(d, UNLINKED, r->number, found ? -ECONNRESET : 0, 0, NULL, 0);
+    return device_answer(d, UNLINKED, r->number, found ? -ECONNRESET : 0, 0, NULL, 0);
 }
 
 static usb_request parse(const char *bytes)
@@ -351,7 +352,7 @@ static usb_request parse(const char *bytes)
 
 /* Takes the first request, when it is whole. Returns the number of its bytes; 0: it is not whole,
  * -1: it cannot be understood. */
-static long take_first(usb_device *d)
+static long device_take_first(usb_device *d)
 {
     if (buffer_length(&d->in) < HEAD_BYTES)
         return 0;
@@ -372,7 +373,7 @@ bool device_take(usb_device *d, const void *bytes, size_t size)
     long taken;
     if (!buffer_append(&d->in, bytes, size))
         return false;
-    while ((taken = take_first(d)) > 0)
+    while ((taken = device_take_first(d)) > 0)
         buffer_take(&d->in, (size_t)taken);
     return taken == 0;
 }
@@ -416,14 +417,14 @@ void device_received(usb_device *d, const void *frame, size_t size, uint64_t us)
 
 void device_flush(usb_device *d)
 {
-    deliver(d);
+    device_deliver(d);
 }
 
 /* Records that came before the end of a frame stay before it. */
 void device_was_sent(usb_device *d, uint32_t number)
 {
     const unsigned place = find_held(d, number);
-    deliver(d);
+    device_deliver(d);
     if (place < d->held_count)
         answer_sent(d, place);
 }
@@ -431,7 +432,7 @@ void device_was_sent(usb_device *d, uint32_t number)
 void device_was_dropped(usb_device *d, uint32_t number)
 {
     const unsigned place = find_held(d, number);
-    deliver(d);
+    device_deliver(d);
     if (place < d->held_count)
         answer_failed(d, place);
 }

@@ -57,7 +57,7 @@ typedef struct settings {
 
 static volatile sig_atomic_t stopping, reloading;
 
-static void on_signal(int number)
+static void usb_on_signal(int number)
 {
     if (number == SIGHUP)
         reloading = 1;
@@ -114,7 +114,7 @@ static int read_options(settings *out, int argc, char **argv)
 /* ---- Configurations -------------------------------------------------------------------------- */
 
 /* Takes the nodes of a file. Returns false after writing the reasons; nothing has changed then. */
-static bool read_file(adapters *a, const char *file)
+static bool usb_read_file(adapters *a, const char *file)
 {
     rig *several;
     cfg *one;
@@ -138,7 +138,7 @@ static void explain_nothing(const char *file)
 
 static void catch_signals(void)
 {
-    const struct sigaction caught = {.sa_handler = on_signal};
+    const struct sigaction caught = {.sa_handler = usb_on_signal};
     const struct sigaction ignored = {.sa_handler = SIG_IGN};
     (void)sigaction(SIGTERM, &caught, NULL);
     (void)sigaction(SIGINT, &caught, NULL);
@@ -159,7 +159,7 @@ static void tell_status(const adapters *a)
 
 /* Returns false when the kernel's controller is gone. Only root may open the next one, which this
  * process is no more. */
-static bool run(adapters *a, const vhci *files, const char *file)
+static bool usb_run(adapters *a, const vhci *files, const char *file)
 {
     const struct timespec pause = {.tv_nsec = ADAPTERS_TICK_MS * NS_PER_MS};
     bool told = false;
@@ -171,7 +171,7 @@ static bool run(adapters *a, const vhci *files, const char *file)
         }
         if (reloading) {
             reloading = 0;
-            if (!read_file(a, file))
+            if (!usb_read_file(a, file))
                 log_error("%s: not reloaded, all stays as it was", file);
         }
         adapters_tick(a);
@@ -218,7 +218,7 @@ static int run_file(adapters *a, const vhci *files, int missing, const char *fil
         complain_vhci(missing);
         good = false;
     } else {
-        good = run(a, files, file);
+        good = usb_run(a, files, file);
     }
     return good ? EXIT_SUCCESS : unit_failure();
 }
@@ -227,7 +227,7 @@ static int serve_file(const vhci *files, int missing, const char *file)
 {
     adapters *a = adapters_new(files);
     int status = a ? EXIT_FAILURE : unit_failure();
-    if (a && read_file(a, file))
+    if (a && usb_read_file(a, file))
         status = run_file(a, files, missing, file);
     adapters_free(a);
     return status;

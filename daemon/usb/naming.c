@@ -77,7 +77,7 @@ static unsigned wait_for_interface(int port)
 }
 
 /* Two adapters may have got the names of each other. So one whose name is taken frees its own. */
-static int move(links *l, unsigned index, int port, const char *name, int netns)
+static int naming_move(links *l, unsigned index, int port, const char *name, int netns)
 {
     char other[IF_NAMESIZE];
     int number = links_move(l, index, name, netns);
@@ -91,13 +91,13 @@ static int move(links *l, unsigned index, int port, const char *name, int netns)
     return number;
 }
 
-static bool complain(const char *name, const char *what, const char *why)
+static bool naming_complain(const char *name, const char *what, const char *why)
 {
     log_node_error(name, "%s: %s", what, why);
     return false;
 }
 
-static bool has_name(unsigned index, const char *name)
+static bool naming_has_name(unsigned index, const char *name)
 {
     char now[IF_NAMESIZE] = "";
     return if_indextoname(index, now) && strcmp(now, name) == 0;
@@ -108,17 +108,17 @@ bool name_interface(int port, const char *name, const char *netns)
     char path[PATH_BYTES];
     const unsigned index = wait_for_interface(port);
     if (index == 0)
-        return complain(name, "the kernel makes no interface", "modprobe peak_usb");
-    if (!netns && has_name(index, name))
+        return naming_complain(name, "the kernel makes no interface", "modprobe peak_usb");
+    if (!netns && naming_has_name(index, name))
         return true;
     print_path(path, netns ? netns : "");
     const int fd = netns ? open(path, O_RDONLY | O_CLOEXEC) : -1;
     if (netns && fd < 0)
-        return complain(name, path, strerror(errno));
+        return naming_complain(name, path, strerror(errno));
     links *l = links_open();
-    const int number = l ? move(l, index, port, name, fd) : errno;
-    const bool good = number == 0 || complain(name, "the interface cannot have its name",
-                                              l ? links_error(l) : strerror(number));
+    const int number = l ? naming_move(l, index, port, name, fd) : errno;
+    const bool good = number == 0 || naming_complain(name, "the interface cannot have its name",
+                                                     l ? links_error(l) : strerror(number));
     links_close(l);
     if (fd >= 0)
         (void)close(fd);

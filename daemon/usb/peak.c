@@ -104,7 +104,7 @@ static size_t data_bytes(const peak_frame *f)
     return f->fd.can_id & CAN_RTR_FLAG ? 0 : f->fd.len; /* the length is at one place in both */
 }
 
-static peak_found take_frame(peak_frame *out, const unsigned char *at, size_t size)
+static peak_found usb_peak_take_frame(peak_frame *out, const unsigned char *at, size_t size)
 {
     const unsigned flags = get16(at + 14), dlc = at[12] >> 4;
     *out = (peak_frame){.one_shot = flags & IS_ONE_SHOT};
@@ -131,7 +131,7 @@ peak_found peak_take_frame(peak_frame *out, const unsigned char *bytes, size_t s
     if (own > left || own < TO_BUS_BYTES || get16(here + 2) != TO_BUS)
         return PEAK_BROKEN;
     *at += own;
-    return take_frame(out, here, own);
+    return usb_peak_take_frame(out, here, own);
 }
 
 /* ---- To the driver --------------------------------------------------------------------------- */

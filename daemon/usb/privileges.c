@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 /* Keeps these capabilities alone: a set of bits below 32. */
-static bool keep(uint32_t set)
+static bool privileges_keep(uint32_t set)
 {
     struct __user_cap_header_struct head = {.version = _LINUX_CAPABILITY_VERSION_3};
     const struct __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3] = {
@@ -33,10 +33,10 @@ bool privileges_become(const char *user)
     return prctl(PR_SET_KEEPCAPS, 1, 0, 0, 0) == 0 && initgroups(user, found->pw_gid) == 0 &&
            setresgid(found->pw_gid, found->pw_gid, found->pw_gid) == 0 &&
            setresuid(found->pw_uid, found->pw_uid, found->pw_uid) == 0 &&
-           keep(UINT32_C(1) << CAP_NET_ADMIN);
+           privileges_keep(UINT32_C(1) << CAP_NET_ADMIN);
 }
 
 bool privileges_drop_all(void)
 {
-    return keep(0);
+    return privileges_keep(0);
 }

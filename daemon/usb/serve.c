@@ -81,7 +81,7 @@ static void give_signs(int beat, int64_t *next_ms, wire *w)
     wire_connect(w);
 }
 
-static bool go_on(int kernel, int beat, usb_device *d, wire *w, bool *good)
+static bool serve_go_on(int kernel, int beat, usb_device *d, wire *w, bool *good)
 {
     struct pollfd watched[WATCHED] = {
         [KERNEL] = {.fd = kernel, .events = POLLIN},
@@ -101,7 +101,7 @@ static bool go_on(int kernel, int beat, usb_device *d, wire *w, bool *good)
 }
 
 /* The kernel must not keep an interface that leads nowhere. */
-static serve_end judge(const wire *w, bool good)
+static serve_end serve_judge(const wire *w, bool good)
 {
     if (w->barred == EACCES)
         return SERVE_FORBIDDEN;
@@ -121,11 +121,11 @@ serve_end serve(int kernel, int beat, const usb_identity *who, const char *path)
     device_init(d, who, &wire_calls, &w);
     do
         give_signs(beat, &next_ms, &w);
-    while (w.barred == 0 && go_on(kernel, beat, d, &w, &good));
+    while (w.barred == 0 && serve_go_on(kernel, beat, d, &w, &good));
     if (!good)
         log_node_error(who->serial, "the kernel sends what no USB device understands");
     wire_close(&w);
     device_free(d);
     free(d);
-    return judge(&w, good);
+    return serve_judge(&w, good);
 }

@@ -67,7 +67,7 @@ bool vhci_is_there(const vhci *v)
 }
 
 /* Reads "hs  0000 004 000 00000000 000000 0-0"; the first line has words. */
-static bool read_line(port_line *out, const char *line)
+static bool vhci_read_line(port_line *out, const char *line)
 {
     return sscanf(line, "%7s %d %d %*s %*s %*s %31s", out->hub, &out->port, &out->state,
                   out->bus_id) == 4;
@@ -91,13 +91,14 @@ static bool look_in(FILE *status, port_line *out, bool (*fits)(const port_line *
 {
     char line[LINE_BYTES];
     while (fgets(line, sizeof line, status))
-        if (read_line(out, line) && fits(out, arg))
+        if (vhci_read_line(out, line) && fits(out, arg))
             return true;
     return false;
 }
 
 /* Finds the first port that fits. */
-static bool find(port_line *out, bool (*fits)(const port_line *, const void *), const void *arg)
+static bool vhci_find(port_line *out, bool (*fits)(const port_line *, const void *),
+                      const void *arg)
 {
     for (unsigned i = 0; i < CONTROLLERS_MAX; i++) {
         FILE *status = open_status(i);
@@ -129,7 +130,7 @@ int vhci_find_port(const int *used, size_t count)
 {
     port_line line;
     const port_set set = {.ports = used, .count = count};
-    if (find(&line, is_free, &set))
+    if (vhci_find(&line, is_free, &set))
         return line.port;
     errno = EBUSY;
     return -1;
@@ -143,13 +144,13 @@ static bool is_ready(const port_line *line, const void *arg)
 bool vhci_bus_id(char out[VHCI_BUS_ID_MAX], int port)
 {
     port_line line;
-    if (!find(&line, is_ready, &port))
+    if (!vhci_find(&line, is_ready, &port))
         return false;
     memcpy(out, line.bus_id, VHCI_BUS_ID_MAX);
     return true;
 }
 
-static bool write_text(int fd, const char *text)
+static bool vhci_write_text(int fd, const char *text)
 {
     const size_t length = strlen(text);
     return pwrite(fd, text, length, 0) == (ssize_t)length;
@@ -160,12 +161,12 @@ bool vhci_attach(const vhci *v, int port, int socket)
 {
     char text[LINE_BYTES];
     (void)snprintf(text, sizeof text, "%d %d %d %d", port, socket, port + 1, HIGH_SPEED);
-    return write_text(v->attach, text);
+    return vhci_write_text(v->attach, text);
 }
 
 void vhci_detach(const vhci *v, int port)
 {
     char text[LINE_BYTES];
     (void)snprintf(text, sizeof text, "%d", port);
-    (void)write_text(v->detach, text);
+    (void)vhci_write_text(v->detach, text);
 }

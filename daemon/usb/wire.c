@@ -46,7 +46,7 @@ static bool send_message(wire *w, message_type type, uint32_t number, const void
     return false;
 }
 
-static void send_frame(void *user, uint32_t number, const peak_frame *frame)
+static void wire_send_frame(void *user, uint32_t number, const peak_frame *frame)
 {
     wire *w = user;
     if (w->there)
@@ -64,11 +64,11 @@ static void send_order(void *user, message_order order, const char *settings)
     (void)send_message(w, MESSAGE_CONTROL, 0, &body, sizeof body.order + length);
 }
 
-const device_calls wire_calls = {.send = send_frame, .order = send_order};
+const device_calls wire_calls = {.send = wire_send_frame, .order = send_order};
 
 /* ---- From canwired --------------------------------------------------------------------------- */
 
-static void take_frame(const wire *w, const message *m, size_t size)
+static void wire_take_frame(const wire *w, const message *m, size_t size)
 {
     if (m->head.flags & MESSAGE_OWN)
         device_was_sent(w->device, m->head.number);
@@ -92,7 +92,7 @@ static void take_error(wire *w, message *m, size_t size)
     w->told = w->there ? w->told : code;
 }
 
-static void take(wire *w, message *m, size_t whole)
+static void wire_take(wire *w, message *m, size_t whole)
 {
     const size_t size = whole - sizeof m->head;
     switch (m->head.type) {
@@ -104,7 +104,7 @@ static void take(wire *w, message *m, size_t whole)
         device_begin(w->device, m->hello.mtu == CANFD_MTU);
         break;
     case MESSAGE_FRAME:
-        take_frame(w, m, size);
+        wire_take_frame(w, m, size);
         break;
     case MESSAGE_DROPPED:
         device_was_dropped(w->device, m->head.number);
@@ -124,7 +124,7 @@ static void take(wire *w, message *m, size_t whole)
 
 /* The kernel reports once that canwired has gone without reading the hello. Its answer waits behind
  * that report. */
-static void read_all(wire *w)
+static void wire_read_all(wire *w)
 {
     message m;
     bool reported = false;
@@ -142,19 +142,19 @@ static void read_all(wire *w)
             wire_close(w);
             return;
         }
-        take(w, &m, (size_t)size);
+        wire_take(w, &m, (size_t)size);
     }
 }
 
 void wire_read(wire *w)
 {
-    read_all(w);
+    wire_read_all(w);
     device_flush(w->device);
 }
 
 /* ---- The begin ------------------------------------------------------------------------------- */
 
-static bool connect_to(wire *w)
+static bool wire_connect_to(wire *w)
 {
     const sa_family_t none = AF_UNIX; /* an abstract address: a client, no plain ECU */
     struct sockaddr_un address = {.sun_family = AF_UNIX};
@@ -181,7 +181,7 @@ void wire_connect(wire *w)
 {
     if (w->fd >= 0)
         return;
-    if (connect_to(w)) {
+    if (wire_connect_to(w)) {
         say_hello(w);
         return;
     }

@@ -70,7 +70,7 @@ static void step_bit(cw_bus *bus)
 }
 
 /* Goes on by some bits, at least one. */
-static void go_on(cw_bus *bus, uint64_t tick)
+static void bus_go_on(cw_bus *bus, uint64_t tick)
 {
     if (cw_is_off_grid(bus)) {
         if (!cw_timed_may_leap(bus) ||
@@ -105,7 +105,7 @@ static cw_status go_to(cw_bus *bus, uint64_t tick, uint64_t enough)
     for (bool more = cw_next_bit_fits(bus, tick); more;) {
         if (!cw_ring_has_room(bus))
             return CW_FULL;
-        go_on(bus, tick);
+        bus_go_on(bus, tick);
         run_all_due(bus);
         bus->work++;
         if (CW_CHECKED)
@@ -125,7 +125,7 @@ static void assert_reached(const cw_bus *bus, uint64_t tick)
     assert(cw_first_due(bus) > cw_now(bus) && !bus->pending);
 }
 
-static cw_status advance(cw_bus *bus, uint64_t tick, uint64_t work)
+static cw_status bus_advance(cw_bus *bus, uint64_t tick, uint64_t work)
 {
     const unsigned events = bus->ring.count;
     const uint64_t begin = cw_now(bus);
@@ -140,12 +140,12 @@ static cw_status advance(cw_bus *bus, uint64_t tick, uint64_t work)
 
 cw_status cw_bus_advance(cw_bus *bus, uint64_t tick)
 {
-    return advance(bus, tick, UINT64_MAX);
+    return bus_advance(bus, tick, UINT64_MAX);
 }
 
 cw_status cw_bus_advance_some(cw_bus *bus, uint64_t tick, uint64_t work)
 {
-    return advance(bus, tick, work);
+    return bus_advance(bus, tick, work);
 }
 
 uint64_t cw_bus_work(const cw_bus *bus)

@@ -9,7 +9,7 @@
 static void send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     cw_note_left(bus, i);
     if ((bus->asleep >> i & 1u) || !cw_mac_force_error(cw_own_mac(bus, i)))
         return;

@@ -40,7 +40,7 @@ cw_span cw_data_bit(const cw_bus_config *c, unsigned i, const cw_bit_timing *nom
 
 static const cw_data_timing *data_timing_now(const cw_bus *bus, unsigned i)
 {
-    const timed_rates *r = &bus->timed.rates[i];
+    const cw_timed_rates *r = &bus->timed.rates[i];
     return bus->timed.nodes[i].retimed ? &r->next : &r->given;
 }
 

@@ -24,7 +24,7 @@ unsigned cw_node_room(const cw_bus *bus, unsigned i)
     uint32_t held, rx_held;
     if (!cw_node_takes_frames(bus, i))
         return CW_QUEUE_MAX;
-    const bus_node *n = &bus->nodes[i];
+    const cw_bus_node *n = &bus->nodes[i];
     cw_rules_count_held(&bus->rules, i, &held, &rx_held);
     uint32_t used = n->queue.count - cw_mailbox_replies(bus, i) + n->inbox + held;
     return used < n->queue_limit ? n->queue_limit - used : 0;
@@ -32,7 +32,7 @@ unsigned cw_node_room(const cw_bus *bus, unsigned i)
 
 static void flush_held(cw_bus *bus, unsigned i)
 {
-    held_frame held;
+    cw_held_frame held;
     while (cw_rules_take_held(&bus->rules, i, &held))
         cw_push_drop(bus, i, held.side, &held.frame, CW_DROP_REMOVED, cw_now(bus));
 }
@@ -119,7 +119,7 @@ cw_status cw_node_restart(cw_bus *bus, unsigned i)
 {
     if (i >= bus->node_count)
         return CW_INVALID;
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     if (n->mac.phase != CW_MAC_BUS_OFF || bus->restarts[i].ticks != 0 ||
         bus->restarts[i].at != CW_NEVER)
         return CW_REFUSED;
@@ -129,7 +129,7 @@ cw_status cw_node_restart(cw_bus *bus, unsigned i)
 
 void cw_restart_now(cw_bus *bus, unsigned i)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     bus->restarts[i].at = CW_NEVER;
     cw_commit_early(bus, i);
     if (cw_mac_request_restart(cw_own_mac(bus, i)) != CW_OK)
@@ -166,7 +166,7 @@ static cw_bit_timing new_timing(const cw_bus *bus, unsigned i, const cw_settings
 
 bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
 {
-    const bus_node *n = &bus->nodes[i];
+    const cw_bus_node *n = &bus->nodes[i];
     bool queue = !(s->which & CW_SET_QUEUE) || (s->queue >= 1 && s->queue <= n->queue.capacity);
     bool limit = !(s->which & CW_SET_WARNING) || (s->warning_limit >= 1 && s->warning_limit <= 255);
     const cw_bit_timing next = new_timing(bus, i, s);
@@ -183,7 +183,7 @@ bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
 
 static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     bus->restarts[i].ticks = ticks;
     if (n->mac.phase != CW_MAC_BUS_OFF || cw_restart_is_due(bus, i))
         return;
@@ -193,7 +193,7 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
 
 static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     const unsigned before = cw_modes_of(bus, i);
     const unsigned mask = s->modes_mask, modes = (before & ~mask) | (s->modes & mask);
     if (modes != before)
@@ -233,7 +233,7 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
 {
     if (i >= bus->node_count || !cw_settings_valid(bus, i, s))
         return CW_INVALID;
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     const cw_bit_timing timing = new_timing(bus, i, s);
     cw_wake_controllers(bus);
     if (s->which & CW_SET_MODES)
@@ -273,7 +273,7 @@ cw_status cw_node_get_settings(const cw_bus *bus, unsigned i, cw_settings *s)
 {
     if (i >= bus->node_count)
         return CW_INVALID;
-    const bus_node *n = &bus->nodes[i];
+    const cw_bus_node *n = &bus->nodes[i];
     *s = (cw_settings){
         .which = CW_SET_MODES | CW_SET_RESTART | CW_SET_QUEUE | CW_SET_ORDER | CW_SET_WARNING |
                  CW_SET_TIMING | (bus->timed.rates ? CW_SET_DATA : 0) | CW_SET_SLEEP | CW_SET_WAKE,

@@ -41,7 +41,7 @@ static void assert_confinement(const cw_confinement *c)
 
 static void assert_node(const cw_bus *bus, unsigned i)
 {
-    const bus_node *n = &bus->nodes[i];
+    const cw_bus_node *n = &bus->nodes[i];
     cw_node_stats stats;
     assert_queue(&n->queue, n->queue_limit);
     assert_confinement(&n->mac.confinement);
@@ -130,7 +130,7 @@ static void assert_view(const cw_bus *bus)
         assert(t->view == cw_view_wire(bus));
 }
 
-static void assert_ring(const event_ring *ring)
+static void assert_ring(const cw_event_ring *ring)
 {
     assert(ring->count <= ring->capacity && ring->first < ring->capacity);
     for (unsigned i = 1; i < ring->count && i <= EVENTS_CHECKED; i++) {

@@ -99,7 +99,7 @@ static unsigned least_ring(const cw_bus_config *c)
     return events;
 }
 
-static void carve_queues(arena *a, bus_node *nodes, const cw_bus_config *c)
+static void carve_queues(arena *a, cw_bus_node *nodes, const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->node_count; i++) {
         uint16_t capacity = queue_room(c, i);
@@ -121,7 +121,7 @@ static void carve_buffers(arena *a, cw_bus *bus, const cw_bus_config *c)
         const cw_host_config *h = &c->nodes[i].host;
         const unsigned limit = stored_limit(h);
         cw_filter *filters = carve(a, h->filter_count, sizeof *filters);
-        stored_frame *stored = carve(a, limit + 1u, sizeof *stored);
+        cw_stored_frame *stored = carve(a, limit + 1u, sizeof *stored);
         cw_mailbox *boxes = h->mailbox_count ? carve(a, h->mailbox_count, sizeof *boxes) : NULL;
         if (!bus)
             continue;
@@ -250,9 +250,9 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
 {
     const size_t pairs = (size_t)c->node_count * c->node_count;
     const unsigned room = room_for_disturbances(c);
-    timed_node *nodes = carve(a, c->node_count, sizeof *nodes);
+    cw_timed_node *nodes = carve(a, c->node_count, sizeof *nodes);
     cw_bit_timing *next_timings = carve(a, c->node_count, sizeof *next_timings);
-    timed_rates *rates = cw_has_data_rate(c) ? carve(a, c->node_count, sizeof *rates) : NULL;
+    cw_timed_rates *rates = cw_has_data_rate(c) ? carve(a, c->node_count, sizeof *rates) : NULL;
     cw_span *delays = carve(a, 2 * pairs, sizeof *delays);
     cw_way *way = carve(a, (size_t)CW_WAYS_KEPT * c->node_count, sizeof *way);
     cw_ringing *ringing = carve(a, c->node_count, sizeof *ringing);
@@ -277,8 +277,8 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
 {
     unsigned events = c->events > least_ring(c) ? c->events : least_ring(c);
     cw_bus *bus = carve(a, 1, sizeof *bus);
-    bus_node *nodes = carve(a, c->node_count, sizeof *nodes);
-    restart_times *restarts = carve(a, c->node_count, sizeof *restarts);
+    cw_bus_node *nodes = carve(a, c->node_count, sizeof *nodes);
+    cw_restart_times *restarts = carve(a, c->node_count, sizeof *restarts);
     cw_start *starts = carve(a, c->node_count, sizeof *starts);
     cw_sleep *sleeps = carve(a, c->node_count, sizeof *sleeps);
     const size_t entry_size = cw_inbox_entry_size(has_fd(c));
@@ -297,11 +297,13 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
         bus->sleeps = sleeps;
         bus->fd = has_fd(c);
         bus->fd_parts = fd_parts;
-        bus->inbox = (inbox){.entries = entries, .entry_size = (unsigned)entry_size,
-                             .capacity = inbox_room, .kept_free = inbox_room - c->inbox,
-                             .next = CW_NEVER};
-        bus->ring = (event_ring){.events = ring, .event_size = (unsigned)event_size,
-                                 .capacity = events};
+        bus->inbox = (cw_inbox){.entries = entries,
+                                .entry_size = (unsigned)entry_size,
+                                .capacity = inbox_room,
+                                .kept_free = inbox_room - c->inbox,
+                                .next = CW_NEVER};
+        bus->ring =
+            (cw_event_ring){.events = ring, .event_size = (unsigned)event_size, .capacity = events};
     }
     carve_rules(a, bus ? &bus->rules : NULL, c);
     carve_protections(a, bus ? &bus->rules : NULL, c);
@@ -323,7 +325,7 @@ size_t cw_bus_size(const cw_bus_config *config)
 
 static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     const bool fd = (c->protocol & CW_PROTOCOL_MASK) == CW_FD;
     cw_mac_init(&n->mac, c->modes, c->warning_limit);
     n->mac.tells_won = true;
@@ -335,7 +337,7 @@ static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
     bus->strict |= n->mac.no_long_dlc ? cw_node_bit(i) : 0;
     bus->silent |= c->variants & CW_VARIANT_SILENT_PASSIVE ? cw_node_bit(i) : 0;
     bus->formats_differ = bus->fd || bus->old || bus->strict;
-    bus->restarts[i] = (restart_times){.ticks = c->restart_ticks, .at = CW_NEVER};
+    bus->restarts[i] = (cw_restart_times){.ticks = c->restart_ticks, .at = CW_NEVER};
     bus->sleeps[i] = (cw_sleep){.settings = c->sleep, .awake_at = CW_NEVER};
 }
 

@@ -171,7 +171,7 @@ static unsigned least_of_queues(const cw_bus *bus, cw_frame_test *test, const vo
 static uint64_t next_of_inbox(const cw_bus *bus, cw_frame_test *test, const void *user)
 {
     for (unsigned n = 0; n < bus->inbox.count; n++) {
-        const inbox_entry *entry = cw_inbox_at(&bus->inbox, n);
+        const cw_inbox_entry *entry = cw_inbox_at(&bus->inbox, n);
         const uint64_t tick = entry->at_tick > cw_now(bus) ? entry->at_tick : cw_now(bus);
         if (!test(user, entry->node, entry->frame))
             continue;
@@ -234,7 +234,7 @@ cw_status cw_node_get_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
 {
     if (i >= bus->node_count)
         return CW_INVALID;
-    const bus_node *n = &bus->nodes[i];
+    const cw_bus_node *n = &bus->nodes[i];
     *stats = n->stats;
     cw_share_stats(bus, i, stats);
     stats->arbitration_lost -= cw_losses_ahead(bus) >> i & 1u;

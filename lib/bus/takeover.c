@@ -17,7 +17,7 @@ static bool has_begun(const cw_mac *m)
 /* Does the same, also when the end of the frame has been sampled and is still to be reported. */
 static bool is_under_way(const cw_bus *bus, unsigned i)
 {
-    const timed_node *t = &bus->timed.nodes[i];
+    const cw_timed_node *t = &bus->timed.nodes[i];
     const unsigned ends = CW_REPORT_TX | CW_REPORT_DROPPED;
     return has_begun(&bus->nodes[i].mac) || (bus->timed.active && (t->report.what & ends));
 }
@@ -39,7 +39,7 @@ static bool keeps_triggers(const cw_bus *bus, unsigned i, const cw_bus *old, uns
 }
 
 /* Puts a frame into the queue of a node, as its controller would send it. */
-static bool put(bus_node *n, const cw_queue_slot *slot)
+static bool takeover_put(cw_bus_node *n, const cw_queue_slot *slot)
 {
     cw_frame frame;
     cw_frame_copy(&frame, slot->frame);
@@ -62,14 +62,14 @@ static bool can_send(const cw_bus *bus, unsigned i, const cw_frame *frame, bool 
 static void take_over_slot(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsigned old_node,
                            uint16_t from, bool reply)
 {
-    bus_node *n = &bus->nodes[i];
-    const bus_node *old = &old_bus->nodes[old_node];
+    cw_bus_node *n = &bus->nodes[i];
+    const cw_bus_node *old = &old_bus->nodes[old_node];
     const cw_queue_slot *slot = cw_queue_at(&old->queue, from);
     const bool begun = is_under_way(old_bus, old_node) && old->offered_slot == from;
     const bool full = n->queue.count - cw_mailbox_replies(bus, i) >= n->queue_limit;
     cw_drop why = can_send(bus, i, slot->frame, begun || reply) ? CW_DROP_QUEUE_FULL
                                                                 : CW_DROP_BAD_FRAME;
-    if (why == CW_DROP_BAD_FRAME || (full && !reply) || !put(n, slot)) {
+    if (why == CW_DROP_BAD_FRAME || (full && !reply) || !takeover_put(n, slot)) {
         drop(bus, i, slot->frame, why);
         return;
     }
@@ -86,7 +86,7 @@ static void take_over_slot(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsig
 /* A frame that has begun gets a place in any case. */
 static void take_over_queue(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsigned old_node)
 {
-    const bus_node *old = &old_bus->nodes[old_node];
+    const cw_bus_node *old = &old_bus->nodes[old_node];
     const bool begun = is_under_way(old_bus, old_node);
     for (unsigned k = 0; begun && k < old->queue.count; k++)
         if (cw_queue_nth(&old->queue, k) == old->offered_slot)
@@ -157,7 +157,7 @@ static void take_over_sleep(cw_bus *bus, unsigned i, const cw_bus *old, unsigned
 }
 
 /* Notes that a node leaves its transmission. The frame may have no place in its queue any more. */
-static void note_stopped(cw_bus *bus, unsigned i, const bus_node *old)
+static void note_stopped(cw_bus *bus, unsigned i, const cw_bus_node *old)
 {
     cw_start *start = &bus->starts[i];
     if (start->stopped != 0)
@@ -169,8 +169,8 @@ static void note_stopped(cw_bus *bus, unsigned i, const bus_node *old)
 /* Takes state and counters of the old node, and settings of the new one. */
 static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsigned from)
 {
-    const bus_node *old = &old_bus->nodes[from];
-    bus_node *n = &bus->nodes[i];
+    const cw_bus_node *old = &old_bus->nodes[from];
+    cw_bus_node *n = &bus->nodes[i];
     unsigned warning_limit = n->mac.confinement.warning_limit;
     n->stats = old->stats;
     bus->restarts[i].at = old_bus->restarts[from].at;
@@ -202,7 +202,7 @@ static void take_over_sync_stats(cw_bus *bus, const cw_bus *old, const uint8_t *
 static void take_over_inbox(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 {
     for (unsigned i = 0; i < old->inbox.count; i++) {
-        const inbox_entry *e = cw_inbox_at(&old->inbox, i);
+        const cw_inbox_entry *e = cw_inbox_at(&old->inbox, i);
         const unsigned node = to[e->node];
         if (node == CW_NO_NODE)
             continue;
@@ -214,7 +214,7 @@ static void take_over_inbox(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 }
 
 /* Makes frames of triggers ordinary ones, which belong to no slot any more. */
-static void forget_triggers(bus_node *n)
+static void forget_triggers(cw_bus_node *n)
 {
     for (unsigned k = 0; k < n->queue.count; k++)
         cw_queue_at(&n->queue, cw_queue_nth(&n->queue, k))->trigger = 0;
@@ -249,7 +249,7 @@ static uint64_t renumber(uint64_t nodes, const uint8_t *to)
 static void take_over_held(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 {
     for (unsigned i = 0; i < old->rules.held_count; i++) {
-        held_frame h;
+        cw_held_frame h;
         cw_held_copy(&old->rules, &h, cw_held_at(&old->rules, i));
         if (to[h.node] == CW_NO_NODE)
             continue;
@@ -273,7 +273,7 @@ static void take_over_buffers(cw_bus *bus, const cw_bus *old, const uint8_t *fro
         const unsigned count = cw_buffers_count(old, from[i]);
         const unsigned limit = bus->buffers ? bus->buffers[i].limit : 0;
         for (unsigned n = 0; n < count; n++) {
-            stored_frame s = *cw_buffers_at(old, from[i], n);
+            cw_stored_frame s = *cw_buffers_at(old, from[i], n);
             s.origin.from = renumber(s.origin.from, to);
             if (cw_frame_is_fd(&s.frame) && !bus->fd)
                 cw_frame_cut(&s.frame);
@@ -298,7 +298,7 @@ static void take_over_starts(cw_bus *bus, const cw_bus *old, const uint8_t *from
                                         .ready = renumber(old->starts[from[i]].ready, to)};
 }
 
-static bool fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
+static bool takeover_fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
 {
     uint64_t taken = 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
@@ -326,7 +326,7 @@ static void find_new_numbers(uint8_t to[CW_NODES_MAX], const cw_bus *bus, const 
 cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
 {
     uint8_t to[CW_NODES_MAX], modes[CW_NODES_MAX];
-    if (!fits(bus, old, from))
+    if (!takeover_fits(bus, old, from))
         return CW_INVALID;
     cw_wake_controllers(old);
     cw_leave(old, old->all);

@@ -415,7 +415,7 @@ void cw_get_way(const cw_bus *bus, unsigned i, cw_settings *s)
 
 void cw_retime(cw_bus *bus, unsigned i, const cw_bit_timing *timing, const cw_data_timing *data)
 {
-    timed_node *n = &bus->timed.nodes[i];
+    cw_timed_node *n = &bus->timed.nodes[i];
     cw_timed_settle(&bus->timed, i);
     bus->timed.proof.valid = false;
     if (bus->timed.rates)

@@ -16,7 +16,7 @@ static inline void view_node(const cw_bus *bus, unsigned i, cw_bit_node *n)
 /* Nodes that are alike share what was noted of the lowest. */
 static void view_nodes(const cw_bus *bus, cw_bit_node *nodes)
 {
-    const bit_note *note = &bus->note;
+    const cw_bit_note *note = &bus->note;
     const unsigned lowest = note->alike ? cw_lowest_node(note->alike) : 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
         nodes[i] = note->nodes[note->alike >> i & 1u ? lowest : i];
@@ -28,7 +28,7 @@ static void view_nodes(const cw_bus *bus, cw_bit_node *nodes)
 
 cw_status cw_bus_get_bit(const cw_bus *bus, cw_bit_view *view)
 {
-    const bit_note *note = &bus->note;
+    const cw_bit_note *note = &bus->note;
     if (note->end == 0 || note->end != cw_now(bus))
         return CW_REFUSED;
     const cw_levels *levels = &note->levels;

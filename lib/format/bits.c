@@ -77,7 +77,7 @@ static cw_part next_part(const cw_bits *bits, cw_part part)
 }
 
 /* Walks the table to the u-th bit that is no stuff bit. */
-static cw_place find_place(const cw_bits *bits, unsigned u)
+static cw_place bits_find_place(const cw_bits *bits, unsigned u)
 {
     const cw_form form = cw_bits_form(bits);
     cw_part part = CW_PART_SOF;
@@ -104,7 +104,7 @@ cw_place cw_bits_place(const cw_bits *bits, unsigned n)
         return (cw_place){.field = CW_FIELD_FIXED_STUFF, .index = (uint16_t)number, .stuff = true,
                           .extended = cw_bits_is_extended(bits)};
     const cw_stuffing stuffing = cw_bits_stuffing(bits);
-    cw_place place = find_place(bits, n - cw_bitset_count_upto(stuffing.set, n));
+    cw_place place = bits_find_place(bits, n - cw_bitset_count_upto(stuffing.set, n));
     place.stuff = cw_bitset_get(stuffing.set, n);
     return place;
 }

@@ -4,7 +4,7 @@
  */
 #include "rule/private.h"
 
-static void arm(cw_rule_set *set, unsigned rule)
+static void due_arm(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
     cw_rule_take_arming(s, cw_rules_now(set));
@@ -61,7 +61,7 @@ static bool run_rule(cw_rule_set *set, unsigned rule)
         plan_again(set, s);
     }
     if (arms)
-        arm(set, rule);
+        due_arm(set, rule);
     return ends || goes_on || acts || fires || arms;
 }
 

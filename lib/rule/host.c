@@ -11,7 +11,7 @@
 
 /* ---- Frames held back ------------------------------------------------------------------------ */
 
-bool cw_rules_hold(cw_rule_set *set, const held_frame *frame)
+bool cw_rules_hold(cw_rule_set *set, const cw_held_frame *frame)
 {
     if (set->held_count == CW_HELD_FRAMES)
         return false;
@@ -25,7 +25,7 @@ static void queue(const cw_rule_set *set, unsigned node, const cw_frame *frame, 
     set->bus.effects->queue(set->bus.self, node, frame, tick, 0);
 }
 
-static void deliver_held(cw_rule_set *set, const held_frame *h, uint64_t tick)
+static void deliver_held(cw_rule_set *set, const cw_held_frame *h, uint64_t tick)
 {
     if (h->side == CW_SIDE_TX)
         queue(set, h->node, &h->frame, tick);
@@ -38,7 +38,7 @@ static void release(cw_rule_set *set, uint64_t tick)
 {
     unsigned kept = 0;
     for (unsigned i = 0; i < set->held_count; i++) {
-        held_frame h;
+        cw_held_frame h;
         cw_held_copy(set, &h, cw_held_at(set, i));
         if (h.due <= cw_rules_now(set))
             deliver_held(set, &h, tick);
@@ -48,7 +48,7 @@ static void release(cw_rule_set *set, uint64_t tick)
     set->held_count = kept;
 }
 
-bool cw_rules_take_held(cw_rule_set *set, unsigned node, held_frame *frame)
+bool cw_rules_take_held(cw_rule_set *set, unsigned node, cw_held_frame *frame)
 {
     unsigned place = 0;
     while (place < set->held_count && cw_held_at(set, place)->node != node)
@@ -80,7 +80,7 @@ void cw_rules_count_held(const cw_rule_set *set, unsigned node, uint32_t *tx, ui
     *tx = 0;
     *rx = 0;
     for (unsigned i = 0; i < set->held_count; i++) {
-        const held_frame *h = cw_held_at(set, i);
+        const cw_held_frame *h = cw_held_at(set, i);
         if (h->node == node)
             (*(h->side == CW_SIDE_TX ? tx : rx))++;
     }
@@ -100,7 +100,7 @@ void cw_rules_passed(cw_rule_set *set, unsigned node, cw_side side, uint64_t tic
 {
     bool due = false;
     for (unsigned i = 0; i < set->held_count; i++) {
-        held_frame *h = cw_held_at(set, i);
+        cw_held_frame *h = cw_held_at(set, i);
         if (h->node != node || h->side != side || h->behind == 0 || --h->behind > 0)
             continue;
         h->due = cw_rules_now(set);
@@ -153,8 +153,12 @@ bool cw_drop_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 static bool hold_back(cw_rule_set *set, const cw_rule *rule, const cw_passing *p, uint64_t due,
                       uint32_t behind)
 {
-    held_frame h = {.due = due, .behind = behind, .rule = (uint16_t)p->rule,
-                    .node = (uint8_t)p->node, .side = rule->side, .origin = *p->origin};
+    cw_held_frame h = {.due = due,
+                       .behind = behind,
+                       .rule = (uint16_t)p->rule,
+                       .node = (uint8_t)p->node,
+                       .side = rule->side,
+                       .origin = *p->origin};
     cw_frame_copy(&h.frame, p->frame);
     return !cw_rules_hold(set, &h);
 }
@@ -186,7 +190,7 @@ static bool is_hit(cw_rule_set *set, unsigned rule, cw_side side, uint64_t tick)
 
 /* made_by: the protection of the frame for rules on what it has written, or NULL for all others. */
 static bool run_rules(cw_rule_set *set, unsigned node, cw_frame *frame, cw_side side, uint64_t tick,
-                      const frame_origin *origin, cw_protected *made_by)
+                      const cw_frame_origin *origin, cw_protected *made_by)
 {
     cw_frame original;
     uint64_t self = cw_node_bit(node);
@@ -215,15 +219,18 @@ static bool run_rules(cw_rule_set *set, unsigned node, cw_frame *frame, cw_side 
 static void reply(cw_rule_set *set, unsigned rule, unsigned node)
 {
     const cw_rule *r = &set->rules[rule].rule;
-    const held_frame h = {.due = cw_after(cw_rules_now(set), r->for_ticks), .rule = (uint16_t)rule,
-                          .node = (uint8_t)node, .side = CW_SIDE_TX, .frame = r->frame};
+    const cw_held_frame h = {.due = cw_after(cw_rules_now(set), r->for_ticks),
+                             .rule = (uint16_t)rule,
+                             .node = (uint8_t)node,
+                             .side = CW_SIDE_TX,
+                             .frame = r->frame};
     cw_rule_report_hit(set, rule, cw_rules_now(set));
     set->bus.effects->count_made(set->bus.self, node, CW_SIDE_TX);
     if (!cw_rules_hold(set, &h))
         queue(set, node, &h.frame, cw_rules_now(set));
 }
 
-static void answer(cw_rule_set *set, unsigned node, const cw_frame *frame, uint64_t from)
+static void host_answer(cw_rule_set *set, unsigned node, const cw_frame *frame, uint64_t from)
 {
     cw_candidates c;
     unsigned rule;
@@ -243,7 +250,7 @@ static void answer(cw_rule_set *set, unsigned node, const cw_frame *frame, uint6
 
 bool cw_rules_hand_in(cw_rule_set *set, unsigned node, cw_frame *frame, uint64_t tick)
 {
-    static const frame_origin none = {.from = 0};
+    static const cw_frame_origin none = {.from = 0};
     cw_protected *made_by = NULL;
     if (set->hand_in_rules == 0)
         return true;
@@ -254,9 +261,10 @@ bool cw_rules_hand_in(cw_rule_set *set, unsigned node, cw_frame *frame, uint64_t
     return set->host_rules == 0 || run_rules(set, node, frame, CW_SIDE_TX, tick, &none, NULL);
 }
 
-bool cw_rules_hand_out(cw_rule_set *set, unsigned node, cw_frame *frame, const frame_origin *origin)
+bool cw_rules_hand_out(cw_rule_set *set, unsigned node, cw_frame *frame,
+                       const cw_frame_origin *origin)
 {
-    answer(set, node, frame, origin->from);
+    host_answer(set, node, frame, origin->from);
     return set->host_rules == 0 ||
            run_rules(set, node, frame, CW_SIDE_RX, cw_rules_now(set), origin, NULL);
 }

@@ -92,7 +92,7 @@ bool cw_rules_may_wait(const cw_rule_set *set, const cw_frame *frame)
 /* ---- Keys ------------------------------------------------------------------------------------ */
 
 /* Returns the place where a key of a class stands, or would stand. */
-static unsigned find_key(const cw_rule_set *set, unsigned class, uint32_t id, unsigned rule)
+static unsigned index_find_key(const cw_rule_set *set, unsigned class, uint32_t id, unsigned rule)
 {
     unsigned low = set->classes[class].first;
     unsigned high = low + set->classes[class].count;
@@ -115,7 +115,7 @@ static void note_id(cw_rule_set *set, const cw_rule_key *k)
 
 static void add_key(cw_rule_set *set, cw_rule_key key)
 {
-    unsigned place = find_key(set, key.class, key.id, key.rule);
+    unsigned place = index_find_key(set, key.class, key.id, key.rule);
     memmove(&set->keys[place + 1], &set->keys[place],
             (set->key_count - place) * sizeof set->keys[0]);
     set->keys[place] = key;
@@ -206,7 +206,7 @@ static void add_run(cw_candidates *c, const cw_rule_set *set, unsigned class)
 {
     const uint32_t id = c->id & set->classes[class].mask;
     const unsigned end = set->classes[class].first + set->classes[class].count;
-    cw_key_run run = {.next = (uint16_t)find_key(set, class, id, 0)};
+    cw_key_run run = {.next = (uint16_t)index_find_key(set, class, id, 0)};
     run.end = run.next;
     while (run.end < end && set->keys[run.end].id == id)
         run.end++;

@@ -75,7 +75,7 @@ static bool at_own_place(const cw_rule_set *set, const cw_rule *rule, const cw_m
     return place.field == rule->field && place.index == rule->index;
 }
 
-static bool in_flag(const flag_watch *flag, unsigned index)
+static bool in_flag(const cw_flag_watch *flag, unsigned index)
 {
     return flag->now && !flag->over && flag->length == index;
 }

@@ -7,7 +7,7 @@
 #include <string.h>
 
 /* Returns the place where a rule stands, or would stand, in a sorted list. */
-static unsigned find(const uint16_t *list, unsigned count, unsigned rule)
+static unsigned list_find(const uint16_t *list, unsigned count, unsigned rule)
 {
     unsigned place = 0;
     while (place < count && list[place] < rule)
@@ -17,7 +17,7 @@ static unsigned find(const uint16_t *list, unsigned count, unsigned rule)
 
 void cw_list_add(uint16_t *list, unsigned *count, unsigned rule)
 {
-    unsigned place = find(list, *count, rule);
+    unsigned place = list_find(list, *count, rule);
     memmove(&list[place + 1], &list[place], (*count - place) * sizeof list[0]);
     list[place] = (uint16_t)rule;
     (*count)++;
@@ -25,7 +25,7 @@ void cw_list_add(uint16_t *list, unsigned *count, unsigned rule)
 
 void cw_list_remove(uint16_t *list, unsigned *count, unsigned rule)
 {
-    unsigned place = find(list, *count, rule);
+    unsigned place = list_find(list, *count, rule);
     if (place == *count || list[place] != rule)
         return;
     (*count)--;

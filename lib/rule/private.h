@@ -58,7 +58,7 @@ typedef struct cw_passing {
     unsigned rule;
     unsigned node;
     uint64_t tick;
-    const frame_origin *origin;
+    const cw_frame_origin *origin;
     cw_protected *made_by; /* CW_IN_MAKING: the protection that has written counter and checksum */
 } cw_passing;
 

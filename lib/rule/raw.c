@@ -16,7 +16,7 @@ static void look_again(cw_rule_set *set, cw_rule_state *s)
 }
 
 /* The node drives its first bit from now on. Its controller leaves the bus before. */
-static void begin(cw_rule_set *set, unsigned rule)
+static void raw_begin(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
     s->waits = false;
@@ -32,7 +32,7 @@ static void wait_for_idle(cw_rule_set *set, unsigned rule)
     cw_rule_state *s = cw_rule_at(set, rule);
     s->waits = true;
     if (!s->rule.raw_when_idle || set->bus.effects->is_idle(set->bus.self, s->rule.node))
-        begin(set, rule);
+        raw_begin(set, rule);
     else
         look_again(set, s);
 }

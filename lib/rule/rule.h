@@ -32,11 +32,11 @@
 #include "time/wire.h"
 
 /* The first flag of one kind since the last SOF of a transmitter. */
-typedef struct flag_watch {
+typedef struct cw_flag_watch {
     bool now;        /* some node is in such a flag in the present bit */
     bool over;       /* the first flag of this attempt has ended */
     uint64_t length; /* bits of it so far, the present one not included */
-} flag_watch;
+} cw_flag_watch;
 
 #define CW_ARMINGS_MAX 16u /* armings of a rule under way, further ones are lost */
 
@@ -90,21 +90,21 @@ typedef struct cw_rule_state {
 } cw_rule_state;
 
 /* The origin of a received frame, see cw_event. All 0 for frames on their way to the wire. */
-typedef struct frame_origin {
+typedef struct cw_frame_origin {
     uint64_t from;
     uint64_t handed_in;
-} frame_origin;
+} cw_frame_origin;
 
 /* A frame that a host rule holds back. */
-typedef struct held_frame {
+typedef struct cw_held_frame {
     uint64_t due;    /* tick, or CW_NEVER while it waits for others to pass */
     uint32_t behind; /* frames of that node and side still to pass */
     uint16_t rule;
     uint8_t node;
     cw_side side;
-    frame_origin origin;
+    cw_frame_origin origin;
     cw_frame frame; /* in its short form where the bus has no FD */
-} held_frame;
+} cw_held_frame;
 
 /* A protection in use. */
 typedef struct cw_protected {
@@ -139,7 +139,8 @@ typedef struct cw_rule_effects {
     void (*queue)(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t tick,
                   unsigned source);
     /* Hands a frame to a node's host. */
-    void (*hand_out)(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
+    void (*hand_out)(cw_bus *bus, unsigned node, const cw_frame *frame,
+                     const cw_frame_origin *origin);
     /* Drops a frame on its way onto the bus or to the host. */
     void (*drop)(cw_bus *bus, unsigned node, cw_side side, const cw_frame *frame, uint64_t tick);
     /* Counts a frame that no host has handed in, or that no wire has carried. */
@@ -168,8 +169,8 @@ typedef struct cw_rule_bus {
     uint64_t seed;
     bool fd;      /* some node knows FD frames */
     bool divided; /* some node has a data rate: bits may be shorter than the rate says (D10) */
-    const flag_watch *error_flag;
-    const flag_watch *overload_flag;
+    const cw_flag_watch *error_flag;
+    const cw_flag_watch *overload_flag;
     const uint64_t *wires; /* sets of nodes that share one ... */
     const unsigned *wire_count;
     const cw_rule_effects *effects;
@@ -270,16 +271,17 @@ typedef struct cw_levels {
 /* Returns the bytes of a frame that is held back. fd: it may be an FD frame. */
 static inline size_t cw_held_frame_size(bool fd)
 {
-    return cw_frame_entry_size(offsetof(held_frame, frame), fd);
+    return cw_frame_entry_size(offsetof(cw_held_frame, frame), fd);
 }
 
 /* Returns the i-th frame that is held back. Copy it with cw_held_copy() only. */
-static inline held_frame *cw_held_at(const cw_rule_set *set, unsigned i)
+static inline cw_held_frame *cw_held_at(const cw_rule_set *set, unsigned i)
 {
-    return (held_frame *)(void *)(set->held + (size_t)i * set->held_size);
+    return (cw_held_frame *)(void *)(set->held + (size_t)i * set->held_size);
 }
 
-static inline void cw_held_copy(const cw_rule_set *set, held_frame *to, const held_frame *from)
+static inline void cw_held_copy(const cw_rule_set *set, cw_held_frame *to,
+                                const cw_held_frame *from)
 {
     memcpy(to, from, set->held_size);
 }
@@ -516,7 +518,7 @@ bool cw_rules_hand_in(cw_rule_set *set, unsigned node, cw_frame *frame, uint64_t
 
 /* Does the same for a frame on its way to a host. */
 bool cw_rules_hand_out(cw_rule_set *set, unsigned node, cw_frame *frame,
-                       const frame_origin *origin);
+                       const cw_frame_origin *origin);
 
 /* Returns the protection of a node's frames with an identifier, or NULL. */
 cw_protected *cw_rules_protection(const cw_rule_set *set, unsigned node, uint32_t id);
@@ -529,11 +531,11 @@ void cw_rules_take_over_protections(cw_rule_set *set, const cw_rule_set *old, co
 void cw_rules_passed(cw_rule_set *set, unsigned node, cw_side side, uint64_t tick);
 
 /* Holds a frame back until it is due. Returns false when there is no room. */
-bool cw_rules_hold(cw_rule_set *set, const held_frame *frame);
+bool cw_rules_hold(cw_rule_set *set, const cw_held_frame *frame);
 
 /* Takes the first frame of a node that is held back out of the held frames. Returns false when
  * there is none. */
-bool cw_rules_take_held(cw_rule_set *set, unsigned node, held_frame *frame);
+bool cw_rules_take_held(cw_rule_set *set, unsigned node, cw_held_frame *frame);
 
 /* Counts a frame that has come to a queue or has left one. source: 0, or the index plus 1 of the
  * rule that sent it. */

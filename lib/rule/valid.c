@@ -34,7 +34,7 @@ static bool moment_known(const cw_rule *r, unsigned traits)
            (!(traits & CW_HAS_POSITION) || position);
 }
 
-static uint32_t read_number(const cw_rule *r, const cw_action_range *range)
+static uint32_t valid_read_number(const cw_rule *r, const cw_action_range *range)
 {
     const unsigned char *at = (const unsigned char *)r + range->offset;
     uint32_t number = 0;
@@ -50,7 +50,7 @@ static bool is_in_range(const cw_rule *r, const cw_action_range *range)
 {
     if (range->bytes == 0)
         return true;
-    const uint32_t number = read_number(r, range);
+    const uint32_t number = valid_read_number(r, range);
     return (number >= range->least && number <= range->most) ||
            (range->may_keep && number == CW_KEEP);
 }

@@ -10,7 +10,7 @@
 #include <assert.h>
 #include <string.h>
 
-static void clear(agenda_list *list)
+static void agenda_clear(cw_agenda_list *list)
 {
     list->first = list->behind = list->entries;
     list->behind->moment = CW_SPAN_MAX;
@@ -18,11 +18,11 @@ static void clear(agenda_list *list)
 
 void cw_agenda_clear(cw_agenda *agenda)
 {
-    clear(&agenda->looks);
-    clear(&agenda->others);
+    agenda_clear(&agenda->looks);
+    agenda_clear(&agenda->others);
 }
 
-void cw_agenda_make_room(agenda_list *list)
+void cw_agenda_make_room(cw_agenda_list *list)
 {
     const size_t count = (size_t)(list->behind - list->first);
     assert(count < CW_NODES_MAX);
@@ -32,33 +32,33 @@ void cw_agenda_make_room(agenda_list *list)
 }
 
 /* Returns the entry of a node, the place behind the last one when it has none. */
-static const agenda_entry *entry_of(const agenda_list *list, unsigned node)
+static const cw_agenda_entry *entry_of(const cw_agenda_list *list, unsigned node)
 {
-    const agenda_entry *e = list->first;
+    const cw_agenda_entry *e = list->first;
     while (e < list->behind && cw_agenda_node(e) != node)
         e++;
     return e;
 }
 
-const agenda_entry *cw_agenda_of(const cw_agenda *agenda, unsigned node)
+const cw_agenda_entry *cw_agenda_of(const cw_agenda *agenda, unsigned node)
 {
-    const agenda_entry *look = entry_of(&agenda->looks, node);
+    const cw_agenda_entry *look = entry_of(&agenda->looks, node);
     return look < agenda->looks.behind ? look : entry_of(&agenda->others, node);
 }
 
 void cw_agenda_remove(cw_agenda *agenda, unsigned node)
 {
-    const agenda_entry *entry = cw_agenda_of(agenda, node);
-    agenda_list *list = cw_agenda_what(entry) == CW_LOOKS ? &agenda->looks : &agenda->others;
+    const cw_agenda_entry *entry = cw_agenda_of(agenda, node);
+    cw_agenda_list *list = cw_agenda_what(entry) == CW_LOOKS ? &agenda->looks : &agenda->others;
     assert(entry < list->behind);
-    agenda_entry *place = list->first + (entry - list->first);
+    cw_agenda_entry *place = list->first + (entry - list->first);
     memmove(place, place + 1, (size_t)(list->behind - place) * sizeof *place);
     list->behind--;
 }
 
-static void rebase(agenda_list *list, cw_span by)
+static void rebase(cw_agenda_list *list, cw_span by)
 {
-    for (agenda_entry *e = list->first; e < list->behind; e++)
+    for (cw_agenda_entry *e = list->first; e < list->behind; e++)
         e->moment -= by;
 }
 
@@ -70,7 +70,7 @@ void cw_agenda_rebase(cw_agenda *agenda, cw_span by)
 
 void cw_timed_settle(cw_timed *timed, unsigned i)
 {
-    timed_node *n = &timed->nodes[i];
+    cw_timed_node *n = &timed->nodes[i];
     if (!timed->active || !n->ahead)
         return;
     n->ahead = false;

@@ -15,7 +15,7 @@
 /* ---- Delivery -------------------------------------------------------------------------------- */
 
 /* Gives a frame to the host, past the rules on its way. */
-static void deliver(cw_bus *bus, unsigned i, cw_frame *frame, const frame_origin *origin)
+static void buffers_deliver(cw_bus *bus, unsigned i, cw_frame *frame, const cw_frame_origin *origin)
 {
     if (cw_rules_hand_out(&bus->rules, i, frame, origin))
         cw_push_rx(bus, i, frame, origin);
@@ -24,7 +24,7 @@ static void deliver(cw_bus *bus, unsigned i, cw_frame *frame, const frame_origin
 
 /* ---- Buffers --------------------------------------------------------------------------------- */
 
-static stored_frame *stored_at(const cw_buffers *b, unsigned n)
+static cw_stored_frame *stored_at(const cw_buffers *b, unsigned n)
 {
     return &b->stored[(b->first + n) % (b->limit + 1)];
 }
@@ -45,7 +45,7 @@ static unsigned bytes_of(const cw_frame *frame)
 }
 
 /* Returns true when a frame finds room behind so many that the host has not fetched. */
-static bool fits(const cw_buffers *b, unsigned waiting, const cw_frame *frame)
+static bool buffers_fits(const cw_buffers *b, unsigned waiting, const cw_frame *frame)
 {
     unsigned bytes = bytes_of(frame);
     for (unsigned n = b->count - waiting; b->byte_limit && n < b->count; n++)
@@ -57,7 +57,8 @@ static bool fits(const cw_buffers *b, unsigned waiting, const cw_frame *frame)
 static uint64_t room_at(const cw_buffers *b, uint64_t now, const cw_frame *frame)
 {
     uint64_t at = 0;
-    for (unsigned waiting = unfetched(b, now); waiting > 0 && !fits(b, waiting, frame); waiting--)
+    for (unsigned waiting = unfetched(b, now); waiting > 0 && !buffers_fits(b, waiting, frame);
+         waiting--)
         at = stored_at(b, b->count - waiting)->due;
     return at;
 }
@@ -94,14 +95,14 @@ static void ask_for_time(cw_bus *bus, unsigned i, const cw_frame *frame)
 
 /* Adds a frame behind those that wait. One that has been fetched in the bit in progress is still
  * among them: hosts get their frames between two bits. */
-static void add(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_origin *origin,
-                unsigned box)
+static void buffers_add(cw_bus *bus, unsigned i, const cw_frame *frame,
+                        const cw_frame_origin *origin, unsigned box)
 {
     cw_buffers *b = &bus->buffers[i];
     const uint64_t now = cw_now(bus);
     const uint64_t last = b->count ? stored_at(b, b->count - 1)->due : now;
     assert(b->count <= b->limit);
-    stored_frame *s = stored_at(b, b->count++);
+    cw_stored_frame *s = stored_at(b, b->count++);
     s->due = cw_after(last > now ? last : now, b->service_ticks);
     s->box = (uint8_t)box;
     s->origin = *origin;
@@ -110,11 +111,11 @@ static void add(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_orig
     bus->node_due = cw_least(bus->node_due, stored_at(b, 0)->due);
 }
 
-static void store(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_origin *origin)
+static void store(cw_bus *bus, unsigned i, const cw_frame *frame, const cw_frame_origin *origin)
 {
     cw_buffers *b = &bus->buffers[i];
-    if (fits(b, unfetched(b, cw_now(bus)), frame)) {
-        add(bus, i, frame, origin, CW_NO_BOX);
+    if (buffers_fits(b, unfetched(b, cw_now(bus)), frame)) {
+        buffers_add(bus, i, frame, origin, CW_NO_BOX);
     } else {
         overrun(bus, i, frame);
         b->stats.overruns++;
@@ -126,7 +127,7 @@ static void store(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_or
 /* ---- Receive mailboxes ----------------------------------------------------------------------- */
 
 /* Returns the frame in a mailbox for another one that the host will fetch last. There is one. */
-static stored_frame *last_for(const cw_buffers *b, const cw_frame *frame)
+static cw_stored_frame *last_for(const cw_buffers *b, const cw_frame *frame)
 {
     unsigned n = b->count - 1;
     while (!cw_mailbox_takes(b, stored_at(b, n)->box, frame)) {
@@ -145,8 +146,8 @@ static uint64_t full_boxes(const cw_buffers *b, uint64_t now)
 }
 
 /* Its host fetches the newer frame when it would have fetched the older one. */
-static void overwrite(cw_bus *bus, unsigned i, stored_frame *s, const cw_frame *frame,
-                      const frame_origin *origin)
+static void overwrite(cw_bus *bus, unsigned i, cw_stored_frame *s, const cw_frame *frame,
+                      const cw_frame_origin *origin)
 {
     overrun(bus, i, &s->frame);
     bus->buffers[i].stats.overwritten++;
@@ -155,7 +156,7 @@ static void overwrite(cw_bus *bus, unsigned i, stored_frame *s, const cw_frame *
 }
 
 static void store_in_box(cw_bus *bus, unsigned i, const cw_frame *frame,
-                         const frame_origin *origin)
+                         const cw_frame_origin *origin)
 {
     const cw_buffers *b = &bus->buffers[i];
     const uint64_t now = cw_now(bus);
@@ -163,12 +164,12 @@ static void store_in_box(cw_bus *bus, unsigned i, const cw_frame *frame,
     if (box == CW_NO_BOX)
         overwrite(bus, i, last_for(b, frame), frame, origin);
     else
-        add(bus, i, frame, origin, box);
+        buffers_add(bus, i, frame, origin, box);
 }
 
 /* ---- Reception ------------------------------------------------------------------------------- */
 
-void cw_buffers_receive(cw_bus *bus, unsigned i, cw_frame *frame, const frame_origin *origin)
+void cw_buffers_receive(cw_bus *bus, unsigned i, cw_frame *frame, const cw_frame_origin *origin)
 {
     const cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
     bus->nodes[i].stats.rx_accepted++;
@@ -177,11 +178,11 @@ void cw_buffers_receive(cw_bus *bus, unsigned i, cw_frame *frame, const frame_or
     else if (b && b->limit)
         store(bus, i, frame, origin);
     else
-        deliver(bus, i, frame, origin);
+        buffers_deliver(bus, i, frame, origin);
 }
 
 /* Takes the frame that has waited longest. */
-static void take_first(cw_bus *bus, cw_buffers *b, stored_frame *out)
+static void buffers_take_first(cw_bus *bus, cw_buffers *b, cw_stored_frame *out)
 {
     bus->stored--;
     *out = *stored_at(b, 0);
@@ -192,10 +193,10 @@ static void take_first(cw_bus *bus, cw_buffers *b, stored_frame *out)
 void cw_buffers_run(cw_bus *bus, unsigned i)
 {
     cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
-    stored_frame s;
+    cw_stored_frame s;
     while (b && b->count && stored_at(b, 0)->due <= cw_now(bus)) {
-        take_first(bus, b, &s);
-        deliver(bus, i, &s.frame, &s.origin);
+        buffers_take_first(bus, b, &s);
+        buffers_deliver(bus, i, &s.frame, &s.origin);
     }
 }
 
@@ -213,14 +214,14 @@ uint32_t cw_buffers_count(const cw_bus *bus, unsigned i)
 void cw_buffers_flush(cw_bus *bus, unsigned i, cw_drop why)
 {
     cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
-    stored_frame s;
+    cw_stored_frame s;
     while (b && b->count) {
-        take_first(bus, b, &s);
+        buffers_take_first(bus, b, &s);
         cw_push_drop(bus, i, CW_SIDE_RX, &s.frame, why, cw_now(bus));
     }
 }
 
-const stored_frame *cw_buffers_at(const cw_bus *bus, unsigned i, unsigned n)
+const cw_stored_frame *cw_buffers_at(const cw_bus *bus, unsigned i, unsigned n)
 {
     return stored_at(&bus->buffers[i], n);
 }
@@ -237,14 +238,17 @@ static bool has_place(const cw_buffers *b, const cw_frame *frame, uint64_t now, 
     return !b->boxed || *box != CW_NO_BOX;
 }
 
-void cw_buffers_put(cw_bus *bus, unsigned i, const stored_frame *s, bool waits)
+void cw_buffers_put(cw_bus *bus, unsigned i, const cw_stored_frame *s, bool waits)
 {
     cw_buffers *b = bus->buffers ? &bus->buffers[i] : NULL;
-    held_frame held = {.due = cw_now(bus), .rule = CW_NO_RULE, .node = (uint8_t)i,
-                       .side = CW_SIDE_RX, .origin = s->origin};
+    cw_held_frame held = {.due = cw_now(bus),
+                          .rule = CW_NO_RULE,
+                          .node = (uint8_t)i,
+                          .side = CW_SIDE_RX,
+                          .origin = s->origin};
     uint8_t box;
     if (waits && has_place(b, &s->frame, cw_now(bus), &box)) {
-        stored_frame *put = stored_at(b, b->count++);
+        cw_stored_frame *put = stored_at(b, b->count++);
         *put = *s;
         put->box = box;
         bus->stored++;

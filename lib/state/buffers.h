@@ -10,19 +10,19 @@
 #include "rule/rule.h"
 
 /* A received frame that the host has not fetched yet. */
-typedef struct stored_frame {
+typedef struct cw_stored_frame {
     uint64_t due; /* tick at which the host has fetched it */
     uint8_t box;  /* its mailbox */
-    frame_origin origin;
+    cw_frame_origin origin;
     cw_frame frame;
-} stored_frame;
+} cw_stored_frame;
 
 /* The buffers of one node. All 0: its host takes each frame at once. */
 typedef struct cw_buffers {
     const cw_filter *filters;
     unsigned filter_count;    /* 0: every frame is accepted */
     unsigned limit;           /* frames that may wait for the host; 0: frames are not stored */
-    stored_frame *stored;     /* a ring of limit + 1, in the order of the frames */
+    cw_stored_frame *stored;  /* a ring of limit + 1, in the order of the frames */
     unsigned first;
     unsigned count;
     unsigned byte_limit;      /* of them together, as the SJA1000 counts; 0: none */

@@ -15,12 +15,12 @@ void cw_count_clean_bits_now(cw_bus *bus)
 }
 
 /* Returns the offered slot, whose contents stay readable until the next frame is put in. */
-static const cw_queue_slot *offered_slot(const bus_node *n)
+static const cw_queue_slot *offered_slot(const cw_bus_node *n)
 {
     return cw_queue_at(&n->queue, n->offered_slot);
 }
 
-static void count_sent(cw_bus *bus, bus_node *n, const cw_queue_slot *slot, unsigned wire_bits)
+static void count_sent(cw_bus *bus, cw_bus_node *n, const cw_queue_slot *slot, unsigned wire_bits)
 {
     n->stats.tx_frames++;
     n->stats.tx_bytes += slot->bytes;
@@ -43,7 +43,7 @@ static void commit_time(cw_bus *bus, unsigned i, const cw_queue_slot *slot, cw_e
 
 void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     const cw_queue_slot *slot = offered_slot(n);
     count_sent(bus, n, slot, wire_bits);
     cw_note_end(bus, i, cw_now(bus));
@@ -59,7 +59,7 @@ void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
 /* Commits that a one-shot node has given up its frame. */
 static void commit_given_up(cw_bus *bus, unsigned i)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     cw_remove_slot(bus, i, n->offered_slot);
     if (bus->tt)
         cw_tt_failed(bus, i, n->offered_slot);
@@ -95,7 +95,7 @@ static void report_error(cw_bus *bus, unsigned i, const cw_error *error, bool fa
 }
 
 /* Returns the frame that a node is sending, as it is on the wire. */
-static const cw_frame *sent_frame(const bus_node *n)
+static const cw_frame *sent_frame(const cw_bus_node *n)
 {
     const cw_frame *offered = cw_mac_offered(&n->mac);
     return offered ? offered : offered_slot(n)->frame;
@@ -107,7 +107,7 @@ static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
 {
     bool sent = false;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const bus_node *n = &bus->nodes[i];
+        const cw_bus_node *n = &bus->nodes[i];
         if (!cw_mac_is_sending(&n->mac) || (n->mac.modes & CW_MODE_LOOPBACK))
             continue;
         if (cw_frame_equal(sent_frame(n), frame))
@@ -169,9 +169,9 @@ static uint64_t handed_in_of(const cw_bus *bus, unsigned i)
     return over ? start->handed_in : offered_slot(&bus->nodes[i])->handed_in;
 }
 
-static frame_origin find_origin(const cw_bus *bus, unsigned receiver)
+static cw_frame_origin find_origin(const cw_bus *bus, unsigned receiver)
 {
-    frame_origin origin = {.from = find_senders(bus, receiver), .handed_in = CW_NEVER};
+    cw_frame_origin origin = {.from = find_senders(bus, receiver), .handed_in = CW_NEVER};
     if (origin.from & bus->rules.raw)
         origin.handed_in = cw_now(bus); /* no host has handed it in */
     for (uint64_t rest = origin.from & ~bus->rules.raw; rest; rest &= rest - 1)
@@ -181,14 +181,14 @@ static frame_origin find_origin(const cw_bus *bus, unsigned receiver)
 
 void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     cw_frame frame;
     cw_frame_copy(&frame, received);
     if (!(n->mac.modes & CW_MODE_LOOPBACK) && is_corrupted(bus, &frame)) {
         n->stats.undetected_errors++;
         bus->stats.undetected_errors++;
     }
-    const frame_origin origin = find_origin(bus, i);
+    const cw_frame_origin origin = find_origin(bus, i);
     if (bus->tt)
         cw_tt_received(bus, i, &frame, origin.from);
     if (!cw_buffers_accept(bus, i, &frame))
@@ -223,7 +223,7 @@ bool cw_commit_reception(cw_bus *bus)
 }
 
 /* Keeps ESI as it was sent (D8). */
-static void keep_sent_flags(const bus_node *n)
+static void keep_sent_flags(const cw_bus_node *n)
 {
     const cw_frame *sent = cw_mac_offered(&n->mac);
     if (sent)

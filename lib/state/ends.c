@@ -8,7 +8,7 @@
 
 void cw_note_end(cw_bus *bus, unsigned i, uint64_t tick)
 {
-    const bus_node *n = &bus->nodes[i];
+    const cw_bus_node *n = &bus->nodes[i];
     bus->starts[i].stopped = tick;
     bus->starts[i].handed_in = cw_queue_at(&n->queue, n->offered_slot)->handed_in;
 }

@@ -20,7 +20,7 @@ void cw_queue_changed(cw_bus *bus, unsigned i)
 
 cw_drop cw_refusal(const cw_bus *bus, unsigned i)
 {
-    const bus_node *n = &bus->nodes[i];
+    const cw_bus_node *n = &bus->nodes[i];
     if (bus->detached & cw_node_bit(i))
         return bus->removed & cw_node_bit(i) ? CW_DROP_REMOVED : CW_DROP_LINK_DOWN;
     if (cw_modes_of(bus, i) & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED))
@@ -33,7 +33,7 @@ cw_drop cw_refusal(const cw_bus *bus, unsigned i)
     return CW_DROP_QUEUE_FULL;
 }
 
-void cw_pin_first(bus_node *n)
+void cw_pin_first(cw_bus_node *n)
 {
     uint16_t slot = cw_queue_first(&n->queue);
     if (n->offered_slot != slot || n->deviates)
@@ -53,7 +53,7 @@ static void pin_frame(cw_bus *bus, unsigned i)
 }
 
 /* Not inlined, so that classical frames need no room for it. */
-__attribute__((noinline)) void cw_complete_fd(const bus_node *n)
+__attribute__((noinline)) void cw_complete_fd(const cw_bus_node *n)
 {
     cw_queue_slot *slot = cw_queue_at(&n->queue, n->queue.newest);
     const unsigned flags = cw_mac_fd_flags(&n->mac, slot->frame->flags);
@@ -64,9 +64,9 @@ __attribute__((noinline)) void cw_complete_fd(const bus_node *n)
 }
 
 /* Puts a frame into the queue, wherever that is. */
-static void put(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick)
+static void enqueue_put(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     pin_frame(bus, i);
     bool put = cw_queue_put(&n->queue, frame, tick);
     assert(put);
@@ -78,9 +78,9 @@ static void put(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick)
 
 void cw_enqueue_reply(cw_bus *bus, unsigned i, const cw_frame *frame, unsigned box)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     cw_share_lost(bus, i);
-    put(bus, i, frame, cw_now(bus));
+    enqueue_put(bus, i, frame, cw_now(bus));
     cw_mailboxes_put_into(bus, i, n->queue.newest, box);
     cw_queue_changed(bus, i);
     n->stats.made_by_rules++;
@@ -90,8 +90,8 @@ void cw_enqueue_reply(cw_bus *bus, unsigned i, const cw_frame *frame, unsigned b
 
 void cw_enqueue(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick, unsigned source)
 {
-    bus_node *n = &bus->nodes[i];
-    put(bus, i, frame, tick);
+    cw_bus_node *n = &bus->nodes[i];
+    enqueue_put(bus, i, frame, tick);
     if (bus->buffers)
         cw_mailboxes_find_one(bus, i);
     if (cw_queue_first(&n->queue) == n->queue.newest)
@@ -123,7 +123,7 @@ void cw_queue_frame(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tic
 
 void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     cw_share_lost(bus, i);
     cw_rules_count_gone(&bus->rules, cw_queue_at(&n->queue, slot)->source);
     if (bus->buffers)
@@ -136,7 +136,7 @@ void cw_remove_slot(cw_bus *bus, unsigned i, uint16_t slot)
 
 void cw_flush_queue(cw_bus *bus, unsigned i, cw_drop why)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     while (n->queue.count > 0) {
         uint16_t slot = cw_queue_first(&n->queue);
         const cw_frame *frame = cw_queue_at(&n->queue, slot)->frame;

@@ -9,15 +9,15 @@
 
 /* An entry outside of the inbox. */
 typedef union entry_room {
-    inbox_entry entry;
-    unsigned char bytes[sizeof(inbox_entry) + sizeof(cw_frame)];
+    cw_inbox_entry entry;
+    unsigned char bytes[sizeof(cw_inbox_entry) + sizeof(cw_frame)];
 } entry_room;
 
 /* The bytes that each entry has. */
-#define SHORT_ENTRY (offsetof(inbox_entry, frame) + sizeof(cw_short_frame))
+#define SHORT_ENTRY (offsetof(cw_inbox_entry, frame) + sizeof(cw_short_frame))
 
 /* Copies the short form by itself, with a size that the compiler knows. */
-static inline void copy_out(entry_room *room, const inbox *box, const inbox_entry *from)
+static inline void copy_out(entry_room *room, const cw_inbox *box, const cw_inbox_entry *from)
 {
     const unsigned char *entry = (const unsigned char *)from;
     memcpy(room, entry, SHORT_ENTRY);
@@ -26,18 +26,18 @@ static inline void copy_out(entry_room *room, const inbox *box, const inbox_entr
 }
 
 /* Returns the entry that comes first, as cw_inbox_at() does. */
-static inline inbox_entry *front(const inbox *box)
+static inline cw_inbox_entry *front(const cw_inbox *box)
 {
-    return (inbox_entry *)(void *)(box->entries + (size_t)box->first * box->entry_size);
+    return (cw_inbox_entry *)(void *)(box->entries + (size_t)box->first * box->entry_size);
 }
 
-static void copy(const inbox *box, unsigned to, unsigned from)
+static void copy(const cw_inbox *box, unsigned to, unsigned from)
 {
     memcpy(cw_inbox_at(box, to), cw_inbox_at(box, from), box->entry_size);
 }
 
 /* Moves an entry to an earlier place; those between move on by one. */
-static void move_forward(const inbox *box, unsigned from, unsigned to)
+static void move_forward(const cw_inbox *box, unsigned from, unsigned to)
 {
     entry_room moved;
     copy_out(&moved, box, cw_inbox_at(box, from));
@@ -46,12 +46,12 @@ static void move_forward(const inbox *box, unsigned from, unsigned to)
     memcpy(cw_inbox_at(box, to), &moved, box->entry_size);
 }
 
-static void find_next(inbox *box)
+static void find_next(cw_inbox *box)
 {
     box->next = box->count ? front(box)->at_tick : CW_NEVER;
 }
 
-static bool comes_after(const inbox_entry *a, uint64_t at_tick, unsigned node)
+static bool comes_after(const cw_inbox_entry *a, uint64_t at_tick, unsigned node)
 {
     return a->at_tick > at_tick || (a->at_tick == at_tick && a->node > node);
 }
@@ -80,11 +80,13 @@ __attribute__((flatten)) static bool hand_in_now(cw_bus *bus, unsigned i,
 }
 
 /* A bus without FD drops an FD frame later. The event then has the begin of its data. */
-static void put(const cw_bus *bus, inbox_entry *entry, unsigned node, const cw_frame *frame,
-                uint64_t at_tick, unsigned trigger)
+static void inbox_put(const cw_bus *bus, cw_inbox_entry *entry, unsigned node,
+                      const cw_frame *frame, uint64_t at_tick, unsigned trigger)
 {
-    *entry = (inbox_entry){.at_tick = at_tick, .node = (uint8_t)node, .trigger = (uint8_t)trigger,
-                           .restarted = at_tick == cw_now(bus) && cw_restart_is_due(bus, node)};
+    *entry = (cw_inbox_entry){.at_tick = at_tick,
+                              .node = (uint8_t)node,
+                              .trigger = (uint8_t)trigger,
+                              .restarted = at_tick == cw_now(bus) && cw_restart_is_due(bus, node)};
     memcpy(entry->frame, frame, sizeof(cw_short_frame));
     if (!cw_frame_is_fd(frame))
         return;
@@ -95,20 +97,20 @@ static void put(const cw_bus *bus, inbox_entry *entry, unsigned node, const cw_f
 }
 
 /* Adds a frame, for which there must be room. */
-static void add(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t at_tick,
-                unsigned trigger)
+static void inbox_add(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t at_tick,
+                      unsigned trigger)
 {
-    inbox *box = &bus->inbox;
+    cw_inbox *box = &bus->inbox;
     assert(box->count < box->capacity);
     unsigned place = box->count++;
     for (; place > 0 && comes_after(cw_inbox_at(box, place - 1), at_tick, i); place--)
         copy(box, place, place - 1);
-    put(bus, cw_inbox_at(box, place), i, frame, at_tick, trigger);
+    inbox_put(bus, cw_inbox_at(box, place), i, frame, at_tick, trigger);
     find_next(box);
 }
 
 /* Returns the frames of hosts for which there is room. */
-static unsigned room(const inbox *box)
+static unsigned room(const cw_inbox *box)
 {
     const unsigned of_hosts = box->count - cw_count_bits(box->triggered);
     return box->capacity - box->kept_free - of_hosts;
@@ -116,7 +118,7 @@ static unsigned room(const inbox *box)
 
 cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t at_tick)
 {
-    const inbox *box = &bus->inbox;
+    const cw_inbox *box = &bus->inbox;
     if (i >= bus->node_count)
         return CW_INVALID;
     if (at_tick < cw_now(bus))
@@ -125,7 +127,7 @@ cw_status cw_node_send(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t 
         return CW_OK;
     if (room(box) == 0)
         return CW_FULL;
-    add(bus, i, frame, at_tick, 0);
+    inbox_add(bus, i, frame, at_tick, 0);
     bus->nodes[i].inbox++;
     return CW_OK;
 }
@@ -134,11 +136,11 @@ void cw_inbox_put_triggered(cw_bus *bus, unsigned i, const cw_frame *frame, uint
                             unsigned trigger)
 {
     bus->inbox.triggered |= cw_node_bit(i);
-    add(bus, i, frame, tick > cw_now(bus) ? tick : cw_now(bus), trigger);
+    inbox_add(bus, i, frame, tick > cw_now(bus) ? tick : cw_now(bus), trigger);
 }
 
 /* Frames for the same tick stay in their order. */
-static void sort_inbox(inbox *box)
+static void sort_inbox(cw_inbox *box)
 {
     for (unsigned i = 1; i < box->count; i++) {
         const uint64_t tick = cw_inbox_at(box, i)->at_tick;
@@ -153,7 +155,7 @@ static void sort_inbox(inbox *box)
 void cw_nodes_bring_forward(cw_bus *bus, uint64_t nodes, uint64_t ticks)
 {
     for (unsigned i = 0; i < bus->inbox.count; i++) {
-        inbox_entry *e = cw_inbox_at(&bus->inbox, i);
+        cw_inbox_entry *e = cw_inbox_at(&bus->inbox, i);
         if (!(nodes >> e->node & 1u) || e->at_tick == CW_NEVER || e->at_tick <= cw_now(bus))
             continue;
         e->at_tick = e->at_tick - cw_now(bus) > ticks ? e->at_tick - ticks : cw_now(bus);
@@ -179,10 +181,10 @@ unsigned cw_bus_inbox_room(const cw_bus *bus)
 
 /* Queues a frame of a schedule; trigger: 1 + its number. Its host has nothing to do with it. A
  * frame that a mailbox keeps for its replies misses no slot. */
-static void hand_in_triggered(cw_bus *bus, const inbox_entry *entry)
+static void hand_in_triggered(cw_bus *bus, const cw_inbox_entry *entry)
 {
     const unsigned i = entry->node;
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     const unsigned before = n->queue.count;
     const uint64_t stored = n->stats.stored;
     bus->inbox.triggered &= ~cw_node_bit(i);
@@ -195,7 +197,7 @@ static void hand_in_triggered(cw_bus *bus, const inbox_entry *entry)
 }
 
 /* Rules on the host side see the frame first, then it is queued. */
-__attribute__((flatten)) static void hand_in(cw_bus *bus, inbox_entry *entry)
+__attribute__((flatten)) static void hand_in(cw_bus *bus, cw_inbox_entry *entry)
 {
     cw_frame *frame = entry->frame; /* with room for what rules make of it */
     if (entry->trigger) {
@@ -209,9 +211,9 @@ __attribute__((flatten)) static void hand_in(cw_bus *bus, inbox_entry *entry)
     cw_rules_passed(&bus->rules, entry->node, CW_SIDE_TX, entry->at_tick);
 }
 
-static void take_first(cw_bus *bus)
+static void inbox_take_first(cw_bus *bus)
 {
-    inbox *box = &bus->inbox;
+    cw_inbox *box = &bus->inbox;
     entry_room first;
     copy_out(&first, box, front(box));
     box->first = box->first + 1 < box->capacity ? box->first + 1 : 0;
@@ -222,7 +224,7 @@ static void take_first(cw_bus *bus)
 
 static void take_nth(cw_bus *bus, unsigned n)
 {
-    inbox *box = &bus->inbox;
+    cw_inbox *box = &bus->inbox;
     entry_room nth;
     copy_out(&nth, box, cw_inbox_at(box, n));
     box->count--;
@@ -237,21 +239,21 @@ static void take_nth(cw_bus *bus, unsigned n)
 __attribute__((noinline, flatten)) void cw_take_inbox(cw_bus *bus, uint64_t tick)
 {
     while (cw_inbox_first(bus) < tick)
-        take_first(bus);
+        inbox_take_first(bus);
 }
 
 void cw_take_inbox_of(cw_bus *bus, unsigned i)
 {
-    const inbox *box = &bus->inbox;
+    const cw_inbox *box = &bus->inbox;
     const bool restarts = cw_restart_is_due(bus, i);
     while (cw_inbox_first(bus) <= cw_now(bus) && cw_inbox_at(box, 0)->node == i &&
            !(restarts && cw_inbox_at(box, 0)->restarted))
-        take_first(bus);
+        inbox_take_first(bus);
 }
 
 void cw_take_inbox_of_before(cw_bus *bus, unsigned i, uint64_t tick)
 {
-    const inbox *box = &bus->inbox;
+    const cw_inbox *box = &bus->inbox;
     for (unsigned n = 0; n < box->count && cw_inbox_at(box, n)->at_tick < tick;)
         if (cw_inbox_at(box, n)->node == i)
             take_nth(bus, n);
@@ -261,10 +263,10 @@ void cw_take_inbox_of_before(cw_bus *bus, unsigned i, uint64_t tick)
 
 void cw_flush_inbox(cw_bus *bus, unsigned i)
 {
-    inbox *box = &bus->inbox;
+    cw_inbox *box = &bus->inbox;
     unsigned kept = 0;
     for (unsigned k = 0; k < box->count; k++) {
-        const inbox_entry *entry = cw_inbox_at(box, k);
+        const cw_inbox_entry *entry = cw_inbox_at(box, k);
         if (entry->node != i) {
             copy(box, kept++, k);
             continue;

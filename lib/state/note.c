@@ -79,7 +79,7 @@ static void clear_bit(uint64_t *levels, unsigned i)
 
 static void note_node(cw_bus *bus, unsigned i, const cw_mac *m, bool sampled)
 {
-    bit_note *note = &bus->note;
+    cw_bit_note *note = &bus->note;
     bool hidden = m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK);
     bool level = cw_mac_visible(m, sampled);
     if (!level)
@@ -94,7 +94,7 @@ static void note_node(cw_bus *bus, unsigned i, const cw_mac *m, bool sampled)
 /* Nodes that follow one controller are at one place, unless their levels differ. */
 static void note_followers(cw_bus *bus, const cw_levels *levels)
 {
-    bit_note *note = &bus->note;
+    cw_bit_note *note = &bus->note;
     const unsigned first = cw_lowest_node(bus->followers);
     const uint64_t low = bus->followers & ~levels->sampled;
     bool together = low == 0 || low == bus->followers;
@@ -112,7 +112,7 @@ static void note_followers(cw_bus *bus, const cw_levels *levels)
 
 void cw_view_note(cw_bus *bus, const cw_levels *levels)
 {
-    bit_note *note = &bus->note;
+    cw_bit_note *note = &bus->note;
     note->start = cw_now(bus);
     note->end = cw_bit_end(bus);
     note->fast = cw_fast_nodes(bus);
@@ -140,7 +140,7 @@ static bool is_quiet_phase(unsigned phase)
 
 bool cw_view_is_quiet(const cw_bus *bus)
 {
-    const bit_note *note = &bus->note;
+    const cw_bit_note *note = &bus->note;
     const cw_levels *l = &note->levels;
     uint64_t recessive = l->driven & l->wire & l->clean & l->sampled & note->sampled & note->wanted;
     if (note->end == 0 || note->end != cw_now(bus) || (recessive & bus->all) != bus->all)

@@ -92,7 +92,7 @@ bool cw_order_is_improper(const cw_bus *bus, unsigned i, uint16_t slot)
 
 void cw_order_check(cw_bus *bus, unsigned i)
 {
-    const bus_node *n = &bus->nodes[i];
+    const cw_bus_node *n = &bus->nodes[i];
     const pending_frame pending = find_pending(bus, i, n->offered_slot);
     if (pending.node == NO_FRAME || (n->mac.modes & CW_MODE_LOOPBACK))
         return;

@@ -34,7 +34,7 @@ static uint32_t place_key(const cw_queue *q, const cw_frame *frame)
 
 /* Finds the place of a new frame: after all that wait and are at least as urgent. In this binary
  * search only the number of frames decides on branches, since the processor cannot foresee keys. */
-static unsigned find_place(const cw_queue *q, uint32_t key)
+static unsigned queue_find_place(const cw_queue *q, uint32_t key)
 {
     unsigned place = 0;
     unsigned rest = q->count - q->boxed;
@@ -74,7 +74,7 @@ bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
     if (q->count == q->capacity)
         return false;
     uint32_t key = place_key(q, frame);
-    unsigned place = find_place(q, key);
+    unsigned place = queue_find_place(q, key);
     uint16_t slot = q->order[q->count].slot;
     memmove(&q->order[place + 1], &q->order[place], (q->count - place) * sizeof q->order[0]);
     q->order[place] = (cw_queue_place){.key = key, .slot = slot};

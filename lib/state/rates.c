@@ -26,7 +26,7 @@ cw_span cw_data_clock(const cw_data_timing *data, const cw_bit_timing *nominal)
 
 void cw_timed_set_data(cw_bus *bus, unsigned i, const cw_data_timing *data)
 {
-    timed_rates *r = &bus->timed.rates[i];
+    cw_timed_rates *r = &bus->timed.rates[i];
     cw_fd_part *fd = bus->nodes[i].mac.fd;
     r->given = *data;
     r->data = cw_data_bit_timing(data, &r->nominal);
@@ -38,7 +38,7 @@ void cw_timed_set_data(cw_bus *bus, unsigned i, const cw_data_timing *data)
 
 void cw_timed_retime_rates(cw_bus *bus, unsigned i)
 {
-    timed_rates *r = &bus->timed.rates[i];
+    cw_timed_rates *r = &bus->timed.rates[i];
     r->nominal = bus->timed.next_timings[i];
     cw_timed_set_data(bus, i, &r->next);
     cw_timed_set_timing(&bus->timed.nodes[i], cw_timing_at(r, r->fast));

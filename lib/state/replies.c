@@ -29,7 +29,7 @@ bool cw_mailboxes_answer(cw_bus *bus, unsigned i, const cw_frame *frame)
 void cw_mailboxes_load_now(cw_bus *bus, unsigned i)
 {
     cw_buffers *b = &bus->buffers[i];
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     for (unsigned k = 0; b->newer && k < n->queue.boxed; k++) {
         const unsigned box = n->queue.order[n->queue.count - 1u - k].box;
         const uint16_t slot = cw_queue_nth(&n->queue, k);

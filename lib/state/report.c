@@ -25,7 +25,7 @@ static void tell_state(cw_bus *bus, unsigned i, cw_state before, cw_state after)
 
 void cw_report_new_state(cw_bus *bus, unsigned i)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     cw_state before = (cw_state)n->reported_state;
     cw_state after = cw_node_state(bus, i);
     n->reported_state = (uint8_t)after;

@@ -40,18 +40,18 @@ bool cw_ring_has_room_now(const cw_bus *bus)
     return room >= worst || bus->ring.count == 0;
 }
 
-static cw_event *event_at(const event_ring *ring, unsigned i)
+static cw_event *event_at(const cw_event_ring *ring, unsigned i)
 {
     unsigned place = ring->first + i;
     return cw_ring_at(ring, place < ring->capacity ? place : place - ring->capacity);
 }
 
-static void copy(const event_ring *ring, cw_event *to, const cw_event *from)
+static void copy(const cw_event_ring *ring, cw_event *to, const cw_event *from)
 {
     memcpy(to, from, ring->event_size);
 }
 
-static cw_event *newest_event(event_ring *ring)
+static cw_event *newest_event(cw_event_ring *ring)
 {
     return event_at(ring, ring->count - 1);
 }
@@ -81,7 +81,7 @@ uint64_t cw_event_part_behind(const cw_event *e, const cw_event *added)
     return e->kind == CW_EVENT_FAULT ? 0 : nodes_behind(e, added->kind, added->nodes);
 }
 
-static void open_gap(event_ring *ring, unsigned place)
+static void open_gap(cw_event_ring *ring, unsigned place)
 {
     for (unsigned i = ring->count++; i > place; i--)
         copy(ring, event_at(ring, i), event_at(ring, i - 1));
@@ -89,7 +89,7 @@ static void open_gap(event_ring *ring, unsigned place)
 
 /* Finds the place of a new event. Splits an event for several nodes in two when the new one comes
  * in between. */
-static unsigned find_place(event_ring *ring, const cw_event *added)
+static unsigned ring_find_place(cw_event_ring *ring, const cw_event *added)
 {
     unsigned place = ring->count;
     uint64_t behind = 0;
@@ -108,9 +108,9 @@ static unsigned find_place(event_ring *ring, const cw_event *added)
     return place;
 }
 
-static cw_event *insert(cw_bus *bus, const cw_event *added)
+static cw_event *ring_insert(cw_bus *bus, const cw_event *added)
 {
-    event_ring *ring = &bus->ring;
+    cw_event_ring *ring = &bus->ring;
     if (!cw_wants_event(bus, added->kind)) {
         bus->unwanted_event = *added;
         return &bus->unwanted_event;
@@ -120,7 +120,7 @@ static cw_event *insert(cw_bus *bus, const cw_event *added)
         bus->lost_event = *added;
         return &bus->lost_event;
     }
-    unsigned place = find_place(ring, added);
+    unsigned place = ring_find_place(ring, added);
     bus->work += ring->count - place;
     open_gap(ring, place);
     copy(ring, event_at(ring, place), added);
@@ -130,7 +130,7 @@ static cw_event *insert(cw_bus *bus, const cw_event *added)
 
 /* Clears an event, but for most data of its frame. In two halves: compilers clear that much with a
  * few wide stores, and more in a slow way. */
-static inline void clear(cw_event *event)
+static inline void ring_clear(cw_event *event)
 {
     const size_t size = offsetof(cw_event, frame) + sizeof(cw_short_frame), half = size / 2;
     memset(event, 0, half);
@@ -138,7 +138,7 @@ static inline void clear(cw_event *event)
 }
 
 /* Returns true when the newest event comes after a new one that is no fault. */
-static bool newest_comes_behind(event_ring *ring, cw_event_kind kind, uint64_t tick,
+static bool newest_comes_behind(cw_event_ring *ring, cw_event_kind kind, uint64_t tick,
                                 uint64_t nodes)
 {
     return ring->count > 0 && (ring->newest_tick > tick ||
@@ -149,13 +149,13 @@ static bool newest_comes_behind(event_ring *ring, cw_event_kind kind, uint64_t t
  * there. */
 static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
-    event_ring *ring = &bus->ring;
+    cw_event_ring *ring = &bus->ring;
     if (newest_comes_behind(ring, kind, tick, nodes) || ring->count == ring->capacity ||
         !cw_wants_event(bus, kind))
         return NULL;
     cw_event *added = event_at(ring, ring->count++);
     ring->newest_tick = tick;
-    clear(added);
+    ring_clear(added);
     added->tick = tick;
     added->kind = kind;
     added->nodes = nodes;
@@ -168,7 +168,7 @@ static __attribute__((noinline)) cw_event *insert_new(cw_bus *bus, cw_event_kind
                                                       uint64_t tick, uint64_t nodes)
 {
     const cw_event event = {.kind = kind, .tick = tick, .nodes = nodes};
-    return insert(bus, &event);
+    return ring_insert(bus, &event);
 }
 
 cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
@@ -192,7 +192,7 @@ void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick)
                             .tick = tick,
                             .rule = (uint16_t)rule,
                             .hit = (uint32_t)bus->rules.rules[rule].hits};
-    (void)insert(bus, &event);
+    (void)ring_insert(bus, &event);
     bus->stats.faults++;
 }
 
@@ -212,7 +212,7 @@ cw_event *cw_push_drop(cw_bus *bus, unsigned i, cw_side side, const cw_frame *fr
     return e;
 }
 
-void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_origin *origin)
+void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame, const cw_frame_origin *origin)
 {
     cw_node_stats *stats = &bus->nodes[i].stats;
     cw_event *e = bus->ring.count ? newest_event(&bus->ring) : NULL;
@@ -235,7 +235,7 @@ void cw_push_rx(cw_bus *bus, unsigned i, const cw_frame *frame, const frame_orig
 
 bool cw_bus_poll(cw_bus *bus, cw_event *event)
 {
-    const event_ring *ring = &bus->ring;
+    const cw_event_ring *ring = &bus->ring;
     if (ring->count == 0)
         return false;
     /* on 32 bits an entry may end behind an event, since it is aligned for 64 */
@@ -246,7 +246,7 @@ bool cw_bus_poll(cw_bus *bus, cw_event *event)
 
 cw_event_row cw_bus_peek(const cw_bus *bus)
 {
-    const event_ring *ring = &bus->ring;
+    const cw_event_ring *ring = &bus->ring;
     const unsigned in_a_row = ring->capacity - ring->first;
     return (cw_event_row){.first = ring->events + (size_t)ring->first * ring->event_size,
                           .size = ring->event_size,
@@ -255,7 +255,7 @@ cw_event_row cw_bus_peek(const cw_bus *bus)
 
 void cw_bus_take(cw_bus *bus, unsigned count)
 {
-    event_ring *ring = &bus->ring;
+    cw_event_ring *ring = &bus->ring;
     assert(count <= ring->count && count <= ring->capacity - ring->first);
     ring->count -= count;
     ring->first += count;

@@ -53,7 +53,7 @@ void cw_share_stats(const cw_bus *bus, unsigned i, cw_node_stats *stats)
 
 void cw_share_lost_now(cw_bus *bus, unsigned i)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     uint64_t lost = lost_share(bus, i);
     n->lost_before = bus->shares.lost;
     if (lost == 0)

@@ -34,7 +34,7 @@
 
 #define CW_WRONG_CRC 0x8u /* beside CW_DEVIATES_*: the last bit of the CRC is inverted */
 
-typedef struct bus_node {
+typedef struct cw_bus_node {
     cw_mac mac;
     cw_queue queue;
     uint16_t offered_slot; /* valid while mac.offered */
@@ -44,14 +44,14 @@ typedef struct bus_node {
     uint8_t reported_state; /* cw_state of the last event */
     uint64_t lost_before;  /* the `lost` of cw_arbiter at the node's last share */
     cw_node_stats stats;   /* without the shares that shares.c still owes */
-} bus_node;
+} cw_bus_node;
 
-/* Apart from bus_node, whose size is a power of two: an index costs one shift then. */
-typedef struct restart_times {
+/* Apart from cw_bus_node, whose size is a power of two: an index costs one shift then. */
+typedef struct cw_restart_times {
     uint64_t ticks;  /* from bus-off to the automatic request; 0: none */
     uint64_t at;     /* tick of the next restart request, or CW_NEVER */
     uint64_t off_at; /* tick of the last bus-off */
-} restart_times;
+} cw_restart_times;
 
 /* The begin of a transmission, for the order of arbitration; see order.c. */
 typedef struct cw_start {
@@ -61,16 +61,16 @@ typedef struct cw_start {
     uint64_t handed_in; /* tick of its frame, when `stopped` is set */
 } cw_start;
 
-typedef struct inbox_entry {
+typedef struct cw_inbox_entry {
     uint64_t at_tick;
     uint8_t node;
     uint8_t trigger; /* as in cw_queue_slot */
     bool restarted;  /* handed in behind a restart request that is due now (R12) */
     cw_frame frame[]; /* one, in its short form where the bus has no FD */
-} inbox_entry;
+} cw_inbox_entry;
 
 /* A ring, sorted by tick, then node (not after cw_bus_bring_forward()), then arrival. */
-typedef struct inbox {
+typedef struct cw_inbox {
     unsigned char *entries; /* see cw_inbox_at() */
     unsigned entry_size;
     unsigned capacity;
@@ -79,9 +79,9 @@ typedef struct inbox {
     unsigned kept_free; /* entries for triggers, one for each node that has some */
     uint64_t triggered; /* nodes with a frame of a trigger in it */
     uint64_t next; /* tick of the first one, or CW_NEVER */
-} inbox;
+} cw_inbox;
 
-typedef struct event_ring {
+typedef struct cw_event_ring {
     unsigned char *events; /* see cw_ring_at(); frames in short form where the bus has no FD */
     unsigned event_size;
     unsigned capacity;
@@ -89,10 +89,10 @@ typedef struct event_ring {
     unsigned count;
     uint64_t newest_tick; /* of the last event in it */
     uint64_t enough; /* room for the worst possible bit, whatever waits at present */
-} event_ring;
+} cw_event_ring;
 
 /* The part of cw_bit_view that is known only while the bit is simulated. */
-typedef struct bit_note {
+typedef struct cw_bit_note {
     uint64_t start; /* tick */
     uint64_t end; /* tick; 0: there is none */
     cw_levels levels;
@@ -105,7 +105,7 @@ typedef struct bit_note {
     cw_bit_node nodes[CW_NODES_MAX]; /* without wire, state and counters; nodes that are alike share
                                         the first entry */
     uint8_t wires[CW_NODES_MAX];     /* valid when there are several wires */
-} bit_note;
+} cw_bit_note;
 
 /* The part of each node in the next frame, while all nodes are idle; see step/outlook.c.
  * cw_outlook_find() computes the outlook from all controllers. A change of a controller clears
@@ -181,12 +181,12 @@ struct cw_bus {
     uint64_t queued;       /* frames in all queues */
     uint64_t groups[CW_NODES_MAX]; /* wires of a partitioned bus, as sets of nodes */
     unsigned group_count;          /* 1: all nodes on one wire */
-    flag_watch error_flag;
-    flag_watch overload_flag;
+    cw_flag_watch error_flag;
+    cw_flag_watch overload_flag;
     cw_load load;
     cw_bus_stats stats;
-    inbox inbox;
-    event_ring ring;
+    cw_inbox inbox;
+    cw_event_ring ring;
     uint64_t all;       /* nodes */
     uint64_t followers; /* nodes that share the controller `common`, see followers.c */
     uint64_t waiting;   /* nodes with frames in their queues; not those asleep */
@@ -214,8 +214,8 @@ struct cw_bus {
     bool pending; /* pending: a rule or a setting has changed something at a controller */
     cw_event unwanted_event; /* written to when the kind is not wanted */
     cw_event lost_event; /* written to when the ring is full */
-    bus_node *nodes;
-    restart_times *restarts; /* one for each node */
+    cw_bus_node *nodes;
+    cw_restart_times *restarts; /* one for each node */
     cw_start *starts;        /* likewise: of the last transmission */
     cw_sleep *sleeps;        /* likewise */
     cw_buffers *buffers;     /* ... or NULL: no node has filters, buffers or mailboxes */
@@ -226,7 +226,7 @@ struct cw_bus {
     uint32_t triggers;       /* of all nodes */
     cw_rule_set rules;
     cw_timed timed;
-    bit_note note;
+    cw_bit_note note;
 };
 
 /* Returns the present tick. */
@@ -256,7 +256,7 @@ void cw_enqueue_reply(cw_bus *bus, unsigned node, const cw_frame *frame, unsigne
 
 /* Makes the FD frame that has just been put into the queue one that the controller would send now
  * (D8). */
-void cw_complete_fd(const bus_node *node);
+void cw_complete_fd(const cw_bus_node *node);
 
 /* Returns true when the frame is valid, and one that the controller of the node knows (D17). */
 static inline bool cw_knows_frame(const cw_bus *bus, unsigned node, const cw_frame *frame)
@@ -268,7 +268,7 @@ static inline bool cw_knows_frame(const cw_bus *bus, unsigned node, const cw_fra
 cw_drop cw_refusal(const cw_bus *bus, unsigned node);
 
 /* Makes the first frame of a node's queue the offered one, without encoding it. */
-void cw_pin_first(bus_node *node);
+void cw_pin_first(cw_bus_node *node);
 
 void cw_remove_slot(cw_bus *bus, unsigned node, uint16_t slot);
 
@@ -281,15 +281,15 @@ void cw_queue_changed(cw_bus *bus, unsigned node);
 /* Returns the bytes of an entry. fd: it has room for FD frames. */
 static inline size_t cw_inbox_entry_size(bool fd)
 {
-    return cw_frame_entry_size(offsetof(inbox_entry, frame), fd);
+    return cw_frame_entry_size(offsetof(cw_inbox_entry, frame), fd);
 }
 
 /* Returns the i-th entry. */
-static inline inbox_entry *cw_inbox_at(const inbox *box, unsigned i)
+static inline cw_inbox_entry *cw_inbox_at(const cw_inbox *box, unsigned i)
 {
     const unsigned place = box->first + i < box->capacity ? box->first + i
                                                           : box->first + i - box->capacity;
-    return (inbox_entry *)(void *)(box->entries + (size_t)place * box->entry_size);
+    return (cw_inbox_entry *)(void *)(box->entries + (size_t)place * box->entry_size);
 }
 
 /* ---- inbox.c --------------------------------------------------------------------------------- */
@@ -353,7 +353,7 @@ void cw_find_node_due(cw_bus *bus);
 bool cw_buffers_accept(cw_bus *bus, unsigned node, const cw_frame *frame);
 
 /* Takes a frame for the host of a node. The caller does not need it any more. */
-void cw_buffers_receive(cw_bus *bus, unsigned node, cw_frame *frame, const frame_origin *origin);
+void cw_buffers_receive(cw_bus *bus, unsigned node, cw_frame *frame, const cw_frame_origin *origin);
 
 /* Hands out the frames that the host of a node has fetched by now. */
 void cw_buffers_run(cw_bus *bus, unsigned node);
@@ -368,11 +368,11 @@ uint32_t cw_buffers_count(const cw_bus *bus, unsigned node);
 void cw_buffers_flush(cw_bus *bus, unsigned node, cw_drop why);
 
 /* Returns the n-th frame that waits for the host of a node. */
-const stored_frame *cw_buffers_at(const cw_bus *bus, unsigned node, unsigned n);
+const cw_stored_frame *cw_buffers_at(const cw_bus *bus, unsigned node, unsigned n);
 
 /* Puts a frame that waited in another bus behind those that wait for the host of a node. The host
  * has it at once without `waits`, and when there is no place for it. */
-void cw_buffers_put(cw_bus *bus, unsigned node, const stored_frame *stored, bool waits);
+void cw_buffers_put(cw_bus *bus, unsigned node, const cw_stored_frame *stored, bool waits);
 
 /* ---- mailboxes.c ----------------------------------------------------------------------------- */
 
@@ -574,7 +574,7 @@ static inline size_t cw_ring_event_size(bool fd)
 }
 
 /* Returns the event at a place of the ring's memory. */
-static inline cw_event *cw_ring_at(const event_ring *ring, unsigned place)
+static inline cw_event *cw_ring_at(const cw_event_ring *ring, unsigned place)
 {
     return (cw_event *)(void *)(ring->events + (size_t)place * ring->event_size);
 }
@@ -600,7 +600,7 @@ cw_event *cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame 
                        cw_drop why, uint64_t tick);
 
 /* Adds a frame for a host; joins the newest event when that is the same frame for earlier nodes. */
-void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const frame_origin *origin);
+void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const cw_frame_origin *origin);
 
 /* ---- order.c --------------------------------------------------------------------------------- */
 
@@ -686,7 +686,7 @@ cw_place cw_view_place(const cw_bus *bus, const cw_mac *mac);
 bool cw_view_is_quiet(const cw_bus *bus);
 
 /* Returns what has been noted of a node. */
-static inline const cw_bit_node *cw_noted(const bit_note *note, unsigned i)
+static inline const cw_bit_node *cw_noted(const cw_bit_note *note, unsigned i)
 {
     return &note->nodes[note->alike >> i & 1u ? cw_lowest_node(note->alike) : i];
 }

@@ -30,7 +30,7 @@ typedef struct cw_sync {
 #define CW_SYNCS_OF_BIT 2
 
 /* Its size is a power of two: an index costs one shift then. */
-typedef struct timed_node {
+typedef struct cw_timed_node {
     cw_pcs pcs;
     bool driven;        /* the level that it puts onto its wire */
     bool ahead;         /* its next bit begins at next_begin with nothing to do, so that the agenda
@@ -48,26 +48,26 @@ typedef struct timed_node {
     cw_pcs begun;      /* the begin of any bit, by the bit timing */
     cw_span to_sample; /* from there to the sample point, when no edge moves it */
     cw_mac_report report; /* of the last sample, to be committed, too */
-} timed_node;
+} cw_timed_node;
 
 /* An entry of the agenda: moment, then what, then node. */
-typedef struct agenda_entry {
+typedef struct cw_agenda_entry {
     cw_span moment;
     uint16_t what; /* cw_doing << 8 | node */
-} agenda_entry;
+} cw_agenda_entry;
 
 /* Entries, sorted. */
-typedef struct agenda_list {
-    agenda_entry entries[2 * CW_NODES_MAX + 1]; /* behind the last one: CW_SPAN_MAX */
-    agenda_entry *first;
-    agenda_entry *behind; /* the last one */
-} agenda_list;
+typedef struct cw_agenda_list {
+    cw_agenda_entry entries[2 * CW_NODES_MAX + 1]; /* behind the last one: CW_SPAN_MAX */
+    cw_agenda_entry *first;
+    cw_agenda_entry *behind; /* the last one */
+} cw_agenda_list;
 
 /* The next thing of each node: looks, ends and begins. A bit that begins comes before nearly all
  * looks, so that one list would be moved about. */
 typedef struct cw_agenda {
-    agenda_list looks;
-    agenda_list others;
+    cw_agenda_list looks;
+    cw_agenda_list others;
 } cw_agenda;
 
 /* The wires of nodes, as sets of nodes. */
@@ -96,7 +96,7 @@ typedef struct cw_ringing {
 } cw_ringing;
 
 /* The two rates of a node (D10). */
-typedef struct timed_rates {
+typedef struct cw_timed_rates {
     cw_bit_timing nominal;
     cw_bit_timing data;   /* the nominal bit timing where it has no other one */
     cw_data_timing given; /* by the host */
@@ -104,7 +104,7 @@ typedef struct timed_rates {
     bool fast;            /* the present bit goes by the data rate, after the sample point of BRS */
     cw_late_compare late;
     cw_data_stats stats;
-} timed_rates;
+} cw_timed_rates;
 
 /* Nodes whose levels rules have changed in a bit time, after its begin. */
 typedef struct cw_bit_faults {
@@ -140,9 +140,9 @@ typedef struct cw_timed {
     cw_ringing *ringing; /* of each node */
     cw_span bit_time;    /* of the bus */
     cw_span longest;     /* no edge is under way for longer, but for rules on jitter */
-    timed_node *nodes;
+    cw_timed_node *nodes;
     cw_bit_timing *next_timings; /* of nodes that are `retimed` */
-    timed_rates *rates;  /* of each node; NULL: no node has a data rate */
+    cw_timed_rates *rates;       /* of each node; NULL: no node has a data rate */
     cw_fast_bits fast;   /* of clean frames, where bits are common to all nodes */
     cw_sync_record *records; /* of each node; NULL: nothing is counted */
     bool counts;             /* in this bit time */
@@ -163,32 +163,33 @@ typedef struct cw_timed {
 
 void cw_agenda_clear(cw_agenda *agenda);
 
-static inline cw_doing cw_agenda_what(const agenda_entry *entry)
+static inline cw_doing cw_agenda_what(const cw_agenda_entry *entry)
 {
     return (cw_doing)(entry->what >> 8);
 }
 
-static inline unsigned cw_agenda_node(const agenda_entry *entry)
+static inline unsigned cw_agenda_node(const cw_agenda_entry *entry)
 {
     return entry->what & 0xFFu;
 }
 
-static inline bool cw_agenda_before(const agenda_entry *a, const agenda_entry *b)
+static inline bool cw_agenda_before(const cw_agenda_entry *a, const cw_agenda_entry *b)
 {
     return a->moment != b->moment ? a->moment < b->moment : a->what < b->what;
 }
 
 /* Moves the entries to the front of the array, since they have come to its end. */
-void cw_agenda_make_room(agenda_list *list);
+void cw_agenda_make_room(cw_agenda_list *list);
 
 /* Adds what a node does next; it must have no entry. */
 static inline void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what, cw_span moment)
 {
-    const agenda_entry entry = {.moment = moment, .what = (uint16_t)((unsigned)what << 8 | node)};
-    agenda_list *list = what == CW_LOOKS ? &agenda->looks : &agenda->others;
+    const cw_agenda_entry entry = {.moment = moment,
+                                   .what = (uint16_t)((unsigned)what << 8 | node)};
+    cw_agenda_list *list = what == CW_LOOKS ? &agenda->looks : &agenda->others;
     if (list->behind == list->entries + 2 * CW_NODES_MAX)
         cw_agenda_make_room(list);
-    agenda_entry *place = list->behind++;
+    cw_agenda_entry *place = list->behind++;
     list->behind->moment = CW_SPAN_MAX;
     for (; place > list->first && cw_agenda_before(&entry, place - 1); place--)
         *place = place[-1];
@@ -196,15 +197,15 @@ static inline void cw_agenda_put(cw_agenda *agenda, unsigned node, cw_doing what
 }
 
 /* Returns the entry of a node. */
-const agenda_entry *cw_agenda_of(const cw_agenda *agenda, unsigned node);
+const cw_agenda_entry *cw_agenda_of(const cw_agenda *agenda, unsigned node);
 
 /* Takes the entry of a node away. */
 void cw_agenda_remove(cw_agenda *agenda, unsigned node);
 
 /* Returns the first entry. Looks come before others at the same moment. */
-static inline const agenda_entry *cw_agenda_first(const cw_agenda *agenda)
+static inline const cw_agenda_entry *cw_agenda_first(const cw_agenda *agenda)
 {
-    const agenda_entry *look = agenda->looks.first, *other = agenda->others.first;
+    const cw_agenda_entry *look = agenda->looks.first, *other = agenda->others.first;
     return other->moment < look->moment ? other : look;
 }
 
@@ -221,7 +222,7 @@ static inline void cw_agenda_take(cw_agenda *agenda, cw_doing what)
 void cw_agenda_rebase(cw_agenda *agenda, cw_span by);
 
 /* Gives a node its bit timing. */
-static inline void cw_timed_set_timing(timed_node *n, const cw_bit_timing *timing)
+static inline void cw_timed_set_timing(cw_timed_node *n, const cw_bit_timing *timing)
 {
     n->timing = *timing;
     n->to_sample = timing->quantum * cw_bit_timing_sample_at(timing);
@@ -229,13 +230,13 @@ static inline void cw_timed_set_timing(timed_node *n, const cw_bit_timing *timin
 }
 
 /* Returns the bit timing of a node at one of its rates. */
-static inline const cw_bit_timing *cw_timing_at(const timed_rates *rates, bool fast)
+static inline const cw_bit_timing *cw_timing_at(const cw_timed_rates *rates, bool fast)
 {
     return fast ? &rates->data : &rates->nominal;
 }
 
 /* Begins the next bit of a node, at its planned begin or with the quantum of an edge. */
-static inline void cw_timed_begin(timed_node *n)
+static inline void cw_timed_begin(cw_timed_node *n)
 {
     n->begin = n->looked = n->next_begin;
     n->pcs.sample_at = n->begun.sample_at;

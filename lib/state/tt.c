@@ -146,7 +146,7 @@ static uint16_t next_cycle(const cw_tt *s)
 
 /* Returns the place of the slot's frame in the queue when it has not begun; NULL: it has, or has
  * left the queue. */
-static const cw_queue_place *waiting_frame(const bus_node *n)
+static const cw_queue_place *waiting_frame(const cw_bus_node *n)
 {
     for (unsigned k = 0; k < n->queue.count; k++) {
         const cw_queue_place *place = &n->queue.order[k];
@@ -158,7 +158,7 @@ static const cw_queue_place *waiting_frame(const bus_node *n)
 }
 
 /* Returns true when a frame of a trigger is under way that will be tried again. */
-static bool may_come_back(const bus_node *n)
+static bool may_come_back(const cw_bus_node *n)
 {
     return cw_mac_is_sending(&n->mac) && !(n->mac.modes & CW_MODES_SINGLE) &&
            cw_queue_at(&n->queue, n->offered_slot)->trigger;
@@ -176,7 +176,7 @@ static bool has_ended(const cw_bus *bus, unsigned i)
 static void close_slot(cw_bus *bus, unsigned i)
 {
     cw_tt *s = &bus->tt[i];
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     const cw_queue_place *place = waiting_frame(n);
     if (has_ended(bus, i)) {
         s->deadline = cw_bit_end(bus);
@@ -303,7 +303,7 @@ void cw_tt_failed(cw_bus *bus, unsigned i, unsigned slot)
 
 /* ---- Captures -------------------------------------------------------------------------------- */
 
-static void keep(tt_capture kept[CW_TT_CAPTURES_KEPT], const tt_capture *newest)
+static void tt_keep(cw_tt_capture kept[CW_TT_CAPTURES_KEPT], const cw_tt_capture *newest)
 {
     memmove(&kept[1], &kept[0], (CW_TT_CAPTURES_KEPT - 1) * sizeof kept[0]);
     kept[0] = *newest;
@@ -315,8 +315,8 @@ static void begin_cycle(cw_bus *bus, unsigned i)
     cw_tt *s = &bus->tt[i];
     const cw_frame *frame = &s->pending.frame;
     const unsigned byte = s->schedule.cycle_byte;
-    const tt_capture capture = {.local = s->captured, .tick = cw_now(bus),
-                                .master = s->pending.from};
+    const cw_tt_capture capture = {
+        .local = s->captured, .tick = cw_now(bus), .master = s->pending.from};
     if (byte < cw_frame_length(frame))
         s->cycle = (uint16_t)(frame->data[byte] % s->schedule.cycles);
     else
@@ -325,7 +325,7 @@ static void begin_cycle(cw_bus *bus, unsigned i)
     s->base = s->captured;
     s->in_cycle = true;
     s->next = 0;
-    keep(s->pending.own ? s->own : s->seen, &capture);
+    tt_keep(s->pending.own ? s->own : s->seen, &capture);
     plan(bus, i);
 }
 
@@ -468,13 +468,13 @@ uint64_t cw_tt_visible(const cw_tt *s, uint64_t local)
 }
 
 /* Finds the capture of the master for the same reference message. */
-static const tt_capture *capture_of_master(const cw_bus *bus, const tt_capture *seen)
+static const cw_tt_capture *capture_of_master(const cw_bus *bus, const cw_tt_capture *seen)
 {
     const uint64_t most = SAME_MESSAGE_BITS * ticks_of_bit(bus);
     if (seen->master >= bus->node_count || seen->tick == 0)
         return NULL;
     for (unsigned k = 0; k < CW_TT_CAPTURES_KEPT; k++) {
-        const tt_capture *own = &bus->tt[seen->master].own[k];
+        const cw_tt_capture *own = &bus->tt[seen->master].own[k];
         const bool before = own->tick <= seen->tick;
         const uint64_t apart = before ? seen->tick - own->tick : own->tick - seen->tick;
         if (own->tick && apart <= most)
@@ -489,7 +489,7 @@ static unsigned find_pairs(const cw_bus *bus, const cw_tt *s, cw_time_pair pairs
 {
     unsigned found = 0;
     for (unsigned k = 0; k < CW_TT_CAPTURES_KEPT && found < 2; k++) {
-        const tt_capture *own = capture_of_master(bus, &s->seen[k]);
+        const cw_tt_capture *own = capture_of_master(bus, &s->seen[k]);
         if (!own || (found && s->seen[k].master != *master))
             continue;
         *master = s->seen[k].master;
@@ -575,7 +575,7 @@ static void go_into_cycle(cw_bus *bus, unsigned i)
     plan(bus, i);
 }
 
-static void renumber(tt_capture kept[CW_TT_CAPTURES_KEPT], const uint8_t to[CW_NODES_MAX])
+static void renumber(cw_tt_capture kept[CW_TT_CAPTURES_KEPT], const uint8_t to[CW_NODES_MAX])
 {
     for (unsigned k = 0; k < CW_TT_CAPTURES_KEPT; k++)
         if (kept[k].master < CW_NODES_MAX)

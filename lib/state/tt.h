@@ -12,14 +12,14 @@
 #define CW_TT_CAPTURES_KEPT 4u
 
 /* A capture of a reference message. */
-typedef struct tt_capture {
+typedef struct cw_tt_capture {
     uint64_t local; /* local time */
     uint64_t tick;  /* at which it has become known */
     uint8_t master; /* the sender of the message */
-} tt_capture;
+} cw_tt_capture;
 
 /* A frame whose capture becomes known at its end. */
-typedef struct tt_pending {
+typedef struct cw_tt_pending {
     uint64_t due;   /* tick, or CW_NEVER: there is none */
     uint64_t local; /* SOF, and own frames: the capture */
     bool known;     /* ... is it */
@@ -27,7 +27,7 @@ typedef struct tt_pending {
     uint8_t from;   /* the sender */
     uint64_t all_from;
     cw_frame frame;
-} tt_pending;
+} cw_tt_pending;
 
 /* All 0: the node has no local time. */
 typedef struct cw_tt {
@@ -36,7 +36,7 @@ typedef struct cw_tt {
     uint64_t sof;       /* local time at the last SOF */
     uint64_t eof;       /* ... and at the last bit of EOF, in bits of the node's own clock */
     bool eof_seen;
-    tt_pending pending;
+    cw_tt_pending pending;
     uint64_t captures;
     uint64_t captured;  /* the last one */
 
@@ -53,8 +53,8 @@ typedef struct cw_tt {
     uint64_t deadline;  /* tick of its end, or CW_NEVER: none is open */
     uint64_t end;       /* ... the same in local time */
     uint64_t started;   /* tick at which the last frame of a trigger has begun */
-    tt_capture own[CW_TT_CAPTURES_KEPT];  /* reference messages sent, the newest first */
-    tt_capture seen[CW_TT_CAPTURES_KEPT]; /* ... and received */
+    cw_tt_capture own[CW_TT_CAPTURES_KEPT];  /* reference messages sent, the newest first */
+    cw_tt_capture seen[CW_TT_CAPTURES_KEPT]; /* ... and received */
 } cw_tt;
 
 #endif

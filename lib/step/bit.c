@@ -15,14 +15,14 @@
 /* ---- One bit: drive -------------------------------------------------------------------------- */
 
 /* Chooses the frame anew at each start (M1), but encodes it only when it is another one. */
-void cw_offer_first(bus_node *n)
+void cw_offer_first(cw_bus_node *n)
 {
     uint16_t slot = cw_queue_first(&n->queue);
     if (!n->mac.offered || n->offered_slot != slot)
         cw_offer_slot(n, slot);
 }
 
-void cw_offer_slot(bus_node *n, uint16_t slot)
+void cw_offer_slot(cw_bus_node *n, uint16_t slot)
 {
     n->offered_slot = slot;
     n->deviates = 0;
@@ -33,7 +33,7 @@ void cw_offer_slot(bus_node *n, uint16_t slot)
 
 void cw_bind_rules(cw_bus *bus, unsigned i, const cw_frame *frame, unsigned source)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     const bool wrong_crc = cw_rules_bind(&bus->rules, i, frame);
     const unsigned deviations = source ? cw_rules_deviations(&bus->rules, source) : 0;
     const uint8_t deviates = (uint8_t)(deviations | (wrong_crc ? CW_WRONG_CRC : 0));
@@ -53,7 +53,7 @@ static uint64_t begin_of_sof(const cw_bus *bus, const cw_mac *m)
 
 void cw_note_start(cw_bus *bus, unsigned i)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
     cw_share_lost(bus, i);
     n->stats.retransmissions += slot->tried;
@@ -61,8 +61,8 @@ void cw_note_start(cw_bus *bus, unsigned i)
     bus->starts[i].stopped = 0; /* in loopback its own receptions are of this frame */
     if (n->mac.modes & CW_MODE_LOOPBACK) /* M15: the frame is not on the wire */
         return;
-    bus->error_flag = (flag_watch){.now = false};
-    bus->overload_flag = (flag_watch){.now = false};
+    bus->error_flag = (cw_flag_watch){.now = false};
+    bus->overload_flag = (cw_flag_watch){.now = false};
     cw_order_begin(bus, i, begin_of_sof(bus, &n->mac));
     cw_bind_rules(bus, i, slot->frame, slot->source);
 }
@@ -84,7 +84,7 @@ static uint64_t drive_all(cw_bus *bus)
         levels &= ~bus->followers;
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
-        bus_node *n = &bus->nodes[i];
+        cw_bus_node *n = &bus->nodes[i];
         if (n->queue.count > 0 && cw_mac_can_start(&n->mac)) {
             cw_mailboxes_load(bus, i);
             cw_offer_first(n);
@@ -100,7 +100,7 @@ static uint64_t drive_all(cw_bus *bus)
 /* ---- One bit: state of the wire -------------------------------------------------------------- */
 
 /* Notes for so many bits that a flag is on the wire, or not. Skipped bits begin and end no flag. */
-static void watch_flag(flag_watch *w, bool now, uint64_t bits, uint64_t *frames)
+static void watch_flag(cw_flag_watch *w, bool now, uint64_t bits, uint64_t *frames)
 {
     if (now && !w->now)
         (*frames)++;

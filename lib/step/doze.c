@@ -85,9 +85,9 @@ static bool is_woken(cw_bus *bus, unsigned i, cw_span begin, cw_span end)
 }
 
 /* Has the node end a bit at a moment, with the report. Nobody can see when its bits begin. */
-static void report(cw_bus *bus, unsigned i, cw_span moment)
+static void doze_report(cw_bus *bus, unsigned i, cw_span moment)
 {
-    timed_node *n = &bus->timed.nodes[i];
+    cw_timed_node *n = &bus->timed.nodes[i];
     cw_timed_settle(&bus->timed, i);
     cw_agenda_remove(&bus->timed.agenda, i);
     n->ahead = false;
@@ -105,6 +105,6 @@ void cw_timed_doze(cw_bus *bus, cw_span end)
     for (uint64_t rest = bus->dozing; rest; rest &= rest - 1) {
         const unsigned i = cw_lowest_node(rest);
         if (is_woken(bus, i, begin, end))
-            report(bus, i, end);
+            doze_report(bus, i, end);
     }
 }

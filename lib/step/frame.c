@@ -21,7 +21,7 @@
 
 /* ---- Bits to go ------------------------------------------------------------------------------ */
 
-static void move(cw_bus *bus, unsigned bits)
+static void frame_move(cw_bus *bus, unsigned bits)
 {
     bus->frame_step.at = (uint16_t)(bus->frame_step.at + bits);
     cw_wire_pass(&bus->time, bits);
@@ -33,14 +33,14 @@ static void pass(cw_bus *bus, unsigned bits)
         cw_frame_step_pass_fast(bus, bits);
         return;
     }
-    move(bus, bits);
+    frame_move(bus, bits);
     cw_frame_step_count_bits(bus, bits);
     if (bus->rules.awake_count && !bus->frame_step.at_work)
         (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
 }
 
 /* Returns the bit at which the step ends at the latest. */
-static unsigned end_of(const cw_frame_step *step)
+static unsigned frame_end_of(const cw_frame_step *step)
 {
     return step->length + CW_INTERMISSION_BITS - step->tail;
 }
@@ -58,7 +58,7 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
 {
     const cw_frame_step *step = &bus->frame_step;
     unsigned bits = cw_frame_step_next_moment(bus) - step->at;
-    bits = (unsigned)cw_least(bits, end_of(step) - (uint64_t)step->at);
+    bits = (unsigned)cw_least(bits, frame_end_of(step) - (uint64_t)step->at);
     if (step->fast.to)
         return cw_frame_step_fast_bits(bus, tick, bits);
     if (step->look.bit != CW_NO_LOOK)
@@ -110,7 +110,7 @@ static bool pass_under_rules(cw_bus *bus, unsigned bits)
     bool stands;
     while ((stands = stands_rules(bus, &levels)) && passed + 1 < bits) {
         passed++;
-        move(bus, 1);
+        frame_move(bus, 1);
     }
     cw_frame_step_count_bits(bus, passed);
     if (stands)
@@ -187,7 +187,7 @@ static bool can_go_to_end(cw_bus *bus, uint64_t tick)
 /* Finds the exact bit of a stop that was known only roughly. */
 static void find_bits(cw_bus *bus)
 {
-    bus_node *n = &bus->nodes[bus->frame_step.node];
+    cw_bus_node *n = &bus->nodes[bus->frame_step.node];
     if (!n->mac.offered)
         cw_offer_slot(n, n->offered_slot);
     bus->frame_step.bits = cw_mac_tx(&n->mac);
@@ -209,11 +209,11 @@ static void look_at_stop(cw_bus *bus)
         bus->frame_step.look = cw_frame_step_next_look(bus, bus->frame_step.at + 1u);
 }
 
-static void go_on(cw_bus *bus, uint64_t tick)
+static void frame_go_on(cw_bus *bus, uint64_t tick)
 {
     cw_frame_step *step = &bus->frame_step;
     const bool observed = step->fast.to && bus->rules.awake_count;
-    if (cw_frame_step_is_broken(bus) || step->at == end_of(step) || observed) {
+    if (cw_frame_step_is_broken(bus) || step->at == frame_end_of(step) || observed) {
         cw_wake_controllers(bus);
         return;
     }
@@ -247,6 +247,6 @@ bool cw_frame_step_go(cw_bus *bus, uint64_t tick)
     if (!bus->frame_step.active && !cw_frame_step_begin(bus, tick))
         return false;
     if (bus->frame_step.active) /* otherwise the frame has passed at once */
-        go_on(bus, tick);
+        frame_go_on(bus, tick);
     return true;
 }

@@ -59,7 +59,7 @@ static unsigned find_tail(const cw_bus *bus, unsigned winner)
 }
 
 /* Encodes the first frame of a node as the wire would carry it. */
-static void encode(bus_node *n)
+static void encode(cw_bus_node *n)
 {
     if (n->deviates)
         n->mac.offered = false;
@@ -83,7 +83,7 @@ static bool hides_losses(const cw_bus *bus)
 static void choose_frame(cw_bus *bus, bool bits)
 {
     cw_frame_step *step = &bus->frame_step;
-    bus_node *n = &bus->nodes[step->node];
+    cw_bus_node *n = &bus->nodes[step->node];
     if (bits)
         encode(n);
     else
@@ -133,7 +133,7 @@ static void start_transmissions(cw_bus *bus)
 
 /* Prepares an FD frame for the error state that its node has now (D8), which may have changed since
  * the frame was queued or encoded. */
-static void refresh_esi(bus_node *n, cw_queue_slot *slot)
+static void refresh_esi(cw_bus_node *n, cw_queue_slot *slot)
 {
     const unsigned flags = cw_mac_fd_flags(&n->mac, slot->frame->flags);
     const cw_frame *offered = cw_mac_offered(&n->mac);
@@ -150,7 +150,7 @@ static void refresh_esi(bus_node *n, cw_queue_slot *slot)
  * one: some node does not know it (D17). It is not inlined, since most buses have neither. */
 __attribute__((noinline)) static bool prepare_format(cw_bus *bus, unsigned winner)
 {
-    bus_node *n = &bus->nodes[winner];
+    cw_bus_node *n = &bus->nodes[winner];
     cw_queue_slot *slot = cw_queue_at(&n->queue, cw_queue_first(&n->queue));
     bus->frame_step.after_ack = CW_AFTER_ACK_BITS;
     bus->frame_step.fast.to = 0;
@@ -222,8 +222,8 @@ bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
         return false;
     const uint64_t losers = contenders & ~cw_node_bit(winner);
     bool losses_seen = losers && cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
-    bus->error_flag = (flag_watch){.now = false};
-    bus->overload_flag = (flag_watch){.now = false};
+    bus->error_flag = (cw_flag_watch){.now = false};
+    bus->overload_flag = (cw_flag_watch){.now = false};
     bus->frame_step.watched = watched;
     bus->frame_step.hit = false;
     const bool improper = unusual && wins_improperly(bus, winner);

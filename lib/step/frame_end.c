@@ -46,7 +46,7 @@ static void go_to_point(points *p, const cw_bus *bus, cw_mac *m)
 
 static void resume_sending(cw_bus *bus, unsigned i, points *p)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     cw_leave(bus, cw_node_bit(i));
     n->mac.phase = CW_MAC_IDLE; /* so that the controller takes an offer */
     if (!n->mac.offered && bus->frame_step.at < bus->frame_step.length)
@@ -63,7 +63,7 @@ static void bind_rules(cw_bus *bus)
     uint64_t watched = bus->rules.watched;
     for (uint64_t rest = step->undecided & watched; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
-        const bus_node *n = &bus->nodes[i];
+        const cw_bus_node *n = &bus->nodes[i];
         cw_bind_rules(bus, i, cw_queue_at(&n->queue, n->offered_slot)->frame, 0);
     }
     if (watched & cw_node_bit(step->node))

@@ -31,7 +31,7 @@ static void count_fast(cw_bus *bus, unsigned from, unsigned to)
 }
 
 /* The transmitter measures no delay where bits are common to all nodes (D13). */
-static void note_delay(timed_rates *r)
+static void note_delay(cw_timed_rates *r)
 {
     cw_late_measured(&r->late, 0);
     r->stats.tdcv = cw_late_delay(&r->late);

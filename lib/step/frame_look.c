@@ -31,7 +31,7 @@ bool cw_rules_act_first(const cw_bus *bus, uint64_t nodes)
  * encoded. */
 static cw_frame_view view_loser(const cw_bus *bus, unsigned i)
 {
-    const bus_node *n = &bus->nodes[i];
+    const cw_bus_node *n = &bus->nodes[i];
     return (cw_frame_view){.frame = cw_queue_at(&n->queue, n->offered_slot)->frame,
                            .bits = cw_mac_tx(&n->mac),
                            .node = (uint8_t)i,

@@ -33,17 +33,17 @@ static void copy_received(cw_frame *to, const cw_frame *from, unsigned length)
 static inline void receive_at_once(cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
-    const bus_node *n = &bus->nodes[step->node];
+    const cw_bus_node *n = &bus->nodes[step->node];
     const cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
     cw_event *e = cw_receive_together(bus, step->node, step->listeners & ~cw_node_bit(step->node),
                                       slot->bytes);
     copy_received(&e->frame, slot->frame, slot->bytes);
 }
 
-static void receive(cw_bus *bus)
+static void frame_moment_receive(cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
-    const bus_node *n = &bus->nodes[step->node];
+    const cw_bus_node *n = &bus->nodes[step->node];
     const cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
     cw_frame frame;
     if (!cw_host_side_acts(bus)) {
@@ -79,7 +79,7 @@ void cw_frame_step_run_moment(cw_bus *bus)
     if (step->at == cw_frame_step_acknowledged(step))
         lower_counters(bus);
     else if (step->at == step->length - CW_AFTER_ACCEPT_BITS)
-        receive(bus);
+        frame_moment_receive(bus);
     else if (step->at == step->length)
         finish_transmission(bus);
 }

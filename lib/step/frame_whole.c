@@ -26,7 +26,7 @@ static __attribute__((noinline)) void count_and_save_time(cw_bus *bus, unsigned 
 bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)
 {
     cw_frame_step *step = &bus->frame_step;
-    bus_node *n = &bus->nodes[winner];
+    cw_bus_node *n = &bus->nodes[winner];
     const uint16_t slot = cw_queue_first(&n->queue);
     const cw_queue_slot *first = cw_queue_at(&n->queue, slot);
     step->listeners = bus->outlook.listeners;

@@ -27,7 +27,7 @@ static void find_victor(victor *v, const cw_bus *bus)
  * counts. */
 static unsigned find_lost_bit(const cw_bus *bus, unsigned i, const victor *v)
 {
-    const bus_node *n = &bus->nodes[i];
+    const cw_bus_node *n = &bus->nodes[i];
     bool pinned = bus->frame_step.pinned >> i & 1u;
     const uint16_t slot = pinned ? n->offered_slot : cw_queue_first(&n->queue);
     const cw_frame *frame = cw_queue_at(&n->queue, slot)->frame;
@@ -52,7 +52,7 @@ static void find_loss(cw_bus *bus, unsigned i, const victor *v)
 
 static void begin_attempt(cw_bus *bus, unsigned i)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     cw_share_lost(bus, i);
     cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
     n->stats.retransmissions += slot->tried;
@@ -82,7 +82,7 @@ void cw_losses_begin(cw_bus *bus)
 void cw_losses_hide(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
-    bus_node *n = &bus->nodes[step->node];
+    cw_bus_node *n = &bus->nodes[step->node];
     cw_set_contenders(bus, step->contenders);
     begin_attempt(bus, step->node);
     bus->shares.lost++;

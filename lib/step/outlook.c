@@ -6,7 +6,7 @@
 
 #include <assert.h>
 
-static bool is_away(const cw_mac *m)
+static bool outlook_is_away(const cw_mac *m)
 {
     return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF || m->phase == CW_MAC_ASLEEP;
 }
@@ -15,14 +15,14 @@ static bool is_away(const cw_mac *m)
  * possible. */
 static bool is_calm(const cw_mac *m)
 {
-    return (is_away(m) || m->phase == CW_MAC_IDLE) && m->reported_state == m->confinement.state &&
-           m->overloads_wanted == 0;
+    return (outlook_is_away(m) || m->phase == CW_MAC_IDLE) &&
+           m->reported_state == m->confinement.state && m->overloads_wanted == 0;
 }
 
-static void count_node(cw_outlook *outlook, const bus_node *n, bool has_boxes, uint64_t self)
+static void count_node(cw_outlook *outlook, const cw_bus_node *n, bool has_boxes, uint64_t self)
 {
     const cw_mac *m = &n->mac;
-    if (is_away(m))
+    if (outlook_is_away(m))
         outlook->away |= self;
     if (m->phase != CW_MAC_IDLE || (m->modes & CW_MODE_LOOPBACK))
         return;

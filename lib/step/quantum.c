@@ -16,17 +16,17 @@
 
 #include <assert.h>
 
-static timed_node *node_at(cw_bus *bus, unsigned i)
+static cw_timed_node *node_at(cw_bus *bus, unsigned i)
 {
     return &bus->timed.nodes[i];
 }
 
-static cw_span after_quanta(const timed_node *n, unsigned quanta)
+static cw_span after_quanta(const cw_timed_node *n, unsigned quanta)
 {
     return n->begin + quanta * n->timing.quantum;
 }
 
-static bool has_report(const timed_node *n)
+static bool has_report(const cw_timed_node *n)
 {
     return (n->report.what & ~CW_REPORT_STARTED) || n->sync_count > 0;
 }
@@ -36,7 +36,7 @@ static bool has_report(const timed_node *n)
 /* Takes an edge that a look has found. */
 static cw_edge_effect take_edge(cw_bus *bus, unsigned i, cw_span look)
 {
-    timed_node *n = node_at(bus, i);
+    cw_timed_node *n = node_at(bus, i);
     const unsigned in = (unsigned)cw_quanta_in(n, look - n->timing.quantum - n->begin);
     const bool hard = cw_mac_synchronises_hard(&bus->nodes[i].mac);
     const int phase_error = (int)in - (n->pcs.sampled ? n->pcs.end_at : 0);
@@ -81,7 +81,7 @@ static void end_steadiness(cw_bus *bus)
  * cannot begin to send a frame that comes meanwhile. Such a node drives the bit beforehand. */
 static bool goes_ahead(cw_bus *bus, unsigned i)
 {
-    const timed_node *n = node_at(bus, i);
+    const cw_timed_node *n = node_at(bus, i);
     return !n->retimed && cw_mac_drives_on(&bus->nodes[i].mac, n->driven) &&
            !cw_timed_compares_late(bus, i) && !cw_timed_changes_rate(bus, i);
 }
@@ -90,7 +90,7 @@ static bool goes_ahead(cw_bus *bus, unsigned i)
  * is_calm(). */
 static void plan_next(cw_bus *bus, unsigned i, cw_span end, bool calm)
 {
-    timed_node *n = node_at(bus, i);
+    cw_timed_node *n = node_at(bus, i);
     n->ahead = calm && goes_ahead(bus, i);
     if (n->ahead)
         cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS,
@@ -103,7 +103,7 @@ static void plan_next(cw_bus *bus, unsigned i, cw_span end, bool calm)
  * inlined, since most samples have no need of it. */
 __attribute__((noinline)) static void plan_end(cw_bus *bus, unsigned i)
 {
-    timed_node *n = node_at(bus, i);
+    cw_timed_node *n = node_at(bus, i);
     const cw_span end = after_quanta(n, n->pcs.end_at);
     const cw_span edge = cw_pcs_is_open(&n->pcs) ? cw_timed_next_edge(bus, i, end) : CW_SPAN_MAX;
     n->next_begin = end;
@@ -130,7 +130,7 @@ static void alert_of_edge(cw_bus *bus, const cw_edge *edge)
 {
     const bool rises = bus->timed.cable.dominant == cw_node_bit(edge->node);
     for (unsigned i = 0; i < bus->node_count; i++) {
-        timed_node *n = node_at(bus, i);
+        cw_timed_node *n = node_at(bus, i);
         const cw_span arrival = cw_cable_arrival(&bus->timed.cable, edge, i);
         cw_timed_note_arrival(n, arrival, rises);
         if (arrival < n->next_begin && n->pcs.sampled && cw_pcs_is_open(&n->pcs))
@@ -142,7 +142,7 @@ static void alert_of_edge(cw_bus *bus, const cw_edge *edge)
 void cw_timed_alert(cw_bus *bus)
 {
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const timed_node *n = node_at(bus, i);
+        const cw_timed_node *n = node_at(bus, i);
         cw_timed_settle(&bus->timed, i);
         if (n->pcs.sampled && cw_pcs_is_open(&n->pcs) && n->next_begin > bus->timed.moment)
             plan_anew(bus, i);
@@ -154,7 +154,7 @@ void cw_timed_alert(cw_bus *bus)
 /* Puts a level onto the node's wire, if it is another one than before. */
 static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
 {
-    timed_node *n = node_at(bus, i);
+    cw_timed_node *n = node_at(bus, i);
     if (n->driven == level)
         return;
     n->driven = level;
@@ -172,7 +172,7 @@ static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
 
 static void drive(cw_bus *bus, unsigned i, cw_span moment)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     if (cw_inbox_first(bus) <= cw_tick_of(bus, moment)) { /* it comes just now */
         cw_take_inbox_of_before(bus, i, cw_tick_of(bus, moment + 1));
         end_steadiness(bus);
@@ -204,7 +204,7 @@ __attribute__((noinline)) static void retime(cw_bus *bus, unsigned i, cw_span mo
 
 static void begin_bit(cw_bus *bus, unsigned i, cw_span moment)
 {
-    timed_node *n = node_at(bus, i);
+    cw_timed_node *n = node_at(bus, i);
     if (n->retimed)
         retime(bus, i, moment);
     if (bus->timed.rates)
@@ -225,7 +225,7 @@ static uint64_t begin_bits(cw_bus *bus, cw_span moment)
 {
     cw_agenda *agenda = &bus->timed.agenda;
     uint64_t nodes = 0;
-    const agenda_entry *e;
+    const cw_agenda_entry *e;
     while (e = cw_agenda_first(agenda), e->moment == moment && cw_agenda_what(e) == CW_BEGINS) {
         const unsigned i = cw_agenda_node(e);
         cw_agenda_take(agenda, CW_BEGINS);
@@ -251,7 +251,7 @@ static void disturb_bits(cw_bus *bus, uint64_t nodes, cw_span moment)
 /* Returns true when all nodes sample at one moment. */
 static bool all_look_at(const cw_agenda *agenda, cw_span moment)
 {
-    const agenda_list *looks = &agenda->looks, *others = &agenda->others;
+    const cw_agenda_list *looks = &agenda->looks, *others = &agenda->others;
     return others->first == others->behind &&
            (looks->first == looks->behind || looks->behind[-1].moment == moment);
 }
@@ -289,7 +289,7 @@ static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
 
 static void sample(cw_bus *bus, unsigned i, cw_span moment)
 {
-    timed_node *n = node_at(bus, i);
+    cw_timed_node *n = node_at(bus, i);
     cw_mac *m = &bus->nodes[i].mac;
     const cw_mac_phase phase = cw_mac_get_phase(m);
     const bool level = cw_timed_sample(bus, i, moment);
@@ -324,7 +324,7 @@ static void sample(cw_bus *bus, unsigned i, cw_span moment)
 /* Takes all edges up to the sample point, which they may move. */
 __attribute__((noinline)) static void take_edges(cw_bus *bus, unsigned i, cw_span moment)
 {
-    const timed_node *n = node_at(bus, i);
+    const cw_timed_node *n = node_at(bus, i);
     while (cw_pcs_is_open(&n->pcs)) {
         const cw_span edge = cw_timed_next_edge(bus, i, moment);
         if (edge == CW_SPAN_MAX)
@@ -338,7 +338,7 @@ __attribute__((noinline)) static void take_edges(cw_bus *bus, unsigned i, cw_spa
 static bool has_edges_to_take(const cw_bus *bus, unsigned i)
 {
     const cw_timed *t = &bus->timed;
-    const timed_node *n = &t->nodes[i];
+    const cw_timed_node *n = &t->nodes[i];
     if (!cw_pcs_is_open(&n->pcs) || !cw_timed_edge_may_come(bus, n))
         return false;
     const bool notes = (t->counts || t->reports_syncs) &&
@@ -350,7 +350,7 @@ static bool has_edges_to_take(const cw_bus *bus, unsigned i)
 /* A node that has gone ahead begins its bit now, when it is about to sample it. */
 static void look_before_sample(cw_bus *bus, unsigned i, cw_span moment)
 {
-    timed_node *n = node_at(bus, i);
+    cw_timed_node *n = node_at(bus, i);
     if (n->ahead)
         cw_timed_begin(n);
     n->ahead = false;
@@ -369,7 +369,7 @@ void cw_timed_catch_up(cw_bus *bus)
 {
     const cw_span now = bus->timed.moment;
     for (unsigned i = 0; bus->timed.active && i < bus->node_count; i++) {
-        timed_node *n = node_at(bus, i);
+        cw_timed_node *n = node_at(bus, i);
         cw_timed_settle(&bus->timed, i);
         const cw_span looked = after_quanta(n, (unsigned)cw_quanta_in(n, now - n->begin));
         while (!n->pcs.sampled && cw_pcs_is_open(&n->pcs)) {
@@ -396,7 +396,7 @@ __attribute__((noinline)) static void look_after_sample(cw_bus *bus, unsigned i,
 
 static void end_bit(cw_bus *bus, unsigned i, cw_span moment)
 {
-    timed_node *n = node_at(bus, i);
+    cw_timed_node *n = node_at(bus, i);
     cw_agenda_put(&bus->timed.agenda, i, CW_BEGINS, moment);
     const uint64_t now = cw_now(bus);
     cw_wire_go_to(&bus->time, cw_tick_of(bus, moment));
@@ -409,7 +409,7 @@ static void end_bit(cw_bus *bus, unsigned i, cw_span moment)
 
 uint64_t cw_timed_end_of_bit(const cw_bus *bus, unsigned i)
 {
-    const timed_node *n = &bus->timed.nodes[i];
+    const cw_timed_node *n = &bus->timed.nodes[i];
     return cw_tick_of(bus, bus->timed.rates ? cw_timed_expected_end(bus, i)
                                             : after_quanta(n, n->pcs.end_at));
 }
@@ -437,9 +437,9 @@ static void rewire(cw_bus *bus, cw_span moment)
 
 /* ---- One bit time ---------------------------------------------------------------------------- */
 
-static void look(cw_bus *bus, unsigned i, cw_span moment)
+static void quantum_look(cw_bus *bus, unsigned i, cw_span moment)
 {
-    const timed_node *n = node_at(bus, i);
+    const cw_timed_node *n = node_at(bus, i);
     cw_agenda_take(&bus->timed.agenda, CW_LOOKS);
     if (n->pcs.sampled && !n->ahead)
         look_after_sample(bus, i, moment);
@@ -460,13 +460,13 @@ __attribute__((noinline)) static void end_or_begin(cw_bus *bus, cw_doing what, u
 }
 
 /* Does the next thing on the agenda. */
-static void go_on(cw_bus *bus, const agenda_entry *next)
+static void quantum_go_on(cw_bus *bus, const cw_agenda_entry *next)
 {
     const cw_span moment = next->moment;
     const unsigned i = cw_agenda_node(next);
     bus->timed.moment = moment;
     if (cw_agenda_what(next) == CW_LOOKS)
-        look(bus, i, moment);
+        quantum_look(bus, i, moment);
     else
         end_or_begin(bus, cw_agenda_what(next), i, moment);
 }
@@ -541,15 +541,15 @@ void cw_timed_let_rules_act(cw_bus *bus, uint64_t nodes, cw_span begin, cw_span 
 
 void cw_timed_go_to(cw_bus *bus, cw_span end)
 {
-    const agenda_entry *e;
+    const cw_agenda_entry *e;
     while (e = cw_agenda_first(&bus->timed.agenda),
            e->moment < end || (e->moment == end && cw_agenda_what(e) == CW_LOOKS))
-        go_on(bus, e);
+        quantum_go_on(bus, e);
 }
 
 void cw_timed_end_bits(cw_bus *bus, cw_span end)
 {
-    const agenda_entry *e;
+    const cw_agenda_entry *e;
     bus->timed.moment = end;
     while (e = cw_agenda_first(&bus->timed.agenda),
            e->moment == end && cw_agenda_what(e) == CW_ENDS)

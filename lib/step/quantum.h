@@ -38,7 +38,7 @@ static inline uint64_t cw_tick_of(const cw_bus *bus, cw_span moment)
 
 /* Makes a node that has not synchronised since its last sample deaf to edges, if its controller is
  * (D12). */
-static inline void cw_timed_follow_ears(timed_node *n, const cw_mac *mac)
+static inline void cw_timed_follow_ears(cw_timed_node *n, const cw_mac *mac)
 {
     n->deaf = !cw_mac_synchronises(mac);
     n->pcs.synchronised = n->deaf;
@@ -47,7 +47,7 @@ static inline void cw_timed_follow_ears(timed_node *n, const cw_mac *mac)
 /* Takes the new bit timing of a node between two of its bits, if it has been given one. */
 static inline void cw_timed_retime(cw_bus *bus, unsigned node)
 {
-    timed_node *n = &bus->timed.nodes[node];
+    cw_timed_node *n = &bus->timed.nodes[node];
     if (n->retimed && bus->timed.rates)
         cw_timed_retime_rates(bus, node);
     else if (n->retimed)
@@ -56,7 +56,7 @@ static inline void cw_timed_retime(cw_bus *bus, unsigned node)
 }
 
 /* Returns the quanta of a node that fit into a span. Mostly none does: edges come in Sync_Seg. */
-static inline cw_span cw_quanta_in(const timed_node *n, cw_span span)
+static inline cw_span cw_quanta_in(const cw_timed_node *n, cw_span span)
 {
     return span < n->timing.quantum ? 0 : span / n->timing.quantum;
 }
@@ -124,13 +124,13 @@ static inline bool cw_timed_sample(const cw_bus *bus, unsigned node, cw_span mom
 cw_span cw_timed_next_edge(const cw_bus *bus, unsigned node, cw_span until);
 
 /* Returns false when it has none for sure: no dominant edge is under way to it. */
-static inline bool cw_timed_edge_may_come(const cw_bus *bus, const timed_node *n)
+static inline bool cw_timed_edge_may_come(const cw_bus *bus, const cw_timed_node *n)
 {
     return n->last_arrival >= n->looked || !bus->timed.calm;
 }
 
 /* Notes when a dominant edge arrives at a node. rises: the line was recessive before. */
-static inline void cw_timed_note_arrival(timed_node *n, cw_span arrival, bool rises)
+static inline void cw_timed_note_arrival(cw_timed_node *n, cw_span arrival, bool rises)
 {
     if (rises || arrival < n->first_arrival)
         n->first_arrival = arrival;
@@ -139,7 +139,7 @@ static inline void cw_timed_note_arrival(timed_node *n, cw_span arrival, bool ri
 }
 
 /* Returns true when the next edge comes in the Sync_Seg of the present bit for sure. */
-static inline bool cw_timed_edge_is_on_time(const cw_bus *bus, const timed_node *n)
+static inline bool cw_timed_edge_is_on_time(const cw_bus *bus, const cw_timed_node *n)
 {
     return bus->timed.calm && bus->timed.cable.rise_from < n->looked &&
            n->first_arrival >= n->looked && n->first_arrival < n->begin + n->timing.quantum;
@@ -181,8 +181,8 @@ static inline bool cw_timed_compares_late(const cw_bus *bus, unsigned node)
            cw_mac_is_sending(mac) && !(mac->modes & CW_MODE_LOOPBACK);
 }
 
-/* Returns true when the next bit of a node begins at the nominal rate, since its controller has been
- * taken out of the data phase from outside. */
+/* Returns true when the next bit of a node begins at the nominal rate: its host has taken the
+ * controller out of the data phase. */
 static inline bool cw_timed_changes_rate(const cw_bus *bus, unsigned node)
 {
     return bus->timed.rates && bus->timed.rates[node].fast &&

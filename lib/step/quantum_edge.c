@@ -16,7 +16,7 @@ typedef struct begin_of_bit {
 
 /* Returns the begin of a bit before which an edge comes. The edge ends the bit before it, or makes
  * it shorter (T4, T5). */
-static begin_of_bit begin_early(const timed_node *n, cw_span planned, cw_span arrival, bool hard)
+static begin_of_bit begin_early(const cw_timed_node *n, cw_span planned, cw_span arrival, bool hard)
 {
     const cw_span quantum = n->timing.quantum;
     const cw_span before = planned - arrival + quantum - 1;
@@ -85,7 +85,7 @@ static void find_arrivals(const cw_bus *bus, cw_common_edge *edge)
 /* Places the bit of a node. Returns false when the edge comes at a wrong time for it. */
 static bool place_bit(const cw_bus *bus, cw_common_edge *edge, unsigned i)
 {
-    const timed_node *n = &bus->timed.nodes[i];
+    const cw_timed_node *n = &bus->timed.nodes[i];
     const cw_clean_proof *proof = &bus->timed.proof;
     const cw_span bit = proof->bit[i], to_sample = proof->to_sample[i];
     const cw_span planned = edge->begin[i], arrival = edge->arrival[i];

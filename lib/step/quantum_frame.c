@@ -71,7 +71,7 @@ static bool find_frame(clean_frame *f, const cw_bus *bus)
         const cw_queue *q = &bus->nodes[f->sender].queue;
         f->frame = cw_queue_at(q, cw_queue_first(q))->frame;
     } else if (cw_inbox_first(bus) != CW_NEVER) {
-        const inbox_entry *entry = cw_inbox_at(&bus->inbox, 0);
+        const cw_inbox_entry *entry = cw_inbox_at(&bus->inbox, 0);
         f->sender = entry->node;
         f->frame = entry->frame;
         f->due = entry->at_tick;
@@ -95,13 +95,13 @@ static bool is_calm(const cw_mac *m)
            m->reported_state == m->confinement.state && !(m->modes & CW_MODE_LOOPBACK);
 }
 
-static bool is_away(const cw_mac *m)
+static bool quantum_frame_is_away(const cw_mac *m)
 {
     return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF || m->phase == CW_MAC_ASLEEP;
 }
 
 /* Returns true when a node is in a recessive bit as long as all others, and saw no edge in it. */
-static bool is_in_plain_bit(const timed_node *n, cw_span before)
+static bool is_in_plain_bit(const cw_timed_node *n, cw_span before)
 {
     return !n->retimed && !n->pcs.synchronised && n->pcs.last_sample == CW_RECESSIVE &&
            n->report.what == 0 && n->sync_count == 0 && before < n->begin &&
@@ -113,13 +113,13 @@ static bool is_in_plain_bit(const timed_node *n, cw_span before)
  * dominant level for SOF. Returns false when it has more to do than to wait. */
 static bool find_ready(clean_frame *f, const cw_bus *bus, unsigned i, cw_span *ready, cw_span *open)
 {
-    const timed_node *n = &bus->timed.nodes[i];
+    const cw_timed_node *n = &bus->timed.nodes[i];
     const cw_mac *m = &bus->nodes[i].mac;
     const cw_span bit = bus->timed.proof.bit[i], begin = n->pcs.sampled ? n->next_begin : n->begin;
     const cw_span unsampled = !n->pcs.sampled;
     *open = INT64_MIN;
     *ready = begin + unsampled * bit;
-    if (is_away(m))
+    if (quantum_frame_is_away(m))
         return !(m->modes & CW_MODE_LOOPBACK); /* no edge moves its bits (M15) */
     if (m->phase == CW_MAC_IDLE)
         return is_calm(m);
@@ -160,7 +160,7 @@ static bool find_begin(clean_frame *f, cw_bus *bus)
             f->begin = begin_after(bus, f->due, i, ready);
         else
             latest = open > latest ? open : latest;
-        f->away |= is_away(&bus->nodes[i].mac) ? cw_node_bit(i) : 0;
+        f->away |= quantum_frame_is_away(&bus->nodes[i].mac) ? cw_node_bit(i) : 0;
     }
     /* the earliest edge comes with the least delay */
     return latest <= f->begin + bus->timed.proof.least_delay;
@@ -215,7 +215,7 @@ static void plan_ack(clean_frame *f, const cw_bus *bus, unsigned edge, unsigned 
     f->ack.hard = f->away;
     f->ack.drivers = 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const timed_node *n = &bus->timed.nodes[i];
+        const cw_timed_node *n = &bus->timed.nodes[i];
         const cw_mac *m = &bus->nodes[i].mac;
         const cw_span arrival = driven + cw_cable_delay(cable, f->sender, i, CW_DOMINANT);
         const cw_span sync = arrival - (arrival - n->begin) % n->timing.quantum;
@@ -260,7 +260,7 @@ static bool find_end(clean_frame *f, const cw_bus *bus)
 /* Returns the tick at which the first frame comes that is not the one on its way. */
 static uint64_t next_frame_at(const cw_bus *bus, const clean_frame *f)
 {
-    const inbox *in = &bus->inbox;
+    const cw_inbox *in = &bus->inbox;
     if (f->due == 0)
         return cw_inbox_first(bus);
     return in->count < 2 ? CW_NEVER : cw_inbox_at(in, 1)->at_tick;
@@ -270,7 +270,7 @@ static uint64_t next_frame_at(const cw_bus *bus, const clean_frame *f)
 static bool takes_all(const cw_bus *bus)
 {
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const bus_node *n = &bus->nodes[i];
+        const cw_bus_node *n = &bus->nodes[i];
         const bool room = n->queue.count + n->inbox <= n->queue_limit;
         if (n->inbox && (!room || cw_refusal(bus, i) != CW_DROP_COUNT))
             return false;
@@ -321,15 +321,15 @@ static void count_load(cw_bus *bus, const clean_frame *f)
 
 static void begin_attempt(cw_bus *bus, unsigned i)
 {
-    bus_node *n = &bus->nodes[i];
+    cw_bus_node *n = &bus->nodes[i];
     cw_queue_slot *slot = cw_queue_at(&n->queue, cw_queue_first(&n->queue));
     cw_pin_first(n);
     n->mac.offered = false;
     cw_share_lost(bus, i);
     n->stats.retransmissions += slot->tried;
     slot->tried = true;
-    bus->error_flag = (flag_watch){.now = false};
-    bus->overload_flag = (flag_watch){.now = false};
+    bus->error_flag = (cw_flag_watch){.now = false};
+    bus->overload_flag = (cw_flag_watch){.now = false};
 }
 
 /* Returns the receivers in the order in which their frames end. */
@@ -351,11 +351,11 @@ static unsigned sort_receivers(const cw_bus *bus, const clean_frame *f, uint8_t 
     return count;
 }
 
-static void receive(cw_bus *bus, const clean_frame *f)
+static void quantum_frame_receive(cw_bus *bus, const clean_frame *f)
 {
-    const bus_node *n = &bus->nodes[f->sender];
+    const cw_bus_node *n = &bus->nodes[f->sender];
     const cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
-    const frame_origin origin = {.from = cw_node_bit(f->sender), .handed_in = slot->handed_in};
+    const cw_frame_origin origin = {.from = cw_node_bit(f->sender), .handed_in = slot->handed_in};
     uint8_t order[CW_NODES_MAX];
     cw_span ends[CW_NODES_MAX];
     cw_frame frame;
@@ -400,7 +400,7 @@ static void go_to_end(cw_bus *bus, const clean_frame *f)
     if (f->due)
         cw_take_inbox(bus, f->due + 1);
     begin_attempt(bus, f->sender);
-    receive(bus, f);
+    quantum_frame_receive(bus, f);
     finish_transmission(bus, f);
     cw_wire_go_to(&bus->time, now);
     cw_wire_pass(&bus->time, f->bit_times);

@@ -17,7 +17,7 @@ static bool last_driven(const cw_mac *mac)
 
 /* Notes that all edges on the line, which may be still under way, are no rise that the node can
  * follow. */
-static void forget_arrivals(const cw_cable *cable, timed_node *n)
+static void forget_arrivals(const cw_cable *cable, cw_timed_node *n)
 {
     n->first_arrival = n->last_arrival = cw_cable_last_arrival(cable);
 }
@@ -31,7 +31,7 @@ static bool last_level(const cw_bus *bus)
 /* Lets a node begin a bit at a moment. */
 static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
 {
-    timed_node *n = &bus->timed.nodes[i];
+    cw_timed_node *n = &bus->timed.nodes[i];
     const bool retimed = n->retimed;
     cw_timed_retime(bus, i);
     if (retimed && bus->tt)
@@ -53,7 +53,7 @@ static void enter_node(cw_bus *bus, unsigned i, cw_span moment)
 }
 
 /* Forgets all edges and all that was to come. */
-static void clear(cw_timed *t, uint64_t epoch)
+static void quantum_grid_clear(cw_timed *t, uint64_t epoch)
 {
     cw_timed_begin_ringing(t);
     t->active = true;
@@ -69,7 +69,7 @@ void cw_timed_enter(cw_bus *bus)
 {
     cw_wake_controllers(bus);
     cw_leave(bus, bus->all);
-    clear(&bus->timed, cw_now(bus));
+    quantum_grid_clear(&bus->timed, cw_now(bus));
     cw_timed_begin_wires(bus);
     for (unsigned i = 0; i < bus->node_count; i++)
         enter_node(bus, i, 0);
@@ -80,8 +80,8 @@ void cw_timed_enter(cw_bus *bus)
 /* The node goes on in the middle of its bit, and gets its new bit timing with the next one. */
 static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old, unsigned from)
 {
-    timed_node *n = &bus->timed.nodes[i];
-    const agenda_entry *e = cw_agenda_of(&old->timed.agenda, from);
+    cw_timed_node *n = &bus->timed.nodes[i];
+    const cw_agenda_entry *e = cw_agenda_of(&old->timed.agenda, from);
     const cw_bit_timing timing = n->timing;
     *n = old->timed.nodes[from];
     if (bus->timed.rates)
@@ -132,7 +132,7 @@ void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
     for (unsigned i = 0; i < bus->node_count; i++)
         if (from[i] != CW_NO_NODE)
             to[from[i]] = (uint8_t)i;
-    clear(&bus->timed, old->timed.epoch);
+    quantum_grid_clear(&bus->timed, old->timed.epoch);
     for (unsigned i = 0; i < bus->node_count; i++) /* in the middle of their bits */
         if (from[i] != CW_NO_NODE && (old->timed.touched >> from[i] & 1u))
             bus->timed.touched |= cw_node_bit(i);

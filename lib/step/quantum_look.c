@@ -110,7 +110,7 @@ cw_span cw_timed_change(const cw_bus *bus, unsigned i, bool level, cw_span after
 /* Returns the next edge by looking at the end of each quantum. */
 static cw_span scan(const cw_bus *bus, unsigned i, cw_span until)
 {
-    const timed_node *n = &bus->timed.nodes[i];
+    const cw_timed_node *n = &bus->timed.nodes[i];
     bool before = cw_timed_level(bus, i, n->looked);
     for (cw_span moment = n->looked + n->timing.quantum; moment <= until;
          moment += n->timing.quantum) {
@@ -123,13 +123,13 @@ static cw_span scan(const cw_bus *bus, unsigned i, cw_span until)
 }
 
 /* Returns the look after an arrival: the end of the quantum that it comes in. */
-static cw_span look_after(const timed_node *n, cw_span arrival)
+static cw_span look_after(const cw_timed_node *n, cw_span arrival)
 {
     return n->begin + (cw_quanta_in(n, arrival - n->begin) + 1) * n->timing.quantum;
 }
 
 /* Returns the look that finds the edge of a rise, see cw_cable. Only its first arrival is one. */
-static cw_span follow_rise(const timed_node *n, cw_span until)
+static cw_span follow_rise(const cw_timed_node *n, cw_span until)
 {
     if (n->first_arrival < n->looked || n->first_arrival >= until)
         return CW_SPAN_MAX;
@@ -140,7 +140,7 @@ static cw_span follow_rise(const timed_node *n, cw_span until)
 /* Returns the next edge by looking where dominant levels arrive. */
 static cw_span follow_arrivals(const cw_bus *bus, unsigned i, cw_span until)
 {
-    const timed_node *n = &bus->timed.nodes[i];
+    const cw_timed_node *n = &bus->timed.nodes[i];
     const uint64_t wire = wire_of(bus, i, until);
     cw_span arrival = cw_cable_next_arrival(&bus->timed.cable, i, n->looked, wire);
     while (arrival < until) {
@@ -166,7 +166,7 @@ static cw_span scan_ringing(const cw_bus *bus, unsigned i, cw_span until)
 
 cw_span cw_timed_next_edge(const cw_bus *bus, unsigned i, cw_span until)
 {
-    const timed_node *n = &bus->timed.nodes[i];
+    const cw_timed_node *n = &bus->timed.nodes[i];
     const bool rewired = !bus->timed.one_wire && n->looked <= bus->timed.rewired_at;
     if (bus->timed.disturbances.count || rewired)
         return scan(bus, i, until);

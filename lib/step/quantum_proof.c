@@ -34,7 +34,7 @@ static cw_span delay(const cw_bus *bus, unsigned from, unsigned to, bool level)
 static bool reads_right(const cw_bus *bus, unsigned sender, unsigned receiver)
 {
     const cw_clean_proof *proof = &bus->timed.proof;
-    const timed_node *r = &bus->timed.nodes[receiver];
+    const cw_timed_node *r = &bus->timed.nodes[receiver];
     const cw_span bit = proof->bit[receiver], others = proof->bit[sender];
     const cw_span late = greater(BITS * (others - bit), 0);
     const cw_span early = greater(BITS * (bit - others), 0);
@@ -57,7 +57,7 @@ static bool reads_itself(const cw_bus *bus, unsigned i)
     return longest + bus->timed.nodes[i].timing.quantum < bus->timed.proof.to_first_look[i];
 }
 
-static void find_spans(cw_clean_proof *proof, unsigned i, const timed_node *n)
+static void find_spans(cw_clean_proof *proof, unsigned i, const cw_timed_node *n)
 {
     const cw_bit_timing *t = &n->timing;
     proof->bit[i] = t->quantum * cw_bit_timing_quanta(t);

@@ -14,13 +14,13 @@
 
 /* ---- One node -------------------------------------------------------------------------------- */
 
-static timed_rates *rates_of(cw_bus *bus, unsigned i)
+static cw_timed_rates *rates_of(cw_bus *bus, unsigned i)
 {
     return &bus->timed.rates[i];
 }
 
 /* Goes on with a bit at its sample point as if it had been at the other rate since its begin. */
-static void change_rate(timed_node *n, timed_rates *r, cw_span moment)
+static void change_rate(cw_timed_node *n, cw_timed_rates *r, cw_span moment)
 {
     r->fast = !r->fast;
     cw_timed_set_timing(n, cw_timing_at(r, r->fast));
@@ -30,8 +30,8 @@ static void change_rate(timed_node *n, timed_rates *r, cw_span moment)
 
 void cw_timed_follow_rate(cw_bus *bus, unsigned i, cw_span moment)
 {
-    timed_node *n = &bus->timed.nodes[i];
-    timed_rates *r = rates_of(bus, i);
+    cw_timed_node *n = &bus->timed.nodes[i];
+    cw_timed_rates *r = rates_of(bus, i);
     if (r->fast != cw_mac_is_fast(&bus->nodes[i].mac))
         change_rate(n, r, moment);
     n->next_begin = n->begin + n->pcs.end_at * n->timing.quantum;
@@ -39,7 +39,7 @@ void cw_timed_follow_rate(cw_bus *bus, unsigned i, cw_span moment)
 
 void cw_timed_begin_at_rate(cw_bus *bus, unsigned i)
 {
-    timed_rates *r = rates_of(bus, i);
+    cw_timed_rates *r = rates_of(bus, i);
     if (!r->fast || cw_mac_is_fast(&bus->nodes[i].mac))
         return;
     r->fast = false;
@@ -48,7 +48,7 @@ void cw_timed_begin_at_rate(cw_bus *bus, unsigned i)
 
 void cw_timed_enter_rate(cw_bus *bus, unsigned i)
 {
-    timed_rates *r = rates_of(bus, i);
+    cw_timed_rates *r = rates_of(bus, i);
     r->fast = cw_mac_is_fast(&bus->nodes[i].mac);
     cw_late_forget(&r->late);
     if (r->fast && cw_mac_is_sending(&bus->nodes[i].mac))
@@ -59,7 +59,7 @@ void cw_timed_enter_rate(cw_bus *bus, unsigned i)
 /* The node goes on at its present rate. The bit timings of the new bus come with its next bit. */
 void cw_timed_take_over_rates(cw_bus *bus, unsigned i, const cw_bus *old, unsigned from)
 {
-    timed_rates *r = rates_of(bus, i);
+    cw_timed_rates *r = rates_of(bus, i);
     r->next = r->given;
     r->fast = cw_mac_is_fast(&bus->nodes[i].mac);
     if (old->timed.rates)
@@ -110,8 +110,8 @@ static bool will_be_fast(const cw_bus *bus, const cw_mac *m)
 /* Returns the end of the bit of a node that begins at a moment, or has begun then. */
 static cw_span end_of_bit(const cw_bus *bus, unsigned i, cw_span begin)
 {
-    const timed_node *n = &bus->timed.nodes[i];
-    const timed_rates *r = &bus->timed.rates[i];
+    const cw_timed_node *n = &bus->timed.nodes[i];
+    const cw_timed_rates *r = &bus->timed.rates[i];
     const bool fast = will_be_fast(bus, &bus->nodes[i].mac);
     const unsigned sample_at = n->ahead ? n->begun.sample_at : n->pcs.sample_at;
     const unsigned end_at = n->ahead ? n->begun.end_at : n->pcs.end_at;
@@ -129,7 +129,7 @@ cw_span cw_timed_expected_end(const cw_bus *bus, unsigned i)
 
 cw_span cw_timed_bit_length(const cw_bus *bus, unsigned i)
 {
-    const timed_rates *r = &bus->timed.rates[i];
+    const cw_timed_rates *r = &bus->timed.rates[i];
     const bool after = is_fast_after_sample(&bus->nodes[i].mac);
     const cw_span quantum = bus->timed.bit_time / cw_bit_timing_quanta(&r->nominal);
     const cw_span data = r->given.data_brp ? cw_data_quantum(quantum, &r->given) : quantum;
@@ -142,14 +142,14 @@ cw_span cw_timed_bit_length(const cw_bus *bus, unsigned i)
 /* Returns true when a node begins a bit now. All do, when the bus is about to leave the grid. */
 static bool begins_now(const cw_bus *bus, unsigned i, cw_span now)
 {
-    const timed_node *n = &bus->timed.nodes[i];
+    const cw_timed_node *n = &bus->timed.nodes[i];
     return !bus->timed.active || ((n->ahead || n->pcs.sampled) && n->next_begin == now);
 }
 
 /* Returns the end of the bit in which a node is, which it has begun. */
 static cw_span end_of_present(const cw_bus *bus, unsigned i, cw_span now)
 {
-    const timed_node *n = &bus->timed.nodes[i];
+    const cw_timed_node *n = &bus->timed.nodes[i];
     if (n->ahead && n->next_begin <= now)
         return end_of_bit(bus, i, n->next_begin);
     return n->ahead || n->pcs.sampled ? n->next_begin : end_of_bit(bus, i, n->begin);
@@ -157,7 +157,7 @@ static cw_span end_of_present(const cw_bus *bus, unsigned i, cw_span now)
 
 /* Returns true when nobody can see when the bits of a node begin: it neither drives nor samples the
  * wire. */
-static bool is_away(const cw_mac *m)
+static bool quantum_rate_is_away(const cw_mac *m)
 {
     const bool rests = m->phase == CW_MAC_IDLE && (m->modes & CW_MODE_LOOPBACK); /* M15 */
     return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF || m->phase == CW_MAC_ASLEEP ||
@@ -169,7 +169,7 @@ cw_span cw_timed_common_begin(const cw_bus *bus)
     const cw_span now = cw_moment_of(bus, cw_now(bus));
     cw_span common = CW_SPAN_MAX;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        if (is_away(&bus->nodes[i].mac))
+        if (quantum_rate_is_away(&bus->nodes[i].mac))
             continue;
         const cw_span next = begins_now(bus, i, now) ? now : end_of_present(bus, i, now);
         if (common != CW_SPAN_MAX && next != common)
@@ -193,7 +193,7 @@ bool cw_timed_begins_together(const cw_bus *bus)
     const cw_span now = cw_moment_of(bus, cw_now(bus));
     for (unsigned i = 0; i < bus->node_count; i++) {
         const bool begun = bus->timed.nodes[i].begin == now;
-        if (!is_away(&bus->nodes[i].mac) && !begins_now(bus, i, now) && !begun)
+        if (!quantum_rate_is_away(&bus->nodes[i].mac) && !begins_now(bus, i, now) && !begun)
             return false;
     }
     return true;
@@ -202,7 +202,7 @@ bool cw_timed_begins_together(const cw_bus *bus)
 /* Lets a node that is away begin a bit with the others. Nobody can see when its bits begin. */
 static void align(cw_bus *bus, unsigned i, cw_span moment)
 {
-    timed_node *n = &bus->timed.nodes[i];
+    cw_timed_node *n = &bus->timed.nodes[i];
     if (end_of_present(bus, i, cw_moment_of(bus, cw_now(bus))) == moment)
         return;
     cw_agenda_remove(&bus->timed.agenda, i);
@@ -217,7 +217,7 @@ static void align(cw_bus *bus, unsigned i, cw_span moment)
 static void align_away(cw_bus *bus, cw_span moment)
 {
     for (unsigned i = 0; i < bus->node_count; i++)
-        if (is_away(&bus->nodes[i].mac))
+        if (quantum_rate_is_away(&bus->nodes[i].mac))
             align(bus, i, moment);
 }
 
@@ -225,7 +225,7 @@ static void align_away(cw_bus *bus, cw_span moment)
 __attribute__((noinline)) void cw_timed_show_wire(cw_bus *bus)
 {
     for (unsigned i = 0; i < bus->node_count; i++)
-        if (is_away(&bus->nodes[i].mac))
+        if (quantum_rate_is_away(&bus->nodes[i].mac))
             bus->timed.nodes[i].pcs.last_sample = bus->wire;
 }
 
@@ -252,7 +252,7 @@ static bool level_from(const cw_bus *bus, cw_span now)
 /* Returns the bit timing of a node at one of its rates, in a bit that begins now. */
 static cw_bit_timing coming_timing(const cw_bus *bus, unsigned i, bool fast)
 {
-    const timed_rates *r = &bus->timed.rates[i];
+    const cw_timed_rates *r = &bus->timed.rates[i];
     const cw_bit_timing *nominal = &bus->timed.next_timings[i];
     if (!bus->timed.nodes[i].retimed)
         return *cw_timing_at(r, fast);
@@ -281,7 +281,7 @@ static cw_span common_end(const cw_bus *bus, cw_span now)
     const bool level = level_from(bus, now);
     cw_span common = CW_SPAN_MAX;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        if (is_away(controller_of(bus, i)))
+        if (quantum_rate_is_away(controller_of(bus, i)))
             continue;
         const cw_span end = begins_now(bus, i, now) ? now + length_from_now(bus, i, level)
                                                     : end_of_present(bus, i, now);

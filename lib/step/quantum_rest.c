@@ -41,7 +41,7 @@ static bool may_be_ahead(const cw_bus *bus)
 static bool is_periodic(const cw_bus *bus, unsigned i)
 {
     const cw_cable *cable = &bus->timed.cable;
-    const timed_node *n = &bus->timed.nodes[i];
+    const cw_timed_node *n = &bus->timed.nodes[i];
     return rests(&bus->nodes[i].mac, bus->waiting >> i & 1u) && !n->retimed &&
            !n->pcs.synchronised && (!n->ahead || may_be_ahead(bus)) &&
            n->pcs.last_sample == CW_RECESSIVE && n->report.what == 0 &&
@@ -63,7 +63,7 @@ static bool all_rest(const cw_bus *bus)
            (cw_timed_is_straight(bus) || cw_timed_common_begin(bus) == CW_SPAN_MAX);
 }
 
-static cw_span bit_of(const timed_node *n)
+static cw_span bit_of(const cw_timed_node *n)
 {
     return n->timing.quantum * cw_bit_timing_quanta(&n->timing);
 }
@@ -100,7 +100,7 @@ static cw_span samples(cw_span begin, cw_span to_sample, cw_span bit, cw_span mo
 /* A bit that begins at the moment itself is still to begin, as after a bit time. */
 unsigned cw_timed_place(cw_bus *bus, unsigned i, cw_span first, cw_span moment)
 {
-    timed_node *n = &bus->timed.nodes[i];
+    cw_timed_node *n = &bus->timed.nodes[i];
     const cw_span bit = bit_of(n);
     const cw_span to_sample = n->timing.quantum * cw_bit_timing_sample_at(&n->timing);
     const cw_span sampled = samples(first, to_sample, bit, moment);
@@ -130,7 +130,7 @@ bool cw_timed_rest_go(cw_bus *bus, uint64_t tick)
     const cw_span end = cw_moment_of(bus, cw_wire_tick(&bus->time, bits));
     cw_agenda_clear(&bus->timed.agenda);
     for (unsigned i = 0; i < bus->node_count; i++) {
-        timed_node *n = &bus->timed.nodes[i];
+        cw_timed_node *n = &bus->timed.nodes[i];
         n->ahead = false;
         (void)cw_timed_place(bus, i, n->pcs.sampled ? n->next_begin : n->begin, end);
     }

@@ -44,7 +44,7 @@ static void count_sync(cw_bus *bus, unsigned i, const cw_sync *sync)
 /* Keeps a synchronisation that moves the clock for the end of the bit. */
 static void report_sync(cw_bus *bus, unsigned i, const cw_sync *sync)
 {
-    timed_node *n = &bus->timed.nodes[i];
+    cw_timed_node *n = &bus->timed.nodes[i];
     assert(n->sync_count < CW_SYNCS_OF_BIT);
     if (sync->hard || sync->phase_error)
         n->syncs[n->sync_count++] = *sync;
@@ -64,7 +64,7 @@ void cw_sync_note(cw_bus *bus, unsigned i, bool hard, int phase_error, cw_span m
 
 void cw_sync_commit(cw_bus *bus, unsigned i)
 {
-    timed_node *n = &bus->timed.nodes[i];
+    cw_timed_node *n = &bus->timed.nodes[i];
     for (unsigned k = 0; k < n->sync_count; k++) {
         cw_event *e = cw_push_node_event(bus, CW_EVENT_SYNC, i);
         e->hard = n->syncs[k].hard;

@@ -78,7 +78,7 @@ static void forget_disturbances(cw_bus *bus, cw_span begin)
     cw_timed *t = &bus->timed;
     cw_span first = begin;
     for (unsigned i = 0; t->disturbances.count && i < bus->node_count; i++) {
-        const timed_node *n = &t->nodes[i];
+        const cw_timed_node *n = &t->nodes[i];
         const cw_span back =
             n->looked - 2 * n->timing.quantum - cw_timed_longest_ringing(t, i);
         first = back < first ? back : first;
@@ -119,7 +119,7 @@ static void count_bit_time(cw_bus *bus, unsigned view)
 
 /* Counts load and flags of the bit time. Looks at controllers only when they may do something else
  * to the wire than before. */
-static void watch(cw_bus *bus)
+static void quantum_time_watch(cw_bus *bus)
 {
     cw_timed *t = &bus->timed;
     if (t->steady_at != cw_now(bus))
@@ -139,7 +139,7 @@ static cw_span begin_bit_time(cw_bus *bus, cw_span begin)
     if (bus->timed.rates)
         cw_timed_set_bit(bus, common);
     const cw_span end = cw_moment_of(bus, cw_bit_end(bus));
-    watch(bus);
+    quantum_time_watch(bus);
     forget_disturbances(bus, begin);
     if (bus->timed.rings_before)
         cw_timed_forget_ringing(bus);

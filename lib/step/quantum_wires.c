@@ -37,7 +37,7 @@ cw_span cw_timed_earliest_look(const cw_bus *bus)
     const cw_timed *t = &bus->timed;
     cw_span earliest = INT64_MAX;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const timed_node *n = &t->nodes[i];
+        const cw_timed_node *n = &t->nodes[i];
         const cw_span back =
             n->looked - 2 * n->timing.quantum - cw_timed_longest_ringing(t, i);
         earliest = back < earliest ? back : earliest;

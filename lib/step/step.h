@@ -19,8 +19,8 @@ void cw_step_bit(cw_bus *bus);
 
 /* Encode the first frame of a node's queue, or the frame in a slot, and make it ready to be
  * sent. */
-void cw_offer_first(bus_node *node);
-void cw_offer_slot(bus_node *node, uint16_t slot);
+void cw_offer_first(cw_bus_node *node);
+void cw_offer_slot(cw_bus_node *node, uint16_t slot);
 
 /* Binds rules when a node begins to transmit the frame of its offered slot; they may make its CRC
  * wrong. source: of the frame, see cw_queue_frame(). */

@@ -24,7 +24,7 @@ static wide multiply(uint64_t a, uint64_t b)
                   .low = other << 32 | (low & UINT32_MAX)};
 }
 
-static wide add(wide a, uint64_t b)
+static wide local_add(wide a, uint64_t b)
 {
     const uint64_t low = a.low + b;
     return (wide){.high = a.high + (low < b), .low = low};
@@ -74,7 +74,7 @@ static wide elapsed(const cw_local_clock *c, cw_instant instant)
 {
     const uint64_t ticks = instant.tick - c->since.tick;
     const wide whole = {.high = ticks >> 32, .low = ticks << 32};
-    return add(subtract(add(whole, instant.fraction), c->since.fraction), c->part);
+    return local_add(subtract(local_add(whole, instant.fraction), c->since.fraction), c->part);
 }
 
 cw_local_clock cw_local_begin(cw_span unit, cw_span quantum, uint64_t start)
@@ -95,8 +95,8 @@ uint64_t cw_local_tick(const cw_local_clock *c, uint64_t value)
     if (value <= c->count)
         return c->since.tick;
     wide span = multiply(value - c->count, (uint64_t)c->unit);
-    span = add(subtract(span, c->part), c->since.fraction);
-    span = add(span, CW_TICK - 1); /* rounds up */
+    span = local_add(subtract(span, c->part), c->since.fraction);
+    span = local_add(span, CW_TICK - 1); /* rounds up */
     if (span.high >> 32)
         return CW_NEVER;
     return cw_after(c->since.tick, span.high << 32 | span.low >> 32);
@@ -109,7 +109,7 @@ static cw_span unit_by(const cw_local_clock *c, cw_span quantum)
     uint64_t rest;
     if (quantum == c->quantum)
         return c->nominal;
-    const wide product = add(multiply((uint64_t)c->nominal, (uint64_t)quantum), of / 2);
+    const wide product = local_add(multiply((uint64_t)c->nominal, (uint64_t)quantum), of / 2);
     const uint64_t unit = product.high < of ? divide(product, of, &rest) : INT64_MAX;
     return unit < CW_TICK / 4 ? CW_TICK / 4 : unit > INT64_MAX ? INT64_MAX : (cw_span)unit;
 }

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_away.c - nodes that leave a bus with two rates and come back: their hosts detach them, put
+ * test_away.c - nodes that leave a bus with two rates and come back. Their hosts detach them, put
  * them to sleep or change their modes, in the middle of bits and frames. A bus that takes short
  * cuts and one that goes bit by bit have the same events and statistics.
  *
- * What such a node does with its bits shows when it is back. The times in between are long enough
+ * Such a node shows its bits when it is back. The times in between are long enough
  * for the bus to rest, or to take a frame at once.
  */
 #include "rig.h"
@@ -15,7 +15,7 @@
 #define ROUNDS 6u
 #define SEEDS 500u
 
-/* How the clocks of the nodes are. */
+/* The clocks of the nodes. */
 typedef enum clocks {
     DIFFERENT,
     RINGING, /* ... and the wire swings */

@@ -54,7 +54,7 @@ void ecu_bench_conclude(ecu_bench *b, ecu_verdict verdict, const char *format, .
     va_end(args);
 }
 
-static bool fail(ecu_bench *b, const char *what)
+static bool ecu_bench_fail(ecu_bench *b, const char *what)
 {
     const int error = errno;
     ecu_bench_conclude(b, ECU_BROKEN, "%s: %s", what, strerror(error));
@@ -128,7 +128,7 @@ static void take_notify(ecu_bench *b)
         b->bus_ready = true;
 }
 
-static void take_frame(ecu_bench *b, const json_t *event)
+static void ecu_bench_take_frame(ecu_bench *b, const json_t *event)
 {
     cw_frame frame;
     const char *node = json_string_value(json_object_get(event, "node"));
@@ -171,7 +171,7 @@ static void take_control(ecu_bench *b)
         else if (json_object_get(line, "events"))
             b->watching = true;
         else if (json_object_get(line, "event"))
-            take_frame(b, line);
+            ecu_bench_take_frame(b, line);
         json_decref(line);
     }
 }
@@ -226,7 +226,7 @@ static void take_signals(ecu_bench *b)
 
 /* ---- Waiting --------------------------------------------------------------------------------- */
 
-static void watch(struct pollfd *polled, int fd)
+static void ecu_bench_watch(struct pollfd *polled, int fd)
 {
     *polled = (struct pollfd){.fd = fd, .events = POLLIN};
 }
@@ -237,11 +237,11 @@ void ecu_bench_step(ecu_bench *b, int64_t until_ms)
     const size_t count = count_of(b);
     int64_t wait = (until_ms < b->limit_ms || b->over ? until_ms : b->limit_ms) - ecu_bench_now();
     wait = wait < 0 ? 0 : wait > WAIT_MAX_MS ? WAIT_MAX_MS : wait;
-    watch(&polled[0], b->signals);
-    watch(&polled[1], b->notify);
-    watch(&polled[2], b->control.fd);
+    ecu_bench_watch(&polled[0], b->signals);
+    ecu_bench_watch(&polled[1], b->notify);
+    ecu_bench_watch(&polled[2], b->control.fd);
     for (size_t i = 0; i < count; i++)
-        watch(&polled[3 + i], b->programs[i].output.in);
+        ecu_bench_watch(&polled[3 + i], b->programs[i].output.in);
     if (poll(polled, (nfds_t)(3 + count), (int)wait) <= 0)
         return;
     for (size_t i = 0; i < count; i++)
@@ -308,7 +308,7 @@ bool ecu_bench_ask_time(ecu_bench *b, uint64_t *time_ns)
     *time_ns = b->time_ns;
     if (!told && ecu_bench_goes_on(b)) {
         errno = ETIMEDOUT;
-        return fail(b, "canwired does not answer");
+        return ecu_bench_fail(b, "canwired does not answer");
     }
     return told && ecu_bench_goes_on(b);
 }
@@ -348,7 +348,7 @@ static bool open_notify(ecu_bench *b)
     b->notify = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     return (b->notify >= 0 &&
             bind(b->notify, (const struct sockaddr *)&address, sizeof address) == 0) ||
-           fail(b, address.sun_path);
+           ecu_bench_fail(b, address.sun_path);
 }
 
 static bool start_bus(ecu_bench *b)
@@ -362,10 +362,10 @@ static bool start_bus(ecu_bench *b)
     (void)snprintf(run, sizeof run, "CANWIRE_RUN=%s", f->sockets);
     b->bus_log = ecu_folder_open(f, ECU_BUS_LOG);
     if (b->bus_log < 0)
-        return fail(b, ECU_BUS_LOG);
+        return ecu_bench_fail(b, ECU_BUS_LOG);
     const ecu_start how = {.words = words, .env = env, .cwd = f->files, .output = b->bus_log};
     b->bus = ecu_process_start(&how);
-    return b->bus > 0 || fail(b, b->task->canwired);
+    return b->bus > 0 || ecu_bench_fail(b, b->task->canwired);
 }
 
 /* Connects, and asks for frames when programs are ready by them. */
@@ -376,7 +376,7 @@ static bool open_control(ecu_bench *b)
     if (!ecu_bench_goes_on(b))
         return false;
     if (!ecu_control_open(&b->control, b->task->changes.control))
-        return fail(b, b->task->changes.control);
+        return ecu_bench_fail(b, b->task->changes.control);
     bool frames = false;
     for (size_t i = 0; i < count_of(b); i++)
         frames = frames || config_of(b, i)->sign == ECU_SIGN_FRAME;
@@ -397,7 +397,7 @@ static bool open_output(ecu_bench *b, size_t i, int *out)
     (void)snprintf(name, sizeof name, "%.100s.log", config_of(b, i)->name);
     o->log = ecu_folder_open(b->task->folder, name);
     if (o->log < 0 || pipe2(ends, O_CLOEXEC) != 0)
-        return fail(b, name);
+        return ecu_bench_fail(b, name);
     (void)fcntl(ends[0], F_SETFL, O_NONBLOCK);
     o->in = ends[0];
     *out = ends[1];
@@ -411,14 +411,14 @@ static bool start_program(ecu_bench *b, size_t i)
     arena memory = {.blocks = NULL};
     ecu_start how = {.output = -1};
     if ((!e->cwd && !ecu_folder_add(b->task->folder, e->name)) || !open_output(b, i, &how.output))
-        return fail(b, e->name);
+        return ecu_bench_fail(b, e->name);
     if (ecu_command_make(&command, b->task, i, &memory)) {
         how.words = command.words;
         how.env = command.env;
         how.cwd = command.cwd;
         b->programs[i].pid = ecu_process_start(&how);
     }
-    const bool good = b->programs[i].pid > 0 || fail(b, e->name);
+    const bool good = b->programs[i].pid > 0 || ecu_bench_fail(b, e->name);
     (void)close(how.output);
     arena_free(&memory);
     b->result->ends[i].started = good;

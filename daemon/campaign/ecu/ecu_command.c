@@ -20,13 +20,13 @@ typedef struct words {
     bool no_memory;
 } words;
 
-static void add(words *w, const char *word)
+static void ecu_command_add(words *w, const char *word)
 {
     w->no_memory = w->no_memory || !word;
     w->list[w->count++] = word;
 }
 
-static bool begin(words *w, arena *memory, size_t room)
+static bool ecu_command_begin(words *w, arena *memory, size_t room)
 {
     *w = (words){.memory = memory, .list = arena_alloc(memory, (room + 1) * sizeof *w->list)};
     return w->list;
@@ -65,42 +65,43 @@ static const char *whole_text(words *w, const ecu_task *task, const char *text)
 static void add_program(words *w, const ecu_task *task, const ecu *e)
 {
     if (e->shell) {
-        add(w, "sh");
-        add(w, "-c");
-        add(w, whole_text(w, task, e->command[0]));
+        ecu_command_add(w, "sh");
+        ecu_command_add(w, "-c");
+        ecu_command_add(w, whole_text(w, task, e->command[0]));
         return;
     }
-    add(w, whole_word(w, task, e->command[0]));
+    ecu_command_add(w, whole_word(w, task, e->command[0]));
     for (size_t i = 1; e->command[i]; i++)
-        add(w, e->command[i]);
+        ecu_command_add(w, e->command[i]);
 }
 
 /* Programs get the interface of their node by `canwire run`. */
 static void add_run(words *w, const ecu_task *task, const ecu *e)
 {
-    add(w, task->tool);
-    add(w, "run");
+    ecu_command_add(w, task->tool);
+    ecu_command_add(w, "run");
     if (task->campaign->ecus.virtual_time)
-        add(w, "--virtual");
-    add(w, "--bus");
-    add(w, task->changes.control);
-    add(w, "--as");
-    add(w, e->node);
+        ecu_command_add(w, "--virtual");
+    ecu_command_add(w, "--bus");
+    ecu_command_add(w, task->changes.control);
+    ecu_command_add(w, "--as");
+    ecu_command_add(w, e->node);
     if (e->interface) {
-        add(w, "--interface");
-        add(w, e->interface);
+        ecu_command_add(w, "--interface");
+        ecu_command_add(w, e->interface);
     }
-    add(w, "--");
+    ecu_command_add(w, "--");
 }
 
 /* ---- The environment ------------------------------------------------------------------------- */
 
-static void add_node(words *w, const ecu_task *task, size_t program)
+static void ecu_command_add_node(words *w, const ecu_task *task, size_t program)
 {
     char port[ECU_SOCKET_MAX];
     ecu_port_path(port, &task->changes, program);
-    add(w, arena_print(w->memory, "CANWIRE_NODE=%s", task->campaign->ecus.list[program].node));
-    add(w, arena_print(w->memory, "CANWIRE_PORT=%s", port));
+    ecu_command_add(
+        w, arena_print(w->memory, "CANWIRE_NODE=%s", task->campaign->ecus.list[program].node));
+    ecu_command_add(w, arena_print(w->memory, "CANWIRE_PORT=%s", port));
 }
 
 /* A program that is the bus by itself gets its scenario. In Python sets have the same order in each
@@ -108,30 +109,30 @@ static void add_node(words *w, const ecu_task *task, size_t program)
 static void add_row(words *w, const ecu_task *task)
 {
     const char *folder = task->folder->files;
-    add(w, arena_print(w->memory, "CANWIRE_SCENARIO=%s/" ECU_SCENARIO, folder));
-    add(w, arena_print(w->memory, "CANWIRE_RESULT=%s/" ECU_RESULT, folder));
-    add(w, task->until_ns == ECU_NO_TIME
-               ? "CANWIRE_UNTIL"
-               : arena_print(w->memory, "CANWIRE_UNTIL=%" PRIu64 "ns", task->until_ns));
-    add(w, "PYTHONHASHSEED=0");
+    ecu_command_add(w, arena_print(w->memory, "CANWIRE_SCENARIO=%s/" ECU_SCENARIO, folder));
+    ecu_command_add(w, arena_print(w->memory, "CANWIRE_RESULT=%s/" ECU_RESULT, folder));
+    ecu_command_add(w, task->until_ns == ECU_NO_TIME
+                           ? "CANWIRE_UNTIL"
+                           : arena_print(w->memory, "CANWIRE_UNTIL=%" PRIu64 "ns", task->until_ns));
+    ecu_command_add(w, "PYTHONHASHSEED=0");
 }
 
 static void add_variables(words *w, const ecu_task *task, size_t program)
 {
     const ecu *e = &task->campaign->ecus.list[program];
-    add(w, "NOTIFY_SOCKET"); /* that of a service which the campaign may be */
-    add(w, "PYTHONUNBUFFERED=1");
-    add(w, arena_print(w->memory, "CANWIRE_RUN=%s", task->changes.sockets));
-    add(w, arena_print(w->memory, "CANWIRE_BUS=%s", task->bus));
+    ecu_command_add(w, "NOTIFY_SOCKET"); /* that of a service which the campaign may be */
+    ecu_command_add(w, "PYTHONUNBUFFERED=1");
+    ecu_command_add(w, arena_print(w->memory, "CANWIRE_RUN=%s", task->changes.sockets));
+    ecu_command_add(w, arena_print(w->memory, "CANWIRE_BUS=%s", task->bus));
     if (e->own_bus)
         add_row(w, task);
     else
-        add_node(w, task, program);
-    add(w, arena_print(w->memory, "CANWIRE_CAMPAIGN=%s", task->here));
-    add(w, arena_print(w->memory, "CANWIRE_ROW=%" PRIu64, task->row));
-    add(w, arena_print(w->memory, "CANWIRE_SEED=%" PRIu64, task->seed));
+        ecu_command_add_node(w, task, program);
+    ecu_command_add(w, arena_print(w->memory, "CANWIRE_CAMPAIGN=%s", task->here));
+    ecu_command_add(w, arena_print(w->memory, "CANWIRE_ROW=%" PRIu64, task->row));
+    ecu_command_add(w, arena_print(w->memory, "CANWIRE_SEED=%" PRIu64, task->seed));
     for (size_t i = 0; e->env && e->env[i]; i++)
-        add(w, e->env[i]);
+        ecu_command_add(w, e->env[i]);
 }
 
 /* ---- All of it ------------------------------------------------------------------------------- */
@@ -140,8 +141,8 @@ bool ecu_command_make(ecu_command *out, const ecu_task *task, size_t program, ar
 {
     words line, variables;
     const ecu *e = &task->campaign->ecus.list[program];
-    if (!begin(&line, memory, OWN_WORDS + ECU_WORDS_MAX) ||
-        !begin(&variables, memory, OWN_VARIABLES + ECU_WORDS_MAX))
+    if (!ecu_command_begin(&line, memory, OWN_WORDS + ECU_WORDS_MAX) ||
+        !ecu_command_begin(&variables, memory, OWN_VARIABLES + ECU_WORDS_MAX))
         return false;
     if (!e->direct)
         add_run(&line, task, e);

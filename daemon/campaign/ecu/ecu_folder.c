@@ -22,7 +22,7 @@
 #define TRIES 1000          /* to get the folder of a row, which other runs make and remove, too */
 #define OPEN_MAX_FOLDERS 16 /* at a time, while one is removed */
 
-static bool fail(char why[ECU_WHY_MAX], const char *path)
+static bool ecu_folder_fail(char why[ECU_WHY_MAX], const char *path)
 {
     const int error = errno;
     (void)snprintf(why, ECU_WHY_MAX, "%.200s: %s", path, strerror(error));
@@ -57,7 +57,7 @@ void ecu_folder_path(char out[PATH_MAX], const char *work, uint64_t row)
 }
 
 /* Returns true when a folder is still the one with that name. */
-static bool has_name(int fd, const char *path)
+static bool ecu_folder_has_name(int fd, const char *path)
 {
     struct stat own, there;
     return fstat(fd, &own) == 0 && fstatat(AT_FDCWD, path, &there, AT_SYMLINK_NOFOLLOW) == 0 &&
@@ -68,7 +68,7 @@ static bool has_name(int fd, const char *path)
 static int open_folder(const char *path)
 {
     const int fd = open(path, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-    if (fd < 0 || (flock(fd, LOCK_EX) == 0 && has_name(fd, path)))
+    if (fd < 0 || (flock(fd, LOCK_EX) == 0 && ecu_folder_has_name(fd, path)))
         return fd;
     (void)close(fd);
     return -1;
@@ -96,7 +96,7 @@ static bool is_empty(int fd)
 
 /* Takes a folder that is locked. Files that an earlier run has left go; the first of them is the
  * link to the sockets, the next one the scenario. A folder with other files stays as it is. */
-static bool take(int fd, const char *path)
+static bool ecu_folder_take(int fd, const char *path)
 {
     if (has(fd, ECU_SCENARIO) || has(fd, ECU_SOCKETS))
         (void)nftw(path, remove_inner, OPEN_MAX_FOLDERS, FTW_DEPTH | FTW_PHYS);
@@ -105,7 +105,7 @@ static bool take(int fd, const char *path)
 
 /* Makes the folder of the row, and that of all rows, which another run may have removed. Returns an
  * errno, also when it is there. */
-static int make(const char *path, const char *work)
+static int ecu_folder_make_one(const char *path, const char *work)
 {
     errno = EEXIST;
     if (mkdirat(AT_FDCWD, path, MODE) == 0 || errno != ENOENT)
@@ -121,12 +121,12 @@ static int make(const char *path, const char *work)
 static bool make_files(ecu_folder *f, const char *work, char why[ECU_WHY_MAX])
 {
     for (unsigned i = 0; i < TRIES; i++) {
-        const int error = make(f->files, work);
+        const int error = ecu_folder_make_one(f->files, work);
         const int fd = open_folder(f->files);
         errno = error;
         if (fd < 0)
             continue;
-        if (take(fd, f->files)) {
+        if (ecu_folder_take(fd, f->files)) {
             f->fd = fd;
             return true;
         }
@@ -134,7 +134,7 @@ static bool make_files(ecu_folder *f, const char *work, char why[ECU_WHY_MAX])
         errno = EEXIST;
         break;
     }
-    return fail(why, f->files);
+    return ecu_folder_fail(why, f->files);
 }
 
 static bool make_sockets(ecu_folder *f, char why[ECU_WHY_MAX])
@@ -145,7 +145,7 @@ static bool make_sockets(ecu_folder *f, char why[ECU_WHY_MAX])
     (void)snprintf(f->sockets, sizeof f->sockets, "%s/canwire-XXXXXX", temporary);
     if (mkdtemp(f->sockets))
         return true;
-    const bool good = fail(why, temporary);
+    const bool good = ecu_folder_fail(why, temporary);
     f->sockets[0] = '\0';
     return good;
 }
@@ -157,7 +157,7 @@ bool ecu_folder_make(ecu_folder *f, const char *work, uint64_t row, char why[ECU
     ecu_folder_path(f->files, work, row);
     if (!make_files(f, work, why) || !make_sockets(f, why))
         return false;
-    return symlinkat(f->sockets, f->fd, ECU_SOCKETS) == 0 || fail(why, f->files);
+    return symlinkat(f->sockets, f->fd, ECU_SOCKETS) == 0 || ecu_folder_fail(why, f->files);
 }
 
 bool ecu_folder_add(const ecu_folder *f, const char *name)

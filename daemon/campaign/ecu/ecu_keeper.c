@@ -83,7 +83,7 @@ static void run_virtual(ecu_bench *b)
     }
 }
 
-static void run(ecu_bench *b)
+static void ecu_keeper_run(ecu_bench *b)
 {
     uint64_t begin_ns = 0;
     if (b->task->campaign->ecus.own_bus) {
@@ -109,7 +109,7 @@ static void run(ecu_bench *b)
 /* ---- The process ----------------------------------------------------------------------------- */
 
 /* The maker of the row has ended. */
-_Noreturn static void give_up(const ecu_task *task)
+_Noreturn static void ecu_keeper_give_up(const ecu_task *task)
 {
     ecu_process_kill_all(0);
     ecu_folder_remove(task->folder->files);
@@ -118,7 +118,7 @@ _Noreturn static void give_up(const ecu_task *task)
 }
 
 /* Signals are read by the bench, and the one at the end of the parent, too. */
-static bool prepare(const ecu_task *task, pid_t parent)
+static bool ecu_keeper_prepare(const ecu_task *task, pid_t parent)
 {
     sigset_t all;
     (void)sigemptyset(&all);
@@ -149,13 +149,13 @@ _Noreturn static void be_keeper(const ecu_task *task, int out, pid_t parent)
 {
     ecu_result result = {.end_ns = ECU_NO_TIME};
     close_others(out, task->folder->fd);
-    if (!prepare(task, parent))
-        give_up(task);
+    if (!ecu_keeper_prepare(task, parent))
+        ecu_keeper_give_up(task);
     ecu_bench *b = ecu_bench_new(task, &result);
     if (b)
-        run(b);
+        ecu_keeper_run(b);
     if (b && !ecu_bench_end(b))
-        give_up(task);
+        ecu_keeper_give_up(task);
     if (!b) {
         result.verdict = ECU_BROKEN;
         (void)snprintf(result.why, sizeof result.why, "%s", strerror(errno));
@@ -165,7 +165,7 @@ _Noreturn static void be_keeper(const ecu_task *task, int out, pid_t parent)
                                                                       : EXIT_FAILURE);
 }
 
-static void fail(ecu_result *result, const char *why)
+static void ecu_keeper_fail(ecu_result *result, const char *why)
 {
     *result = (ecu_result){.verdict = ECU_BROKEN, .end_ns = ECU_NO_TIME};
     (void)snprintf(result->why, sizeof result->why, "%s", why);
@@ -214,7 +214,7 @@ static bool read_result(int in, watch *w, ecu_result *result)
 static void clean_up(const ecu_task *task, const watch *w, ecu_result *result)
 {
     ecu_process_kill_all(0);
-    fail(result, "the process that keeps the programs has ended");
+    ecu_keeper_fail(result, "the process that keeps the programs has ended");
     if (!w->late)
         return;
     result->verdict = ECU_LATE;
@@ -230,7 +230,7 @@ void ecu_keep(const ecu_task *task, ecu_result *result)
     int ends[2];
     const pid_t parent = getpid();
     if (pipe2(ends, O_CLOEXEC) != 0) {
-        fail(result, strerror(errno));
+        ecu_keeper_fail(result, strerror(errno));
         return;
     }
     (void)prctl(PR_SET_CHILD_SUBREAPER, 1);
@@ -246,7 +246,7 @@ void ecu_keep(const ecu_task *task, ecu_result *result)
     while (pid > 0 && waitpid(pid, NULL, 0) < 0 && errno == EINTR)
         continue;
     if (pid < 0)
-        fail(result, strerror(error));
+        ecu_keeper_fail(result, strerror(error));
     else if (!good)
         clean_up(task, &w, result);
 }

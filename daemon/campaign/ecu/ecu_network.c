@@ -22,7 +22,7 @@
 
 /* ---- The user -------------------------------------------------------------------------------- */
 
-static bool write_text(const char *path, const char *text)
+static bool ecu_network_write_text(const char *path, const char *text)
 {
     const int fd = open(path, O_WRONLY | O_NOFOLLOW | O_CLOEXEC);
     if (fd < 0)
@@ -40,8 +40,9 @@ static bool map_user(unsigned user, unsigned group)
     char users[32], groups[32];
     (void)snprintf(users, sizeof users, "%u %u 1", user, user);
     (void)snprintf(groups, sizeof groups, "%u %u 1", group, group);
-    return write_text("/proc/self/setgroups", "deny") && write_text("/proc/self/uid_map", users) &&
-           write_text("/proc/self/gid_map", groups);
+    return ecu_network_write_text("/proc/self/setgroups", "deny") &&
+           ecu_network_write_text("/proc/self/uid_map", users) &&
+           ecu_network_write_text("/proc/self/gid_map", groups);
 }
 
 /* ---- The loopback interface ------------------------------------------------------------------ */

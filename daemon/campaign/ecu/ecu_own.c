@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static scenario *fail(ecu_result *result, const char *program, const char *why)
+static scenario *ecu_own_fail(ecu_result *result, const char *program, const char *why)
 {
     result->verdict = ECU_BROKEN;
     (void)snprintf(result->why, sizeof result->why, "%s: %s", program, why);
@@ -30,14 +30,14 @@ static json_t *read_head(const char *file)
     return head;
 }
 
-static const char *text_of(const json_t *head, const char *key)
+static const char *ecu_own_text_of(const json_t *head, const char *key)
 {
     const char *text = json_string_value(json_object_get(head, key));
     return text ? text : "";
 }
 
 /* Opens and runs it. Messages go to a stream. */
-static scenario *run(const char *file, uint64_t until_ns, FILE *messages)
+static scenario *ecu_own_run(const char *file, uint64_t until_ns, FILE *messages)
 {
     const cfg_file named = {.name = file};
     const cfg_time until = {.ns = until_ns};
@@ -59,13 +59,13 @@ static scenario *run_told(const char *file, const char *program, ecu_result *res
     char *messages = NULL;
     size_t size = 0;
     FILE *out = open_memstream(&messages, &size);
-    scenario *s = out ? run(file, result->end_ns, out) : NULL;
+    scenario *s = out ? ecu_own_run(file, result->end_ns, out) : NULL;
     if (out)
         (void)fclose(out);
     if (!s) {
         if (messages)
             messages[strcspn(messages, "\n")] = '\0';
-        (void)fail(result, program, messages && *messages ? messages : "out of memory");
+        (void)ecu_own_fail(result, program, messages && *messages ? messages : "out of memory");
     }
     free(messages);
     return s;
@@ -77,14 +77,15 @@ scenario *ecu_own_replay(const char *file, const char *program, ecu_result *resu
     scenario *s = NULL;
     if (!head)
         return result->verdict == ECU_DONE
-                   ? fail(result, program, "it has ended without a row; canwire.row() makes it")
+                   ? ecu_own_fail(result, program,
+                                  "it has ended without a row; canwire.row() makes it")
                    : NULL;
     result->end_ns = (uint64_t)json_integer_value(json_object_get(head, "until_ns"));
-    if (result->verdict == ECU_CRASHED && *text_of(head, "failed"))
+    if (result->verdict == ECU_CRASHED && *ecu_own_text_of(head, "failed"))
         (void)snprintf(result->why, sizeof result->why, "%s: %s", program,
-                       text_of(head, "failed"));
-    if (*text_of(head, "broken"))
-        (void)fail(result, program, text_of(head, "broken"));
+                       ecu_own_text_of(head, "failed"));
+    if (*ecu_own_text_of(head, "broken"))
+        (void)ecu_own_fail(result, program, ecu_own_text_of(head, "broken"));
     else
         s = run_told(file, program, result);
     json_decref(head);

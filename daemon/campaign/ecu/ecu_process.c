@@ -30,7 +30,7 @@ static void set_variables(const char *const *env)
         (void)putenv((char *)*env);
 }
 
-static bool prepare(const ecu_start *how, pid_t parent)
+static bool ecu_process_prepare(const ecu_start *how, pid_t parent)
 {
     sigset_t none;
     const int nothing = open("/dev/null", O_RDONLY | O_CLOEXEC);
@@ -46,7 +46,7 @@ static bool prepare(const ecu_start *how, pid_t parent)
 
 _Noreturn static void be_program(const ecu_start *how, pid_t parent)
 {
-    if (!prepare(how, parent))
+    if (!ecu_process_prepare(how, parent))
         _exit(NOT_FOUND);
     const bool there = !how->cwd || chdir(how->cwd) == 0;
     if (there)

@@ -56,20 +56,20 @@ typedef struct one {
 
 /* ---- Paths ----------------------------------------------------------------------------------- */
 
-static bool complain(const char *path, const char *why)
+static bool ecu_row_complain(const char *path, const char *why)
 {
     plain_print(stderr, "canwire campaign: %s: %s\n", path, why);
     return false;
 }
 
 /* Writes the absolute folder of a file. */
-static bool find_folder(char out[PATH_MAX], const char *file)
+static bool ecu_row_find_folder(char out[PATH_MAX], const char *file)
 {
     char folder[PATH_MAX];
     const char *slash = strrchr(file, '/');
     const size_t length = slash ? (size_t)(slash - file) + 1 : 0;
     (void)snprintf(folder, sizeof folder, "%.*s.", (int)length, file);
-    return realpath(folder, out) || complain(folder, strerror(errno));
+    return realpath(folder, out) || ecu_row_complain(folder, strerror(errno));
 }
 
 static bool find_programs(ecu_rows *e)
@@ -96,7 +96,7 @@ static bool make_work(ecu_rows *e)
         if (errno != ENOENT)
             break;
     }
-    return complain(e->shown, strerror(errno));
+    return ecu_row_complain(e->shown, strerror(errno));
 }
 
 static void find_network(ecu_rows *e)
@@ -118,8 +118,8 @@ ecu_rows *ecu_rows_new(const campaign *c, runner *r, const char *work, bool keep
     e->runner = r;
     (void)snprintf(e->shown, sizeof e->shown, "%s", work);
     e->keep = keep;
-    if (find_programs(e) && find_folder(e->here, c->file) &&
-        find_folder(e->directory, c->scenario_name) && make_work(e)) {
+    if (find_programs(e) && ecu_row_find_folder(e->here, c->file) &&
+        ecu_row_find_folder(e->directory, c->scenario_name) && make_work(e)) {
         find_network(e);
         return e;
     }
@@ -162,7 +162,7 @@ static bool check_scenario(one *o, FILE *messages)
     return true;
 }
 
-static bool write_scenario(const one *o)
+static bool ecu_row_write_scenario(const one *o)
 {
     const rowtext *text = &o->rows->text;
     const int fd = ecu_folder_open(&o->folder, ECU_SCENARIO);
@@ -192,7 +192,7 @@ static bool break_off(one *o, const char *why)
 }
 
 /* Runs canwired and the programs. Returns false when there is no journal. */
-static bool run(one *o, uint64_t seed)
+static bool ecu_row_run(one *o, uint64_t seed)
 {
     ecu_rows *e = o->rows;
     if (!ecu_folder_make(&o->folder, e->work, o->number, o->result.why))
@@ -208,7 +208,7 @@ static bool run(one *o, uint64_t seed)
     const char *wrong = ecu_text_change(&e->text, &task.changes, &o->memory);
     if (wrong)
         return break_off(o, wrong);
-    if (!write_scenario(o))
+    if (!ecu_row_write_scenario(o))
         return break_off(o, strerror(errno));
     ecu_keep(&task, &o->result);
     return o->result.verdict != ECU_BROKEN;
@@ -361,7 +361,7 @@ static outcome write_row(one *o, rowtext *row, bool has_journal)
 }
 
 /* Returns false when the values make no scenario, which is in the row then. */
-static bool begin(one *o, rowtext *row)
+static bool ecu_row_begin(one *o, rowtext *row)
 {
     char *messages = NULL;
     size_t size = 0;
@@ -384,11 +384,11 @@ outcome ecu_row(ecu_rows *e, uint64_t number, rowtext *row)
     runner_begin(e->runner, number, row);
     rowtext_clear(&e->text);
     variant_text(&e->text, e->campaign, choices);
-    if (!begin(&o, row)) {
+    if (!ecu_row_begin(&o, row)) {
         write_repeat(&o, row);
         return OUTCOME_INVALID;
     }
-    const bool has_journal = run(&o, seed);
+    const bool has_journal = ecu_row_run(&o, seed);
     const outcome result = write_row(&o, row, has_journal);
     arena_free(&o.memory);
     return result;

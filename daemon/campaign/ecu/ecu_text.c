@@ -35,7 +35,7 @@ void ecu_port_path(char out[ECU_SOCKET_MAX], const ecu_changes *changes, size_t 
 /* ---- One change ------------------------------------------------------------------------------ */
 
 /* Loads the text as it is now. Returns what is wrong, or NULL. */
-static const char *load(change *c)
+static const char *ecu_text_load(change *c)
 {
     const char *wrong = "it is no configuration";
     diag *errors = arena_alloc(c->memory, sizeof *errors);
@@ -73,7 +73,7 @@ static const char *set_json(change *c, const char *path, const char *value)
 {
     const char *rule;
     splice_place place;
-    const char *wrong = load(c);
+    const char *wrong = ecu_text_load(c);
     if (wrong)
         return wrong;
     const splice_text t = {.text = buffer_first(&c->text->bytes),
@@ -87,7 +87,7 @@ static const char *set_json(change *c, const char *path, const char *value)
 }
 
 /* Sets the value at a path to a text. */
-static const char *set(change *c, const char *path, const char *text)
+static const char *ecu_text_set(change *c, const char *path, const char *text)
 {
     rowtext quoted = {.no_memory = !text};
     rowtext_quoted(&quoted, text ? text : "");
@@ -106,7 +106,7 @@ static const char *set_time(change *c)
 {
     const unsigned programs = ecus_virtual(c->wanted->plan);
     const uint64_t until_ns = c->wanted->until_ns;
-    const char *wrong = set(c, "pacing", "virtual");
+    const char *wrong = ecu_text_set(c, "pacing", "virtual");
     if (wrong)
         return wrong;
     return set_json(c, "virtual",
@@ -127,12 +127,12 @@ static yaml_node_t *item_of(schema *self, const yaml_node_t *list, size_t i)
 }
 
 /* Returns a key of a map, or NULL. */
-static yaml_node_t *value_of(schema *self, const yaml_node_t *map, const char *key)
+static yaml_node_t *ecu_text_value_of(schema *self, const yaml_node_t *map, const char *key)
 {
     return map && map->type == YAML_MAPPING_NODE ? schema_find(self, map, key) : NULL;
 }
 
-static const char *text_of(const yaml_node_t *value)
+static const char *ecu_text_text_of(const yaml_node_t *value)
 {
     return value && value->type == YAML_SCALAR_NODE ? (const char *)value->data.scalar.value
                                                     : NULL;
@@ -140,17 +140,17 @@ static const char *text_of(const yaml_node_t *value)
 
 /* Returns the number of a node in the text, SIZE_MAX: there is none. Names may have characters that
  * paths have not. */
-static size_t find_node(change *c, const char *name)
+static size_t ecu_text_find_node(change *c, const char *name)
 {
     schema self = {.document = &c->document};
     const yaml_node_t *item;
     size_t found = SIZE_MAX;
-    if (load(c))
+    if (ecu_text_load(c))
         return SIZE_MAX;
     const yaml_node_t *nodes =
-        value_of(&self, yaml_document_get_root_node(&c->document), "nodes");
+        ecu_text_value_of(&self, yaml_document_get_root_node(&c->document), "nodes");
     for (size_t i = 0; (item = item_of(&self, nodes, i)) && found == SIZE_MAX; i++) {
-        const char *text = text_of(value_of(&self, item, "name"));
+        const char *text = ecu_text_text_of(ecu_text_value_of(&self, item, "name"));
         if (text && strcmp(text, name) == 0)
             found = i;
     }
@@ -168,13 +168,13 @@ static const char *set_port(change *c, size_t program)
 {
     char socket[ECU_SOCKET_MAX];
     const char *node = c->wanted->plan->list[program].node;
-    const size_t number = find_node(c, node);
+    const size_t number = ecu_text_find_node(c, node);
     if (number == SIZE_MAX)
         return arena_print(c->memory, "there is no node '%s'", node);
     ecu_port_path(socket, c->wanted, program);
     const char *path = from_row(c, socket);
-    return set(c, arena_print(c->memory, "nodes[%zu].port", number),
-               path ? arena_print(c->memory, "unix:%s", path) : NULL);
+    return ecu_text_set(c, arena_print(c->memory, "nodes[%zu].port", number),
+                        path ? arena_print(c->memory, "unix:%s", path) : NULL);
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */
@@ -187,7 +187,7 @@ typedef struct found_file {
 
 static bool is_relative(found_file *found, const yaml_node_t *value)
 {
-    const char *text = text_of(value);
+    const char *text = ecu_text_text_of(value);
     if (text && *text && *text != '/')
         found->file = text;
     return found->file;
@@ -196,9 +196,9 @@ static bool is_relative(found_file *found, const yaml_node_t *value)
 static void find_profile(change *c, schema *self, const yaml_node_t *root, found_file *found)
 {
     const yaml_node_t *item;
-    const yaml_node_t *profiles = value_of(self, root, "profiles");
+    const yaml_node_t *profiles = ecu_text_value_of(self, root, "profiles");
     for (size_t i = 0; !found->file && (item = item_of(self, profiles, i)); i++)
-        if (is_relative(found, value_of(self, item, "file")))
+        if (is_relative(found, ecu_text_value_of(self, item, "file")))
             found->path = arena_print(c->memory, "profiles[%zu].file", i);
 }
 
@@ -206,11 +206,11 @@ static void find_replay(change *c, schema *self, const yaml_node_t *root, found_
 {
     const yaml_node_t *node;
     const yaml_node_t *item;
-    const yaml_node_t *nodes = value_of(self, root, "nodes");
+    const yaml_node_t *nodes = ecu_text_value_of(self, root, "nodes");
     for (size_t i = 0; (node = item_of(self, nodes, i)); i++) {
-        const yaml_node_t *traffic = value_of(self, node, "traffic");
+        const yaml_node_t *traffic = ecu_text_value_of(self, node, "traffic");
         for (size_t k = 0; !found->file && (item = item_of(self, traffic, k)); k++)
-            if (is_relative(found, value_of(self, item, "replay")))
+            if (is_relative(found, ecu_text_value_of(self, item, "replay")))
                 found->path = arena_print(c->memory, "nodes[%zu].traffic[%zu].replay", i, k);
     }
 }
@@ -220,7 +220,7 @@ static const char *set_next_file(change *c, bool *done)
 {
     schema self = {.document = &c->document};
     found_file found = {.path = NULL};
-    const char *wrong = load(c);
+    const char *wrong = ecu_text_load(c);
     if (wrong)
         return wrong;
     const yaml_node_t *root = yaml_document_get_root_node(&c->document);
@@ -231,7 +231,7 @@ static const char *set_next_file(change *c, bool *done)
     const char *whole =
         found.file ? arena_print(c->memory, "%s/%s", c->wanted->directory, found.file) : NULL;
     yaml_document_delete(&c->document);
-    return *done ? NULL : set(c, found.path, whole);
+    return *done ? NULL : ecu_text_set(c, found.path, whole);
 }
 
 const char *ecu_text_change(rowtext *text, const ecu_changes *changes, arena *memory)
@@ -243,7 +243,7 @@ const char *ecu_text_change(rowtext *text, const ecu_changes *changes, arena *me
     for (size_t i = 0; i < changes->plan->count && !own && !wrong; i++)
         wrong = set_port(&c, i);
     if (!wrong && !own)
-        wrong = set(&c, "control", from_row(&c, changes->control));
+        wrong = ecu_text_set(&c, "control", from_row(&c, changes->control));
     if (!wrong && changes->plan->virtual_time)
         wrong = set_time(&c);
     for (unsigned i = 0; i < FILES_MAX && !done && !wrong; i++)

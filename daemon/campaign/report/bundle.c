@@ -138,7 +138,7 @@ static char *folder_of(const char *file)
 }
 
 /* Names of files in the text stay what they mean where the text is written to. */
-static char *text_of(const outline *o, const char *file, bool without_faults, bool moved)
+static char *bundle_text_of(const outline *o, const char *file, bool without_faults, bool moved)
 {
     char *folder = moved ? folder_of(file) : NULL;
     char *text = outline_text(o, without_faults, folder);
@@ -148,13 +148,13 @@ static char *text_of(const outline *o, const char *file, bool without_faults, bo
 
 bool bundle_write(bundle_text *out, const bundle *b, bool without_faults, bool moved)
 {
-    *out = (bundle_text){.main = text_of(&b->main, b->file, without_faults, moved)};
+    *out = (bundle_text){.main = bundle_text_of(&b->main, b->file, without_faults, moved)};
     bool good = out->main != NULL;
     for (size_t i = 0; i < b->bus_count && good; i++) {
         const bundle_bus *bus = &b->buses[i];
         if (!is_kept(b, i))
             continue;
-        char *text = text_of(&bus->outline, bus->file, without_faults, moved);
+        char *text = bundle_text_of(&bus->outline, bus->file, without_faults, moved);
         good = text != NULL;
         out->buses[out->count++] =
             (cfg_file){.name = memory_text(moved ? bus->moved : bus->written), .text = text,

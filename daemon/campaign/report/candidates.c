@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const char *text_of(const json_t *object, const char *key)
+static const char *candidates_text_of(const json_t *object, const char *key)
 {
     const char *text = json_string_value(json_object_get(object, key));
     return text ? text : "";
@@ -34,7 +34,7 @@ static void write_kind(rowtext *kind, const report_row *row, const row_signs *si
         rowtext_put(kind, "\n");
     }
     for (size_t i = 0; i < sizeof keys / sizeof keys[0] && row->first_error; i++) {
-        rowtext_put(kind, text_of(row->first_error, keys[i]));
+        rowtext_put(kind, candidates_text_of(row->first_error, keys[i]));
         rowtext_put(kind, "\n");
     }
     (void)buffer_append(&kind->bytes, "", 1);
@@ -48,7 +48,7 @@ static const char *first_failed(const report_row *row, const row_signs *signs)
     return NULL;
 }
 
-static uint64_t name_of(const report_row *row)
+static uint64_t candidates_name_of(const report_row *row)
 {
     return row->has_number ? row->number : row->seed;
 }
@@ -56,10 +56,10 @@ static uint64_t name_of(const report_row *row)
 /* Returns true when a row comes before a candidate. */
 static bool is_before(const report_row *row, const candidate *c)
 {
-    return row->end_ns != c->end_ns ? row->end_ns < c->end_ns : name_of(row) < c->number;
+    return row->end_ns != c->end_ns ? row->end_ns < c->end_ns : candidates_name_of(row) < c->number;
 }
 
-static void forget(candidate *c)
+static void candidates_forget(candidate *c)
 {
     free(c->kind);
     free(c->expectation);
@@ -68,7 +68,7 @@ static void forget(candidate *c)
 
 static void take_out(candidates *c, size_t at)
 {
-    forget(&c->list[at]);
+    candidates_forget(&c->list[at]);
     memmove(c->list + at, c->list + at + 1, (c->count - at - 1) * sizeof *c->list);
     c->count--;
 }
@@ -84,7 +84,7 @@ static void put_in(candidates *c, const candidate *added, const report_row *row)
 }
 
 /* Makes room for a row of a kind. Returns false when others stand for the class. */
-static bool make_room(candidates *c, const report_row *row, const char *kind)
+static bool candidates_make_room(candidates *c, const report_row *row, const char *kind)
 {
     for (size_t i = 0; i < c->count; i++) {
         if (strcmp(c->list[i].kind, kind) != 0)
@@ -106,13 +106,13 @@ void candidates_add(candidates *c, const report_row *row, const row_signs *signs
 {
     rowtext kind = {.no_memory = false};
     write_kind(&kind, row, signs);
-    if (make_room(c, row, buffer_first(&kind.bytes))) {
+    if (candidates_make_room(c, row, buffer_first(&kind.bytes))) {
         const char *failed = first_failed(row, signs);
         const candidate added = {.kind = memory_text(buffer_first(&kind.bytes)),
                                  .expectation = failed ? memory_text(failed) : NULL,
                                  .repeat = memory_text(row->repeat),
                                  .degraded = degraded_of(row),
-                                 .number = name_of(row),
+                                 .number = candidates_name_of(row),
                                  .seed = row->seed,
                                  .end_ns = row->end_ns};
         put_in(c, &added, row);
@@ -123,6 +123,6 @@ void candidates_add(candidates *c, const report_row *row, const row_signs *signs
 void candidates_free(candidates *c)
 {
     for (size_t i = 0; i < c->count; i++)
-        forget(&c->list[i]);
+        candidates_forget(&c->list[i]);
     c->count = 0;
 }

@@ -35,7 +35,7 @@ static uint32_t *slot_of(const crosstab *t, uint32_t first, uint32_t second)
 }
 
 /* Doubles the slots when the next cell would fill half of them. */
-static void grow(crosstab *t)
+static void crosstab_grow(crosstab *t)
 {
     if (2 * (t->count + 1) < t->slot_count)
         return;
@@ -56,14 +56,14 @@ class_counts *crosstab_find(const crosstab *t, uint32_t first, uint32_t second)
 
 class_counts *crosstab_add(crosstab *t, uint32_t first, uint32_t second)
 {
-    grow(t);
+    crosstab_grow(t);
     t->cells = memory_grow(t->cells, &t->room, t->count, sizeof *t->cells);
     t->cells[t->count] = (crosstab_cell){.first = first, .second = second};
     *slot_of(t, first, second) = (uint32_t)t->count + 1;
     return &t->cells[t->count++].rows;
 }
 
-static int compare(const void *left, const void *right)
+static int crosstab_compare(const void *left, const void *right)
 {
     const crosstab_cell *a = *(const crosstab_cell *const *)left;
     const crosstab_cell *b = *(const crosstab_cell *const *)right;
@@ -77,7 +77,7 @@ const crosstab_cell **crosstab_sorted(const crosstab *t)
     const crosstab_cell **list = memory_list(NULL, t->count, sizeof *list);
     for (size_t i = 0; i < t->count; i++)
         list[i] = &t->cells[i];
-    qsort(list, t->count, sizeof *list, compare);
+    qsort(list, t->count, sizeof *list, crosstab_compare);
     return list;
 }
 

@@ -15,11 +15,11 @@
 #include <string.h>
 #include <unistd.h>
 
-static bool complain(const intake *in, const char *format, ...)
+static bool intake_complain(const intake *in, const char *format, ...)
     __attribute__((format(printf, 2, 3)));
 
 /* Complains about the line. */
-static bool complain(const intake *in, const char *format, ...)
+static bool intake_complain(const intake *in, const char *format, ...)
 {
     va_list args;
     char *text = NULL;
@@ -60,7 +60,7 @@ static bool find_campaign(intake *in)
     if (in->campaign_file)
         return in->report.source.is_campaign
                    ? load_campaign(in, in->campaign_file)
-                   : complain(in, "it is a row of canwire sim, which has no --campaign");
+                   : intake_complain(in, "it is a row of canwire sim, which has no --campaign");
     if (!in->report.source.is_campaign || !can_be_read(file))
         return true;
     return load_campaign(in, file);
@@ -73,15 +73,16 @@ static void set_limit(intake *in)
     l->has_limit = l->limit_ns > 0;
 }
 
-static bool begin(intake *in, const char *line, size_t length)
+static bool intake_begin(intake *in, const char *line, size_t length)
 {
     report_row row;
     const char *wrong = report_row_read(&row, line, length, &in->report.signs);
     if (wrong)
-        return complain(in, "%s", wrong);
+        return intake_complain(in, "%s", wrong);
     const bool known = row_source_read(&in->report.source, &row);
-    const bool good = known ? find_campaign(in)
-                            : complain(in, "its `repeat` is no command that canwire has written");
+    const bool good =
+        known ? find_campaign(in)
+              : intake_complain(in, "its `repeat` is no command that canwire has written");
     if (good)
         report_begin(&in->report, &row, in->campaign);
     set_limit(in);
@@ -110,16 +111,19 @@ static bool check_values(intake *in, const report_row *row, const char *line, si
 {
     const campaign *c = in->campaign;
     if (row->number >= c->rows)
-        return complain(in, "%s has no row %" PRIu64 ", its last one is %" PRIu64, c->file,
-                        row->number, c->rows - 1);
+        return intake_complain(in, "%s has no row %" PRIu64 ", its last one is %" PRIu64, c->file,
+                               row->number, c->rows - 1);
     rowtext head = {.no_memory = false};
     runner_head(in->runner, row->number, &head);
     const size_t size = buffer_length(&head.bytes);
     const bool same = (length > size && memcmp(line, buffer_first(&head.bytes), size) == 0) ||
                       has_values(row, &head);
     rowtext_free(&head);
-    return same || complain(in, "row %" PRIu64 " has other values than %s says; is it of another "
-                            "campaign, or has the file changed?", row->number, c->file);
+    return same ||
+           intake_complain(in,
+                           "row %" PRIu64 " has other values than %s says; is it of another "
+                           "campaign, or has the file changed?",
+                           row->number, c->file);
 }
 
 /* Without the campaign, the names of the factors must be those of the first row. */
@@ -129,8 +133,9 @@ static bool check_names(intake *in, const report_row *row)
     bool same = json_object_size(row->factors) == r->factor_count;
     for (size_t i = 0; i < r->factor_count && same; i++)
         same = json_object_get(row->factors, r->factors[i].name) != NULL;
-    return same || complain(in, "its factors are not those of the first row: it is of another "
-                            "campaign");
+    return same ||
+           intake_complain(in, "its factors are not those of the first row: it is of another "
+                               "campaign");
 }
 
 static const char *last_part(const char *path)
@@ -156,9 +161,10 @@ static bool check_command(intake *in, const report_row *row)
     const row_source *first = &in->report.source;
     bool good = row_source_read(&own, row);
     if (!good)
-        (void)complain(in, "its `repeat` is no command that canwire has written");
+        (void)intake_complain(in, "its `repeat` is no command that canwire has written");
     else if (is_of_another(in, &own))
-        good = complain(in, "it is of %s, and the first row is of %s", own.file, first->file);
+        good =
+            intake_complain(in, "it is of %s, and the first row is of %s", own.file, first->file);
     row_source_free(&own);
     return good;
 }
@@ -172,17 +178,18 @@ static bool check(intake *in, const report_row *row, const char *line, size_t le
         return false;
     const uint64_t number = row->has_number ? row->number : row->seed;
     return spans_add(&in->report.numbers, number) ||
-           complain(in, "%s %" PRIu64 " is there twice", row->has_number ? "row" : "seed", number);
+           intake_complain(in, "%s %" PRIu64 " is there twice", row->has_number ? "row" : "seed",
+                           number);
 }
 
-static bool take_line(intake *in, const char *line, size_t length)
+static bool intake_take_line(intake *in, const char *line, size_t length)
 {
     report_row row;
-    if (!in->report.source.file && !begin(in, line, length))
+    if (!in->report.source.file && !intake_begin(in, line, length))
         return false;
     const char *wrong = report_row_read(&row, line, length, &in->report.signs);
     if (wrong)
-        return complain(in, "%s", wrong);
+        return intake_complain(in, "%s", wrong);
     const bool good = check(in, &row, line, length);
     if (good)
         report_add(&in->report, &row);
@@ -198,8 +205,9 @@ static bool is_cut(const intake *in, const char *line, size_t length)
     if (line[length - 1] == '\n')
         return false;
     if (!in->partial)
-        (void)complain(in, "the line is cut; `canwire campaign run --resume` completes the file, "
-                       "--partial passes over it");
+        (void)intake_complain(
+            in, "the line is cut; `canwire campaign run --resume` completes the file, "
+                "--partial passes over it");
     return true;
 }
 
@@ -215,10 +223,10 @@ static bool read_lines(intake *in, FILE *stream)
             good = in->partial;
             break;
         }
-        good = take_line(in, line, (size_t)length);
+        good = intake_take_line(in, line, (size_t)length);
     }
     if (good && ferror(stream))
-        good = complain(in, "%s", strerror(errno));
+        good = intake_complain(in, "%s", strerror(errno));
     free(line);
     return good;
 }

@@ -11,7 +11,7 @@
 
 #define ROOM_FIRST 16u
 
-_Noreturn static void give_up(void)
+_Noreturn static void memory_give_up(void)
 {
     fputs("canwire campaign: out of memory\n", stderr);
     exit(EXIT_FAILURE);
@@ -21,7 +21,7 @@ void *memory_list(void *list, size_t count, size_t item_bytes)
 {
     void *memory = reallocarray(list, count > 0 ? count : 1, item_bytes);
     if (!memory)
-        give_up();
+        memory_give_up();
     return memory;
 }
 
@@ -37,7 +37,7 @@ char *memory_text(const char *text)
 {
     char *copy = strdup(text);
     if (!copy)
-        give_up();
+        memory_give_up();
     return copy;
 }
 
@@ -49,6 +49,6 @@ char *memory_print(const char *format, ...)
     const int length = vasprintf(&text, format, args);
     va_end(args);
     if (length < 0)
-        give_up();
+        memory_give_up();
     return text;
 }

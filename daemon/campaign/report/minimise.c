@@ -30,7 +30,7 @@ typedef struct work {
     unsigned trials;
 } work;
 
-static bool is_over(const work *w)
+static bool minimise_is_over(const work *w)
 {
     return w->late || w->trials >= TRIALS_MAX || wall_ns() >= w->task->deadline_ns;
 }
@@ -68,7 +68,7 @@ static trial_result run_text(work *w, const bundle_text *text)
 }
 
 /* The caller frees the result. */
-static trial_result run(work *w, bool without_faults)
+static trial_result minimise_run(work *w, bool without_faults)
 {
     bundle_text text;
     const trial_result result = bundle_write(&text, &w->bundle, without_faults, false)
@@ -81,7 +81,7 @@ static trial_result run(work *w, bool without_faults)
 /* Returns true when all is well without the faults. */
 static bool is_well_without_faults(work *w)
 {
-    trial_result found = run(w, true);
+    trial_result found = minimise_run(w, true);
     trial_result_free(&found);
     if (w->task->expectation)
         return found.class < CLASS_TIMEOUT && !found.failed;
@@ -91,7 +91,7 @@ static bool is_well_without_faults(work *w)
 /* Returns true when the scenario does the same. */
 static bool does_the_same(work *w)
 {
-    trial_result found = run(w, false);
+    trial_result found = minimise_run(w, false);
     const bool same = found.class == w->task->class && found.degraded == w->task->degraded &&
                       (!w->task->expectation || found.failed) &&
                       trial_ends_like(&found, w->spells) &&
@@ -105,7 +105,7 @@ static bool does_the_same(work *w)
 /* ---- Factors --------------------------------------------------------------------------------- */
 
 /* Loads the scenario with the values of some factors. */
-static bool load(work *w, uint64_t without)
+static bool minimise_load(work *w, uint64_t without)
 {
     const minimise_task *task = w->task;
     rowtext text = {.no_memory = false};
@@ -128,7 +128,7 @@ static void drop_factor(work *w, size_t i)
     const bool had_seed = w->has_seed;
     bundle before = w->bundle;
     w->has_seed = w->has_seed && !is_seed;
-    if (load(w, without) && does_the_same(w)) {
+    if (minimise_load(w, without) && does_the_same(w)) {
         bundle_free(&before);
         w->without = without;
         return;
@@ -141,7 +141,7 @@ static void drop_factor(work *w, size_t i)
 static void drop_factors(work *w)
 {
     const campaign *c = w->task->campaign;
-    for (size_t i = 0; c && i < c->factor_count && !is_over(w); i++)
+    for (size_t i = 0; c && i < c->factor_count && !minimise_is_over(w); i++)
         drop_factor(w, i);
 }
 
@@ -164,7 +164,7 @@ static size_t leave_out(outline *o, const outline_list *list, size_t *at, size_t
 /* Tries all runs of `count` items. */
 static void drop_runs(work *w, outline *o, const outline_list *list, size_t count, size_t items[])
 {
-    for (size_t at = 0; !is_over(w);) {
+    for (size_t at = 0; !minimise_is_over(w);) {
         const size_t found = leave_out(o, list, &at, count, items);
         if (found == 0)
             break;
@@ -230,7 +230,7 @@ static void shorten(work *w)
 {
     uint64_t low = 0;
     uint64_t high = w->task->end_ns / NS_PER_US + 1;
-    for (unsigned i = 0; i < HALVINGS && high - low > 1 && !is_over(w); i++) {
+    for (unsigned i = 0; i < HALVINGS && high - low > 1 && !minimise_is_over(w); i++) {
         const uint64_t middle = low + (high - low) / 2;
         if (try_until(w, middle))
             high = middle;
@@ -246,7 +246,7 @@ static void leave_rig(work *w)
 {
     bundle single;
     bundle several = w->bundle;
-    if (is_over(w) || !bundle_is_single(&several))
+    if (minimise_is_over(w) || !bundle_is_single(&several))
         return;
     bundle_promote(&single, &several);
     w->bundle = single;
@@ -266,7 +266,7 @@ static minimised result_of(const work *w, bool tried)
                         .has_until = w->has_until,
                         .until_ns = w->until.ns,
                         .has_seed = w->has_seed,
-                        .whole = tried && !is_over(w)};
+                        .whole = tried && !minimise_is_over(w)};
     if (!bundle_write(&result.text, &w->bundle, false, true))
         bundle_text_free(&result.text);
     return result;
@@ -305,7 +305,7 @@ minimised minimise(const minimise_task *task)
     *w = (work){.task = task, .has_until = task->has_until, .until = task->until,
                 .has_seed = task->has_seed};
     minimised result = {.tried = false};
-    const bool loaded = load(w, 0);
+    const bool loaded = minimise_load(w, 0);
     if (loaded && does_the_same(w)) {
         w->guarded = depends_on_faults(w);
         make_short(w);

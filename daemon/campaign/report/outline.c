@@ -25,7 +25,7 @@ static bool is_word(const yaml_node_t *node, const char *word)
 }
 
 /* Returns the value of a key of a map, or NULL. */
-static yaml_node_t *find(outline *o, const yaml_node_t *map, const char *key)
+static yaml_node_t *outline_find(outline *o, const yaml_node_t *map, const char *key)
 {
     if (!map || map->type != YAML_MAPPING_NODE)
         return NULL;
@@ -56,24 +56,25 @@ static void add_inner_lists(outline *o, const yaml_node_t *outer, const char *ke
         const size_t item = outline_item(&(outline_list){.node = outer}, i);
         if (item == 0)
             break;
-        add_list(o, find(o, yaml_document_get_node(&o->document, (int)item), key), kind, item);
+        add_list(o, outline_find(o, yaml_document_get_node(&o->document, (int)item), key), kind,
+                 item);
     }
 }
 
 static void find_lists(outline *o, const yaml_node_t *root)
 {
-    add_list(o, find(o, root, "faults"), OUTLINE_FAULTS, 0);
-    add_list(o, find(o, root, "profiles"), OUTLINE_FAULTS, 0);
-    add_inner_lists(o, find(o, root, "nodes"), "traffic", OUTLINE_TRAFFIC);
-    add_list(o, find(o, root, "expect"), OUTLINE_EXPECT, 0);
+    add_list(o, outline_find(o, root, "faults"), OUTLINE_FAULTS, 0);
+    add_list(o, outline_find(o, root, "profiles"), OUTLINE_FAULTS, 0);
+    add_inner_lists(o, outline_find(o, root, "nodes"), "traffic", OUTLINE_TRAFFIC);
+    add_list(o, outline_find(o, root, "expect"), OUTLINE_EXPECT, 0);
 }
 
 static void find_lists_of_rig(outline *o, const yaml_node_t *root)
 {
-    const yaml_node_t *gateways = find(o, root, "gateways");
+    const yaml_node_t *gateways = outline_find(o, root, "gateways");
     add_list(o, gateways, OUTLINE_GATEWAYS, 0);
     add_inner_lists(o, gateways, "rules", OUTLINE_GATEWAYS);
-    add_list(o, find(o, root, "buses"), OUTLINE_BUSES, 0);
+    add_list(o, outline_find(o, root, "buses"), OUTLINE_BUSES, 0);
 }
 
 bool outline_load(outline *o, const char *text, size_t size)
@@ -94,12 +95,12 @@ bool outline_load(outline *o, const char *text, size_t size)
     o->renamed = memory_list(NULL, o->nodes + 1, sizeof *o->renamed);
     memset(o->renamed, 0, (o->nodes + 1) * sizeof *o->renamed);
     const yaml_node_t *root = yaml_document_get_root_node(&o->document);
-    o->is_rig = is_list(find(o, root, "buses"));
+    o->is_rig = is_list(outline_find(o, root, "buses"));
     if (o->is_rig)
         find_lists_of_rig(o, root);
     else
         find_lists(o, root);
-    return o->is_rig || find(o, root, "bus") != NULL;
+    return o->is_rig || outline_find(o, root, "bus") != NULL;
 }
 
 void outline_free(outline *o)

@@ -11,7 +11,7 @@
 
 #define ROW_BYTES (PAIRS_VALUES_MAX / 8u)
 
-static size_t place_of(const pairs *p, size_t i, size_t k)
+static size_t pairs_place_of(const pairs *p, size_t i, size_t k)
 {
     return i * p->factors + k;
 }
@@ -27,7 +27,7 @@ void pairs_begin(pairs *p, size_t factors)
         for (size_t k = i + 1; k < factors; k++) {
             pair_cover *c = memory_list(NULL, 1, sizeof *c);
             memset(c, 0, sizeof *c);
-            p->list[place_of(p, i, k)] = c;
+            p->list[pairs_place_of(p, i, k)] = c;
         }
     }
 }
@@ -85,7 +85,7 @@ void pairs_add(pairs *p, const uint32_t values[CAMPAIGN_FACTORS_MAX], row_class 
 {
     for (size_t i = 0; i < p->factors; i++) {
         for (size_t k = i + 1; k < p->factors; k++) {
-            pair_cover *c = p->list[place_of(p, i, k)];
+            pair_cover *c = p->list[pairs_place_of(p, i, k)];
             add_met(p, c, values[i], values[k]);
             add_class(p, &c->classes, values[i], values[k], class);
         }
@@ -94,7 +94,7 @@ void pairs_add(pairs *p, const uint32_t values[CAMPAIGN_FACTORS_MAX], row_class 
 
 const pair_cover *pairs_of(const pairs *p, size_t i, size_t k)
 {
-    return p->list[place_of(p, i, k)];
+    return p->list[pairs_place_of(p, i, k)];
 }
 
 void pairs_free(pairs *p)

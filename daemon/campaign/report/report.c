@@ -88,7 +88,7 @@ void report_begin(report *r, const report_row *first, const campaign *c)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static void count(dimension *d, const char *text, row_class class)
+static void report_count(dimension *d, const char *text, row_class class)
 {
     dimension_count(d, dimension_find(d, text), class);
 }
@@ -105,8 +105,8 @@ static void add_factors(report *r, const report_row *row)
         dimension_count(d, numbers[i], row->class);
         if (!value_is_space(value) || group + 2 > r->group_count)
             continue;
-        count(&r->groups[group++], value_frame(value), row->class);
-        count(&r->groups[group++], value_field(&text, value), row->class);
+        report_count(&r->groups[group++], value_frame(value), row->class);
+        report_count(&r->groups[group++], value_field(&text, value), row->class);
     }
     rowtext_free(&text);
     pairs_add(&r->pairs, numbers, row->class);
@@ -116,7 +116,7 @@ static void add_expectations(report *r, const report_row *row)
 {
     for (size_t i = 0; i < json_array_size(row->failed); i++)
         if (!row_signs_has(&r->signs, report_row_failed(row, i)))
-            count(&r->expectations, report_row_failed(row, i), row->class);
+            report_count(&r->expectations, report_row_failed(row, i), row->class);
 }
 
 static void add_error(report *r, const report_row *row)
@@ -125,7 +125,7 @@ static void add_error(report *r, const report_row *row)
     char *text = memory_print("%s at %s (%s)", json_string_value(json_object_get(e, "type")),
                               json_string_value(json_object_get(e, "field")),
                               json_string_value(json_object_get(e, "role")));
-    count(&r->errors, text, row->class);
+    report_count(&r->errors, text, row->class);
     free(text);
 }
 
@@ -137,7 +137,7 @@ static void add_losses(report *r, const report_row *row)
         const char *node = json_string_value(json_object_get(l, "node"));
         char *text = memory_print("%s%s: %s", rule ? "rule " : "", rule ? rule : node,
                                   json_string_value(json_object_get(l, "why")));
-        count(&r->lost, text, row->class);
+        report_count(&r->lost, text, row->class);
         free(text);
     }
 }

@@ -14,7 +14,7 @@
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-static uint64_t number_of(const json_t *object, const char *key)
+static uint64_t row_number_of(const json_t *object, const char *key)
 {
     const json_int_t value = json_integer_value(json_object_get(object, key));
     return value > 0 ? (uint64_t)value : 0;
@@ -69,7 +69,7 @@ static void quote_large(rowtext *out, const char *line, size_t length)
 }
 
 /* JSON integers are signed in jansson, and seeds are not: a large one becomes a text. */
-static json_t *load(const char *line, size_t length, json_error_t *error)
+static json_t *row_load(const char *line, size_t length, json_error_t *error)
 {
     json_t *object = json_loadb(line, length, JSON_REJECT_DUPLICATES, error);
     if (object || json_error_code(error) != json_error_numeric_overflow)
@@ -85,7 +85,7 @@ static json_t *load(const char *line, size_t length, json_error_t *error)
 json_t *report_row_load(const char *line, size_t length)
 {
     json_error_t error;
-    return load(line, length, &error);
+    return row_load(line, length, &error);
 }
 
 static bool read_seed(uint64_t *out, const json_t *value)
@@ -132,11 +132,12 @@ static void judge_expectations(report_row *row, const row_signs *signs)
 static void judge_node(class_facts *f, const json_t *node)
 {
     const char *state = json_string_value(json_object_get(node, "state"));
-    const bool dropped = number_of(node, "dropped") > 0 || number_of(node, "rx_dropped") > 0;
+    const bool dropped =
+        row_number_of(node, "dropped") > 0 || row_number_of(node, "rx_dropped") > 0;
     const bool active = state && strcmp(state, "error-active") == 0;
     f->degraded |= (dropped ? DEGRADED_DROPPED : 0u) | (active ? 0u : DEGRADED_STATE) |
-                   (number_of(node, "error_passive") > 0 ? DEGRADED_PASSIVE : 0u) |
-                   (number_of(node, "bus_off") > 0 ? DEGRADED_BUS_OFF : 0u);
+                   (row_number_of(node, "error_passive") > 0 ? DEGRADED_PASSIVE : 0u) |
+                   (row_number_of(node, "bus_off") > 0 ? DEGRADED_BUS_OFF : 0u);
 }
 
 /* Reads what only a scenario with a result has. Returns what is wrong, or NULL. */
@@ -158,10 +159,10 @@ static const char *read_result(report_row *row, const row_signs *signs)
     row->has_latency = json_is_number(latency);
     row->latency_ns = ns_of(latency);
     row->end_ns = ns_of(json_object_get(row->object, "t"));
-    f->hit = number_of(row->object, "faults") > 0;
-    f->error = row->first_error != NULL || number_of(row->object, "error_frames") > 0;
+    f->hit = row_number_of(row->object, "faults") > 0;
+    f->error = row->first_error != NULL || row_number_of(row->object, "error_frames") > 0;
     f->error_after_hit = row->has_latency;
-    f->degraded = number_of(row->object, "undetected_errors") > 0 ? DEGRADED_UNDETECTED : 0u;
+    f->degraded = row_number_of(row->object, "undetected_errors") > 0 ? DEGRADED_UNDETECTED : 0u;
     void *place;
     for (place = json_object_iter((json_t *)nodes); place;
          place = json_object_iter_next((json_t *)nodes, place))
@@ -178,7 +179,7 @@ static const char *read_keys(report_row *row, const row_signs *signs)
     row->factors = json_object_get(row->object, "factors");
     row->repeat = json_string_value(json_object_get(row->object, "repeat"));
     row->has_number = json_is_integer(number) && json_integer_value(number) >= 0;
-    row->number = number_of(row->object, "number");
+    row->number = row_number_of(row->object, "number");
     if (!json_is_object(row->object) || !row->repeat ||
         !read_seed(&row->seed, json_object_get(row->object, "seed")) || !number != !row->factors ||
         (number && (!row->has_number || !json_is_object(row->factors))))
@@ -201,7 +202,7 @@ const char *report_row_read(report_row *out, const char *line, size_t length,
                             const row_signs *signs)
 {
     json_error_t error;
-    *out = (report_row){.object = load(line, length, &error)};
+    *out = (report_row){.object = row_load(line, length, &error)};
     const char *wrong = out->object ? read_keys(out, signs) : why_no_object(&error);
     if (wrong) {
         report_row_free(out);

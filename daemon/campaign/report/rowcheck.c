@@ -44,7 +44,7 @@ static bool is_state(const char *name)
     return false;
 }
 
-static const char *check_node(const json_t *node)
+static const char *rowcheck_check_node(const json_t *node)
 {
     static const wanted_key counters[] = {
         COUNTER("tec"), COUNTER("rec"), COUNTER("tec_max"), COUNTER("rec_max"),
@@ -63,7 +63,7 @@ static const char *check_nodes(const json_t *nodes)
     const char *wrong = NULL;
     for (void *at = json_object_iter((json_t *)nodes); at && !wrong;
          at = json_object_iter_next((json_t *)nodes, at))
-        wrong = check_node(json_object_iter_value(at));
+        wrong = rowcheck_check_node(json_object_iter_value(at));
     return wrong;
 }
 

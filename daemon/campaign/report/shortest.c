@@ -15,7 +15,7 @@
 
 /* ---- Lists ----------------------------------------------------------------------------------- */
 
-static void forget(shortest_scenario *one)
+static void shortest_forget(shortest_scenario *one)
 {
     free(one->expectation);
     free(one->repeat);
@@ -44,7 +44,7 @@ static bool make_way(shortest *s, size_t begin, const shortest_scenario *one)
             continue;
         if (!is_shorter(one, &s->list[i]))
             return false;
-        forget(&s->list[i]);
+        shortest_forget(&s->list[i]);
         memmove(s->list + i, s->list + i + 1, (s->count - i - 1) * sizeof *s->list);
         s->count--;
         return true;
@@ -56,18 +56,18 @@ static bool make_way(shortest *s, size_t begin, const shortest_scenario *one)
 static void put_in(shortest *s, size_t begin, shortest_scenario one)
 {
     if (!make_way(s, begin, &one)) {
-        forget(&one);
+        shortest_forget(&one);
         return;
     }
     size_t at = s->count;
     while (at > begin && is_shorter(&one, &s->list[at - 1]))
         at--;
     if (at - begin >= SHORTEST_OF_CLASS) {
-        forget(&one);
+        shortest_forget(&one);
         return;
     }
     if (s->count - begin == SHORTEST_OF_CLASS)
-        forget(&s->list[--s->count]);
+        shortest_forget(&s->list[--s->count]);
     memmove(s->list + at + 1, s->list + at, (s->count - at) * sizeof *s->list);
     s->list[at] = one;
     s->count++;
@@ -194,7 +194,7 @@ void shortest_find(shortest *s, const report *r, int64_t time_ns)
 void shortest_free(shortest *s)
 {
     for (size_t i = 0; i < s->count; i++)
-        forget(&s->list[i]);
+        shortest_forget(&s->list[i]);
     free(s->why);
     *s = (shortest){.count = 0};
 }

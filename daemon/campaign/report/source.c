@@ -47,15 +47,15 @@ bool row_source_read(row_source *out, const report_row *row)
     return good;
 }
 
-static bool is_same(const char *a, const char *b)
+static bool source_is_same(const char *a, const char *b)
 {
     return a && b ? strcmp(a, b) == 0 : a == b;
 }
 
 bool row_source_equals(const row_source *a, const row_source *b)
 {
-    return a->is_campaign == b->is_campaign && is_same(a->file, b->file) &&
-           is_same(a->until, b->until);
+    return a->is_campaign == b->is_campaign && source_is_same(a->file, b->file) &&
+           source_is_same(a->until, b->until);
 }
 
 void row_source_free(row_source *s)

@@ -10,7 +10,7 @@
 #include <string.h>
 
 /* Returns the number of spans that begin at or before a number. */
-static size_t find(const spans *s, uint64_t number)
+static size_t spans_find(const spans *s, uint64_t number)
 {
     size_t low = 0;
     size_t high = s->count;
@@ -24,7 +24,7 @@ static size_t find(const spans *s, uint64_t number)
     return low;
 }
 
-static void insert(spans *s, size_t at, uint64_t number)
+static void spans_insert(spans *s, size_t at, uint64_t number)
 {
     s->list = memory_grow(s->list, &s->room, s->count, sizeof *s->list);
     memmove(s->list + at + 1, s->list + at, (s->count - at) * sizeof *s->list);
@@ -33,7 +33,7 @@ static void insert(spans *s, size_t at, uint64_t number)
 }
 
 /* Joins a span with the next one. */
-static void join(spans *s, size_t at)
+static void spans_join(spans *s, size_t at)
 {
     s->list[at].last = s->list[at + 1].last;
     memmove(s->list + at + 1, s->list + at + 2, (s->count - at - 2) * sizeof *s->list);
@@ -42,7 +42,7 @@ static void join(spans *s, size_t at)
 
 bool spans_add(spans *s, uint64_t number)
 {
-    const size_t at = find(s, number);
+    const size_t at = spans_find(s, number);
     span *before = at > 0 ? &s->list[at - 1] : NULL;
     span *after = at < s->count ? &s->list[at] : NULL;
     if (before && number <= before->last)
@@ -54,9 +54,9 @@ bool spans_add(spans *s, uint64_t number)
     else if (precedes)
         after->first = number;
     else
-        insert(s, at, number);
+        spans_insert(s, at, number);
     if (extends && precedes)
-        join(s, at - 1);
+        spans_join(s, at - 1);
     return true;
 }
 

@@ -80,7 +80,7 @@ static void write_result(rowtext *row, const scenario *s)
     (void)outcome_write(row, s);
 }
 
-static unsigned char make(void *user, uint64_t number, rowtext *row)
+static unsigned char trial_make(void *user, uint64_t number, rowtext *row)
 {
     const trying *y = user;
     scenario *s = open_scenario(y->trial);
@@ -97,7 +97,7 @@ static unsigned char make(void *user, uint64_t number, rowtext *row)
     return 0;
 }
 
-static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, rowtext *row)
+static unsigned char trial_lose(void *user, uint64_t number, const pool_loss *loss, rowtext *row)
 {
     (void)user;
     (void)number;
@@ -107,7 +107,7 @@ static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, ro
     return 0;
 }
 
-static bool take(void *user, unsigned char code, const char *line, size_t length)
+static bool trial_take(void *user, unsigned char code, const char *line, size_t length)
 {
     trying *y = user;
     report_row row;
@@ -126,7 +126,7 @@ static bool take(void *user, unsigned char code, const char *line, size_t length
 
 trial_result trial_run(const trial *t, const char *expectation, const row_signs *signs)
 {
-    static const pool_calls calls = {.make = make, .lose = lose, .take = take};
+    static const pool_calls calls = {.make = trial_make, .lose = trial_lose, .take = trial_take};
     trying y = {.trial = t, .expectation = expectation, .signs = signs,
                 .result.class = CLASS_BROKEN};
     const pool_work work = {.calls = &calls, .user = &y, .count = 1, .jobs = 1,

@@ -23,7 +23,7 @@ static const char *string_of(const json_t *object, const char *key)
 }
 
 /* Returns place i of a fault, or NULL. */
-static const char *place_of(const json_t *value, size_t i)
+static const char *valuetext_place_of(const json_t *value, size_t i)
 {
     const json_t *places = json_object_get(value, "places");
     if (places)
@@ -33,7 +33,7 @@ static const char *place_of(const json_t *value, size_t i)
 
 bool value_is_space(const json_t *value)
 {
-    return json_is_string(json_object_get(value, "frame")) && place_of(value, 0);
+    return json_is_string(json_object_get(value, "frame")) && valuetext_place_of(value, 0);
 }
 
 const char *value_frame(const json_t *value)
@@ -59,7 +59,7 @@ static void put_place(rowtext *out, const char *place, bool field)
 static void put_places(rowtext *out, const json_t *value, bool field)
 {
     const char *place;
-    for (size_t i = 0; (place = place_of(value, i)) != NULL; i++) {
+    for (size_t i = 0; (place = valuetext_place_of(value, i)) != NULL; i++) {
         rowtext_put(out, i > 0 ? " + " : "");
         put_place(out, place, field);
     }

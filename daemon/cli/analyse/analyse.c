@@ -171,7 +171,7 @@ static bool simulate(sources *s, cfg *config, uint64_t until)
 
 /* ---- Analysis -------------------------------------------------------------------------------- */
 
-static void show(const wishes *w, const analysis *a)
+static void analyse_show(const wishes *w, const analysis *a)
 {
     if (w->json) {
         json_t *object = report_json(a);
@@ -228,7 +228,7 @@ static int analyse(const wishes *w, cfg *config)
     if (!found || !survived) {
         plain_print(stderr, "canwire analyse: out of memory\n");
     } else if (find_all(&a, &s, survived, config)) {
-        show(w, &a);
+        analyse_show(w, &a);
         status = report_is_bad(&a) ? CLI_EXPECTATION : CLI_OK;
     }
     free(survived);

@@ -81,14 +81,14 @@ static void find_own_reference(slots_cadence *out, const cfg_node *node, uint32_
 
 /* ---- Basic cycles ---------------------------------------------------------------------------- */
 
-static slots_cadence *place_of(const slots *s, unsigned node, unsigned trigger)
+static slots_cadence *slots_place_of(const slots *s, unsigned node, unsigned trigger)
 {
     return &s->all[(size_t)node * CW_TRIGGERS_MAX + trigger];
 }
 
 const slots_cadence *slots_of(const slots *s, unsigned node, unsigned trigger)
 {
-    const slots_cadence *c = place_of(s, node, trigger);
+    const slots_cadence *c = slots_place_of(s, node, trigger);
     return c->period ? c : NULL;
 }
 
@@ -115,7 +115,8 @@ static bool find_cycles(slots_cadence *out, const slots *s, const cfg *config, c
         const cfg_node *node = &config->nodes[i];
         for (unsigned k = 0; found && k < node->schedule.trigger_count; k++)
             if (begins_cycle(of, &node->schedule.triggers[k].frame))
-                found = take_reference(out, node, &node->schedule.triggers[k], place_of(s, i, k));
+                found =
+                    take_reference(out, node, &node->schedule.triggers[k], slots_place_of(s, i, k));
     }
     if (found && r->count > 1) { /* the sum of all comes no more often than this */
         out->jitter += out->period;
@@ -137,7 +138,7 @@ static void find_repeated(slots_cadence *out, const slots_cadence *cycles, const
 }
 
 /* Finds the cadences of a node. Returns true when one is new. */
-static bool find_node(const slots *s, const cfg *config, unsigned i)
+static bool slots_find_node(const slots *s, const cfg *config, unsigned i)
 {
     const cfg_node *node = &config->nodes[i];
     const references r = find_references(config, node);
@@ -146,7 +147,7 @@ static bool find_node(const slots *s, const cfg *config, unsigned i)
     bool changed = false;
     for (unsigned k = 0; r.only && k < node->schedule.trigger_count; k++) {
         const cw_time_trigger *t = &node->schedule.triggers[k];
-        slots_cadence *c = place_of(s, i, k);
+        slots_cadence *c = slots_place_of(s, i, k);
         if (c->period)
             continue;
         c->jitter = ticks_of(node, 1) + 1 + cw_rate_ticks(config->rate, CAPTURE_BITS);
@@ -169,7 +170,7 @@ bool slots_find(slots *s, const cfg *config)
         changed = false;
         for (unsigned i = 0; i < config->node_count; i++)
             if (config->nodes[i].schedule.trigger_count)
-                changed = find_node(s, config, i) || changed;
+                changed = slots_find_node(s, config, i) || changed;
     }
     return s->all != NULL;
 }

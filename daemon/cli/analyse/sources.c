@@ -160,8 +160,8 @@ static uint64_t longest_time(const sources *s, uint64_t ticks)
 /* ---- Messages -------------------------------------------------------------------------------- */
 
 /* Adds a message of a node. Its times are for the caller to fill in. */
-static void add(sources *s, source **source_of, response_message **message_of, unsigned index,
-                const cw_frame *sent)
+static void sources_add(sources *s, source **source_of, response_message **message_of,
+                        unsigned index, const cw_frame *sent)
 {
     const cfg *config = s->config;
     const cfg_node *node = &config->nodes[index];
@@ -197,7 +197,7 @@ static void add_traffic(sources *s, unsigned index, const cfg_traffic *traffic)
     }
     if (is_stored(&s->config->nodes[index], &traffic->frame))
         return;
-    add(s, &new, &message, index, &traffic->frame);
+    sources_add(s, &new, &message, index, &traffic->frame);
     new->traffic = traffic;
     if (traffic->has_every)
         new->every = message->period = text_time_ticks(traffic->every, rate);
@@ -217,7 +217,7 @@ static void add_trigger(sources *s, const slots *in, unsigned index, unsigned k)
         s->strangers = true;
         return;
     }
-    add(s, &new, &message, index, frame);
+    sources_add(s, &new, &message, index, frame);
     new->trigger = k + 1;
     new->arbitrating = schedule->arbitrating[k];
     new->every = cadence->usual;
@@ -227,7 +227,7 @@ static void add_trigger(sources *s, const slots *in, unsigned index, unsigned k)
 }
 
 /* Adds the messages of a node, and notes what is unknown of it. */
-static void add_node(sources *s, const slots *in, unsigned index)
+static void sources_add_node(sources *s, const slots *in, unsigned index)
 {
     const cfg_node *node = &s->config->nodes[index];
     s->incomplete = s->incomplete || node->port || has_replies(node);
@@ -269,7 +269,7 @@ bool sources_find(sources *s, const cfg *config)
     slots in;
     const bool found = slots_find(&in, config);
     for (unsigned i = 0; found && i < config->node_count; i++)
-        add_node(s, &in, i);
+        sources_add_node(s, &in, i);
     slots_free(&in);
     sort(s);
     return found;

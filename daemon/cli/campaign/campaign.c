@@ -52,14 +52,14 @@ typedef struct options {
 
 enum { SEEN_RUN = 1u, SEEN_JOBS = 2u };
 
-static int refuse(void)
+static int campaign_refuse(void)
 {
     fputs(usage, stderr);
     fputs(campaign_report_usage, stderr);
     return CLI_USAGE;
 }
 
-static bool complain(const char *option, const char *text, const char *expected)
+static bool campaign_complain(const char *option, const char *text, const char *expected)
 {
     plain_print(stderr, "canwire campaign: %s %s: expected %s\n", option, text, expected);
     return false;
@@ -70,13 +70,13 @@ static bool take_jobs(options *o, const char *text)
     uint64_t number = 0;
     o->seen |= SEEN_JOBS;
     if (text_parse_uint(&number, text) || number < 1 || number > POOL_JOBS_MAX)
-        return complain("--jobs", text, "a whole number from 1 to 256");
+        return campaign_complain("--jobs", text, "a whole number from 1 to 256");
     o->run.jobs = (unsigned)number;
     return true;
 }
 
 /* Returns false after a message about a bad value. */
-static bool take_option(options *o, int option)
+static bool campaign_take_option(options *o, int option)
 {
     if (option == 'j')
         return take_jobs(o, optarg);
@@ -94,17 +94,17 @@ static bool take_option(options *o, int option)
     else if (option == 'n') {
         o->run.has_only = true;
         return !text_parse_uint(&o->run.only, optarg) ||
-               complain("--only", optarg, "the number of a row, from 0 on");
+               campaign_complain("--only", optarg, "the number of a row, from 0 on");
     } else {
         o->has_shard = true;
         return shard_parse(&o->run.shard, optarg) ||
-               complain("--shard", optarg, "K/N, such as 1/4");
+               campaign_complain("--shard", optarg, "K/N, such as 1/4");
     }
     return true;
 }
 
 /* Returns -1 to go on, else the exit status. */
-static int parse_options(options *o, int argc, char **argv)
+static int campaign_parse_options(options *o, int argc, char **argv)
 {
     static const struct option known[] = {
         {"out", required_argument, NULL, 'o'},   {"resume", no_argument, NULL, 'r'},
@@ -124,8 +124,8 @@ static int parse_options(options *o, int argc, char **argv)
             return CLI_OK;
         }
         if (c == '?')
-            return refuse();
-        if (!take_option(o, c))
+            return campaign_refuse();
+        if (!campaign_take_option(o, c))
             return CLI_BAD_INPUT;
     }
     if (o->run.resume && !o->run.out) {
@@ -149,7 +149,7 @@ static int run_part(options *o, const char *name, const char *file, const char *
 {
     uint64_t row = 0;
     if (number && text_parse_uint(&row, number)) {
-        (void)complain("row", number, "its number, from 0 on");
+        (void)campaign_complain("row", number, "its number, from 0 on");
         return CLI_BAD_INPUT;
     }
     if (strcmp(name, "run") == 0 && !o->run.has_only && !complete_shard(o))
@@ -170,7 +170,7 @@ int cli_campaign(int argc, char **argv)
     options o = {.run.shard = {.k = 1, .n = 1}};
     if (argc > 1 && strcmp(argv[1], "report") == 0)
         return campaign_report(argc - 1, argv + 1);
-    const int status = parse_options(&o, argc, argv);
+    const int status = campaign_parse_options(&o, argc, argv);
     if (status >= 0)
         return status;
     const int words = argc - optind;
@@ -181,6 +181,6 @@ int cli_campaign(int argc, char **argv)
     const bool runs = strcmp(name, "run") == 0;
     if ((!shows && !plans && !lists && !runs) || words != (shows ? 3 : 2) ||
         ((shows || lists) && o.seen) || (plans && (o.seen & SEEN_RUN)))
-        return refuse();
+        return campaign_refuse();
     return run_part(&o, name, argv[optind + 1], shows ? argv[optind + 2] : NULL);
 }

@@ -35,7 +35,7 @@ typedef struct estimate {
 
 /* ---- The process ----------------------------------------------------------------------------- */
 
-static unsigned char make(void *user, uint64_t number, rowtext *line)
+static unsigned char estimate_make(void *user, uint64_t number, rowtext *line)
 {
     estimate *e = user;
     char text[NUMBER_MAX];
@@ -47,7 +47,8 @@ static unsigned char make(void *user, uint64_t number, rowtext *line)
     return 0;
 }
 
-static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, rowtext *line)
+static unsigned char estimate_lose(void *user, uint64_t number, const pool_loss *loss,
+                                   rowtext *line)
 {
     estimate *e = user;
     if (e->lost == UINT64_MAX) {
@@ -59,7 +60,7 @@ static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, ro
 }
 
 /* One row that takes too long is enough. */
-static bool take(void *user, unsigned char code, const char *line, size_t length)
+static bool estimate_take(void *user, unsigned char code, const char *line, size_t length)
 {
     estimate *e = user;
     char text[NUMBER_MAX] = "";
@@ -74,7 +75,8 @@ static bool take(void *user, unsigned char code, const char *line, size_t length
 /* Runs so many rows. Returns false when there is no estimate. */
 static bool try_rows(estimate *e, uint64_t count)
 {
-    static const pool_calls calls = {.make = make, .lose = lose, .take = take};
+    static const pool_calls calls = {
+        .make = estimate_make, .lose = estimate_lose, .take = estimate_take};
     const int64_t limit = e->campaign->limit_ms < LIMIT_MS ? e->campaign->limit_ms : LIMIT_MS;
     const pool_work work = {.calls = &calls, .user = e, .count = count, .jobs = 1,
                             .limit_ms = limit};

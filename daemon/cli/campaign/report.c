@@ -64,7 +64,7 @@ static void print_usage(FILE *out)
     fprintf(out, "usage: %s", campaign_report_usage + strlen("       "));
 }
 
-static bool complain(const char *option, const char *text, const char *expected)
+static bool report_complain(const char *option, const char *text, const char *expected)
 {
     plain_print(stderr, "canwire campaign: %s %s: expected %s\n", option, text, expected);
     return false;
@@ -76,7 +76,7 @@ static bool take_ftti(options *o, const char *text)
 {
     cfg_time time = {.ns = 0};
     if (text_parse_time(&time, text) || time.bits > 0 || time.ns == 0)
-        return complain("--ftti", text, "a time such as 50ms, in units of seconds");
+        return report_complain("--ftti", text, "a time such as 50ms, in units of seconds");
     o->ftti_ns = time.ns;
     return true;
 }
@@ -86,7 +86,7 @@ static bool take_confidence(options *o, const char *text)
     char *end = NULL;
     const double percent = strtod(text, &end);
     if (end == text || strcmp(end, "%") != 0 || !(percent >= 50 && percent <= 99.9999))
-        return complain("--confidence", text, "50% to 99.9999%");
+        return report_complain("--confidence", text, "50% to 99.9999%");
     o->confidence = percent / 100;
     return true;
 }
@@ -95,13 +95,13 @@ static bool take_minimise(options *o, const char *text)
 {
     cfg_time time = {.ns = 0};
     if (text_parse_time(&time, text) || time.bits > 0 || time.ns > MINIMISE_NS_MAX)
-        return complain("--minimise", text, "a time such as 60s, up to 24h");
+        return report_complain("--minimise", text, "a time such as 60s, up to 24h");
     o->minimise_ns = time.ns;
     return true;
 }
 
 /* Returns false after a message about a bad value. */
-static bool take_option(options *o, int option)
+static bool report_take_option(options *o, int option)
 {
     switch (option) {
     case 'c':
@@ -132,7 +132,7 @@ static bool take_option(options *o, int option)
 }
 
 /* Returns -1 to go on, else the exit status. */
-static int parse_options(options *o, int argc, char **argv)
+static int report_parse_options(options *o, int argc, char **argv)
 {
     static const struct option known[] = {
         {"campaign", required_argument, NULL, 'c'},   {"partial", no_argument, NULL, 'p'},
@@ -153,7 +153,7 @@ static int parse_options(options *o, int argc, char **argv)
             print_usage(stderr);
             return CLI_USAGE;
         }
-        if (!take_option(o, c))
+        if (!report_take_option(o, c))
             return CLI_BAD_INPUT;
     }
     if (optind < argc)
@@ -201,7 +201,7 @@ static bool make_folder(const char *name)
 }
 
 /* Writes a text into a file of the folder. */
-static bool write_text(const char *folder, const char *name, const char *text)
+static bool report_write_text(const char *folder, const char *name, const char *text)
 {
     rowfile file;
     char *path = memory_print("%s/%s", folder, name);
@@ -219,18 +219,18 @@ static bool write_buses(const bundle_text *t, const char *folder, const char *na
     char *inner = memory_print("%s/%.*s", folder, (int)(strchr(name, '/') - name), name);
     bool good = make_folder(inner);
     for (size_t i = 0; i < t->count && good; i++)
-        good = write_text(inner, t->buses[i].name, t->buses[i].text);
+        good = report_write_text(inner, t->buses[i].name, t->buses[i].text);
     free(inner);
     return good;
 }
 
-static bool write_scenario(const report_view *v, size_t i, const char *folder)
+static bool report_write_scenario(const report_view *v, size_t i, const char *folder)
 {
     const bundle_text *buses = &v->shortest->list[i].found.text;
     char *name = report_scenario_name(v->shortest, i);
     char *text = report_scenario_text(v->report, v->shortest, i);
     const bool good = (buses->count == 0 || write_buses(buses, folder, name)) &&
-                      write_text(folder, name, text);
+                      report_write_text(folder, name, text);
     free(name);
     free(text);
     return good;
@@ -240,7 +240,7 @@ static bool write_scenarios(const report_view *v, const char *folder)
 {
     bool good = true;
     for (size_t i = 0; v->shortest && i < v->shortest->count && good; i++)
-        good = write_scenario(v, i, folder);
+        good = report_write_scenario(v, i, folder);
     return good;
 }
 
@@ -326,7 +326,7 @@ static bool write_report(const intake *in, const options *o, const rowfile files
 int campaign_report(int argc, char **argv)
 {
     options o = {.confidence = CONFIDENCE, .minimise_ns = MINIMISE_NS};
-    const int status = parse_options(&o, argc, argv);
+    const int status = report_parse_options(&o, argc, argv);
     if (status >= 0)
         return status;
     intake in = {.campaign_file = o.campaign, .partial = o.partial, .ftti_ns = o.ftti_ns};

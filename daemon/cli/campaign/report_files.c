@@ -35,7 +35,7 @@ static char *real_name(const char *name)
     return result;
 }
 
-static bool is_same(const char *a, const char *b)
+static bool report_files_is_same(const char *a, const char *b)
 {
     char *first = real_name(a);
     char *second = real_name(b);
@@ -49,7 +49,7 @@ static bool are_one_output(const char *a, const char *b)
 {
     if (is_dash(a) || is_dash(b))
         return is_dash(a) && is_dash(b);
-    return is_same(a, b);
+    return report_files_is_same(a, b);
 }
 
 bool report_outputs_differ(const report_outputs *out)
@@ -70,7 +70,7 @@ bool report_outputs_spare(const report_outputs *out, const char *input)
 {
     for (size_t i = 0; i < REPORT_OUTPUTS && input; i++) {
         const char *from = is_dash(input) ? STANDARD_INPUT : input;
-        if (!out->name[i] || is_dash(out->name[i]) || !is_same(out->name[i], from))
+        if (!out->name[i] || is_dash(out->name[i]) || !report_files_is_same(out->name[i], from))
             continue;
         plain_print(stderr, "canwire campaign: %s %s: the report reads this file, and does not "
                     "overwrite it\n", out->option[i], out->name[i]);

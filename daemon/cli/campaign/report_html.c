@@ -45,7 +45,7 @@ static void write_share(FILE *out, share s)
 
 /* ---- Classes --------------------------------------------------------------------------------- */
 
-static void write_head(FILE *out, const report_view *v)
+static void report_html_write_head(FILE *out, const report_view *v)
 {
     const report *r = v->report;
     char *missing = report_missing_text(r);
@@ -120,7 +120,8 @@ static void write_latency(FILE *out, const report_view *v)
 
 /* ---- Tables ---------------------------------------------------------------------------------- */
 
-static void write_counts(FILE *out, const report_view *v, const char *name, const class_counts *c)
+static void report_html_write_counts(FILE *out, const report_view *v, const char *name,
+                                     const class_counts *c)
 {
     fputs("<tr>", out);
     write_cell(out, name);
@@ -139,9 +140,9 @@ static void write_table(FILE *out, const report_view *v, const dimension *d, con
         fprintf(out, "<th>%s</th>", class_name((row_class)i));
     fputs("<th>failed</th></tr>\n", out);
     for (size_t i = 0; i < count && i < VALUES_SHOWN; i++)
-        write_counts(out, v, d->values[list[i]].text, &d->values[list[i]].rows);
+        report_html_write_counts(out, v, d->values[list[i]].text, &d->values[list[i]].rows);
     if (class_counts_all(&d->other) > 0)
-        write_counts(out, v, "all further values", &d->other);
+        report_html_write_counts(out, v, "all further values", &d->other);
     fputs("</table>\n", out);
     if (count > VALUES_SHOWN)
         fprintf(out, "<p>and %zu further values</p>\n", count - VALUES_SHOWN);
@@ -234,7 +235,7 @@ static void write_note(FILE *out, const char *text)
     fputs("</p>\n", out);
 }
 
-static void write_scenario(FILE *out, const report_view *v, size_t i)
+static void report_html_write_scenario(FILE *out, const report_view *v, size_t i)
 {
     const bundle_text *t = &v->shortest->list[i].found.text;
     char *text = report_scenario_text(v->report, v->shortest, i);
@@ -255,7 +256,7 @@ static void write_scenarios(FILE *out, const report_view *v)
     fputs("<h2>The shortest scenarios</h2>\n", out);
     write_note(out, s->why);
     for (size_t i = 0; i < s->count; i++)
-        write_scenario(out, v, i);
+        report_html_write_scenario(out, v, i);
     if (s->count == 0 && !s->why)
         fputs("<p>There are none.</p>\n", out);
     write_note(out, others);
@@ -265,7 +266,7 @@ static void write_scenarios(FILE *out, const report_view *v)
 void campaign_report_html(FILE *out, const report_view *v)
 {
     const report *r = v->report;
-    write_head(out, v);
+    report_html_write_head(out, v);
     write_classes(out, v);
     write_latency(out, v);
     if (v->shortest)

@@ -121,7 +121,7 @@ static void put_counts(json_t *object, const report_view *v, const class_counts 
     put(object, "failed", counted(v, class_counts_failed(c), class_counts_rated(c)));
 }
 
-static json_t *value_of(const report_view *v, const char *text, const class_counts *c)
+static json_t *report_json_value_of(const report_view *v, const char *text, const class_counts *c)
 {
     json_t *object = json_object();
     put_text(object, "value", text);
@@ -137,9 +137,9 @@ static json_t *dimension_of(const report_view *v, const dimension *d)
     put_count(object, "seen", dimension_seen(d));
     put(object, "possible", d->possible > 0 ? json_integer((json_int_t)d->possible) : json_null());
     for (size_t i = 0; i < d->count; i++)
-        put_last(values, value_of(v, d->values[i].text, &d->values[i].rows));
+        put_last(values, report_json_value_of(v, d->values[i].text, &d->values[i].rows));
     if (class_counts_all(&d->other) > 0)
-        put_last(values, value_of(v, NULL, &d->other));
+        put_last(values, report_json_value_of(v, NULL, &d->other));
     put(object, "values", values);
     return object;
 }

@@ -38,7 +38,7 @@ typedef struct heat_map {
 
 /* ---- Which values ---------------------------------------------------------------------------- */
 
-static int compare(const void *left, const void *right)
+static int report_map_compare(const void *left, const void *right)
 {
     const uint32_t a = *(const uint32_t *)left;
     const uint32_t b = *(const uint32_t *)right;
@@ -53,13 +53,13 @@ static void fill_axis(axis *a, const dimension *d, size_t limit)
     a->count = a->all < limit ? a->all : limit;
     for (size_t i = 0; i < a->count; i++)
         a->values[i] = list[i];
-    qsort(a->values, a->count, sizeof a->values[0], compare);
+    qsort(a->values, a->count, sizeof a->values[0], report_map_compare);
     free(list);
 }
 
 /* ---- Cells ----------------------------------------------------------------------------------- */
 
-static char *name_of(const heat_map *h, uint32_t row, uint32_t column)
+static char *report_map_name_of(const heat_map *h, uint32_t row, uint32_t column)
 {
     return report_pair_values(h->view->report, h->i, h->k, h->turned ? column : row,
                               h->turned ? row : column);
@@ -107,7 +107,8 @@ static void write_title(FILE *out, const heat_map *h, const char *name, const cl
     fputs("\">", out);
 }
 
-static void write_counts(FILE *out, const heat_map *h, const char *name, const class_counts *c)
+static void report_map_write_counts(FILE *out, const heat_map *h, const char *name,
+                                    const class_counts *c)
 {
     const uint64_t rated = class_counts_rated(c);
     const double value = rated > 0 ? (double)h->measure->count(c) / (double)rated : 0;
@@ -135,9 +136,9 @@ static void write_empty(FILE *out, const heat_map *h, const char *name)
 static void write_cell(FILE *out, const heat_map *h, uint32_t row, uint32_t column)
 {
     const class_counts *c = counts_of(h, row, column);
-    char *name = name_of(h, row, column);
+    char *name = report_map_name_of(h, row, column);
     if (c)
-        write_counts(out, h, name, c);
+        report_map_write_counts(out, h, name, c);
     else
         write_empty(out, h, name);
     free(name);
@@ -152,7 +153,7 @@ static void write_value(FILE *out, const axis *a, size_t i, const char *scope)
     fputs("</th>", out);
 }
 
-static void write_head(FILE *out, const heat_map *h)
+static void report_map_write_head(FILE *out, const heat_map *h)
 {
     fputs("<tr><th>", out);
     xml_text(out, h->rows.factor->name);
@@ -180,7 +181,7 @@ static void write_map(FILE *out, const heat_map *h)
     fputs("<h3>", out);
     xml_text(out, name);
     fputs("</h3>\n<div class=\"map\"><table>\n", out);
-    write_head(out, h);
+    report_map_write_head(out, h);
     for (size_t i = 0; i < h->rows.count; i++) {
         fputs("<tr>", out);
         write_value(out, &h->rows, i, "row");

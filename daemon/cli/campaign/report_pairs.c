@@ -53,7 +53,8 @@ static bool is_worse(const worst_pair *a, const worst_pair *b)
 }
 
 /* Puts a pair into the list at its place. */
-static void insert(worst_pair list[REPORT_PAIRS_WORST], size_t *count, const worst_pair *new)
+static void report_pairs_insert(worst_pair list[REPORT_PAIRS_WORST], size_t *count,
+                                const worst_pair *new)
 {
     size_t at = *count;
     while (at > 0 && is_worse(new, &list[at - 1]))
@@ -88,8 +89,10 @@ static void look_at(worst_pair list[REPORT_PAIRS_WORST], size_t *count, const re
         const bool full = *count == REPORT_PAIRS_WORST;
         if (m->count(c) == 0 || (full && !may_be_worse(c, m, &list[REPORT_PAIRS_WORST - 1])))
             continue;
-        insert(list, count, &(worst_pair){.i = i, .k = k, .cell = cells[n],
-                                          .share = report_measure_share(v, m, c)});
+        report_pairs_insert(
+            list, count,
+            &(worst_pair){
+                .i = i, .k = k, .cell = cells[n], .share = report_measure_share(v, m, c)});
     }
     free(cells);
 }

@@ -25,7 +25,7 @@ static const char *const colours[CLASS_RATED] = {
     [CLASS_DETECTED] = "#d9763a",  [CLASS_UNDETECTED] = "#b02020", [CLASS_TIMEOUT] = "#606060",
 };
 
-static void begin(FILE *out, double height, const char *title)
+static void report_plot_begin(FILE *out, double height, const char *title)
 {
     fprintf(out, "<svg role=\"img\" width=\"%.0f\" height=\"%.0f\"><title>%s</title>\n",
             LABEL + WIDTH + 20, height, title);
@@ -52,7 +52,7 @@ static void write_line(FILE *out, double x1, double y1, double x2, double y2)
 
 void plot_shares(FILE *out, const report_view *v)
 {
-    begin(out, ROW * CLASS_RATED, "the share of each class, with its interval");
+    report_plot_begin(out, ROW * CLASS_RATED, "the share of each class, with its interval");
     for (unsigned i = 0; i < CLASS_RATED; i++) {
         const share s = report_class_share(v, &v->report->classes, (row_class)i);
         const double y = ROW * i;
@@ -91,7 +91,7 @@ void plot_values(FILE *out, const dimension *d, const uint32_t *list, size_t cou
 {
     const size_t shown = count < VALUES_DRAWN ? count : VALUES_DRAWN;
     write_legend(out);
-    begin(out, ROW * (double)shown, "the classes of each value");
+    report_plot_begin(out, ROW * (double)shown, "the classes of each value");
     for (size_t i = 0; i < shown; i++)
         write_value(out, &d->values[list[i]], ROW * (double)i);
     fputs("</svg>\n", out);
@@ -102,7 +102,7 @@ void plot_values(FILE *out, const dimension *d, const uint32_t *list, size_t cou
 /* ---- Latencies ------------------------------------------------------------------------------- */
 
 /* Returns the bin of a latency, which may lie before the first or behind the last one. */
-static double place_of(uint64_t ns, double first)
+static double report_plot_place_of(uint64_t ns, double first)
 {
     return (ns > 0 ? log2((double)ns) * BINS_A_POWER : 0) - first;
 }
@@ -111,7 +111,7 @@ static uint64_t fill_bins(uint64_t bins[BINS], const latency *l, double first)
 {
     uint64_t most = 1;
     for (unsigned i = 0; i < LATENCY_CLASSES; i++) {
-        const double at = place_of(latency_class_end(i), first);
+        const double at = report_plot_place_of(latency_class_end(i), first);
         const unsigned bin = at < 0 ? 0 : at >= BINS ? BINS - 1 : (unsigned)at;
         if (l->classes[i] == 0)
             continue;
@@ -130,7 +130,7 @@ static void write_time(FILE *out, double x, uint64_t ns, const char *anchor, dou
 
 static void write_limit(FILE *out, const latency *l, double first, double step)
 {
-    const double at = place_of(l->limit_ns, first);
+    const double at = report_plot_place_of(l->limit_ns, first);
     if (!l->has_limit || at < 0 || at > BINS)
         return;
     write_line(out, at * step, 0, at * step, HEIGHT);
@@ -141,11 +141,11 @@ void plot_latency(FILE *out, const latency *l)
 {
     uint64_t bins[BINS] = {0};
     const double width = LABEL + WIDTH;
-    const double first = floor(place_of(l->min_ns, 0));
-    const double last = floor(place_of(l->max_ns, first)) + 1;
+    const double first = floor(report_plot_place_of(l->min_ns, 0));
+    const double last = floor(report_plot_place_of(l->max_ns, first)) + 1;
     const double step = width / (last < BINS ? last : BINS);
     const uint64_t most = fill_bins(bins, l, first);
-    begin(out, HEIGHT + 20, "the distribution of latencies, over a logarithmic axis");
+    report_plot_begin(out, HEIGHT + 20, "the distribution of latencies, over a logarithmic axis");
     for (unsigned i = 0; i < BINS; i++) {
         const double height = (HEIGHT - 20) * (double)bins[i] / (double)most;
         if (bins[i] > 0)

@@ -25,7 +25,7 @@ static const char *const short_names[CLASS_RATED] = {
 
 /* ---- Classes --------------------------------------------------------------------------------- */
 
-static void write_head(FILE *out, const report_view *v)
+static void report_text_write_head(FILE *out, const report_view *v)
 {
     const report *r = v->report;
     char *missing = report_missing_text(r);
@@ -118,7 +118,8 @@ static void write_counts_head(FILE *out, const char *name)
     fputs("  failed\n", out);
 }
 
-static void write_counts(FILE *out, const report_view *v, const char *name, const class_counts *c)
+static void report_text_write_counts(FILE *out, const report_view *v, const char *name,
+                                     const class_counts *c)
 {
     char text[REPORT_PERCENT_BYTES];
     report_print_share(text, share_of(class_counts_failed(c), class_counts_rated(c),
@@ -136,9 +137,9 @@ static void write_dimension(FILE *out, const report_view *v, const dimension *d)
     uint32_t *list = report_worst_values(&count, d);
     write_counts_head(out, d->name);
     for (size_t i = 0; i < count && i < VALUES_SHOWN; i++)
-        write_counts(out, v, d->values[list[i]].text, &d->values[list[i]].rows);
+        report_text_write_counts(out, v, d->values[list[i]].text, &d->values[list[i]].rows);
     if (class_counts_all(&d->other) > 0)
-        write_counts(out, v, "all further values", &d->other);
+        report_text_write_counts(out, v, "all further values", &d->other);
     if (count > VALUES_SHOWN)
         fprintf(out, "and %zu further values\n", count - VALUES_SHOWN);
     free(list);
@@ -223,7 +224,7 @@ static const char *state_of(const shortest_scenario *one)
     return one->found.whole ? "" : " (not as short as possible)";
 }
 
-static void write_scenario(FILE *out, const shortest *s, size_t i)
+static void report_text_write_scenario(FILE *out, const shortest *s, size_t i)
 {
     const shortest_scenario *one = &s->list[i];
     char *name = report_scenario_name(s, i);
@@ -246,7 +247,7 @@ static void write_scenarios(FILE *out, const shortest *s)
 {
     fputs("\nthe shortest scenarios\n", out);
     for (size_t i = 0; i < s->count; i++)
-        write_scenario(out, s, i);
+        report_text_write_scenario(out, s, i);
     char *others = report_others_text(s);
     if (others)
         fprintf(out, "  %s\n", others);
@@ -260,7 +261,7 @@ static void write_scenarios(FILE *out, const shortest *s)
 void campaign_report_text(FILE *out, const report_view *v)
 {
     const report *r = v->report;
-    write_head(out, v);
+    report_text_write_head(out, v);
     write_classes(out, v);
     write_failed(out, v);
     write_latency(out, v);

@@ -62,7 +62,7 @@ static double badness(const class_counts *c)
     return rated > 0 ? (undetected * 1e6 + bad * 1e3 + (double)c->of[CLASS_DEGRADED]) / rated : 0;
 }
 
-static int compare(const void *left, const void *right, void *user)
+static int report_view_compare(const void *left, const void *right, void *user)
 {
     const dimension *d = user;
     const uint32_t a = *(const uint32_t *)left;
@@ -81,7 +81,7 @@ uint32_t *report_worst_values(size_t *count, const dimension *d)
     for (uint32_t i = 0; i < d->count; i++)
         if (class_counts_all(&d->values[i].rows) > 0)
             list[(*count)++] = i;
-    qsort_r(list, *count, sizeof *list, compare, (void *)d);
+    qsort_r(list, *count, sizeof *list, report_view_compare, (void *)d);
     return list;
 }
 

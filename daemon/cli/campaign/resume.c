@@ -21,13 +21,13 @@ typedef struct repeated {
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static bool is_same(const rowtext *text, const char *line, size_t length)
+static bool resume_is_same(const rowtext *text, const char *line, size_t length)
 {
     return !text->no_memory && buffer_length(&text->bytes) == length &&
            memcmp(buffer_first(&text->bytes), line, length) == 0;
 }
 
-static void keep(resume_row *row, uint64_t number, const char *line, size_t length)
+static void resume_keep(resume_row *row, uint64_t number, const char *line, size_t length)
 {
     rowtext_clear(&row->line);
     row->number = number;
@@ -55,7 +55,7 @@ static void spread(resume *r, uint64_t number, const char *line, size_t length)
     if (r->spread_count == RESUME_SPREAD && r->repeatable % r->step == 0)
         thin_out(r);
     if (r->repeatable % r->step == 0)
-        keep(&r->spread[r->spread_count++], number, line, length);
+        resume_keep(&r->spread[r->spread_count++], number, line, length);
 }
 
 /* A crash and a time-out may be those of the machine. */
@@ -88,7 +88,7 @@ static void count_row(resume *r, outcome o, const char *line, size_t length)
         return;
     spread(r, number, line, length);
     if (r->repeatable++ > 0)
-        keep(&r->last, number, line, length);
+        resume_keep(&r->last, number, line, length);
 }
 
 bool resume_take(resume *r, const char *line, size_t length)
@@ -110,28 +110,28 @@ bool resume_take(resume *r, const char *line, size_t length)
 
 /* ---- Made again ------------------------------------------------------------------------------ */
 
-static unsigned char make(void *user, uint64_t number, rowtext *line)
+static unsigned char resume_make(void *user, uint64_t number, rowtext *line)
 {
     const repeated *again = user;
     return (unsigned char)runner_row(again->resume->runner, number, line);
 }
 
-static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, rowtext *line)
+static unsigned char resume_lose(void *user, uint64_t number, const pool_loss *loss, rowtext *line)
 {
     repeated *again = user;
     again->lost = true;
     return (unsigned char)runner_lost(again->resume->runner, number, loss, line);
 }
 
-static bool take(void *user, unsigned char code, const char *line, size_t length)
+static bool campaign_resume_take(void *user, unsigned char code, const char *line, size_t length)
 {
     repeated *again = user;
     (void)code;
-    again->same = is_same(&again->row->line, line, length);
+    again->same = resume_is_same(&again->row->line, line, length);
     return true;
 }
 
-static bool complain(const char *file, const char *what)
+static bool resume_complain(const char *file, const char *what)
 {
     plain_print(stderr, "canwire campaign: %s: %s\n", file, what);
     return false;
@@ -140,14 +140,15 @@ static bool complain(const char *file, const char *what)
 /* Makes a row again in a process of its own. Returns false after a message. */
 static bool repeat(const resume *r, const resume_row *row, const char *file)
 {
-    static const pool_calls calls = {.make = make, .lose = lose, .take = take};
+    static const pool_calls calls = {
+        .make = resume_make, .lose = resume_lose, .take = campaign_resume_take};
     repeated again = {.resume = r, .row = row};
     const pool_work work = {.calls = &calls, .user = &again, .first = row->number, .count = 1,
                             .jobs = 1, .limit_ms = r->campaign->limit_ms};
     if (row->line.no_memory)
-        return complain(file, strerror(ENOMEM));
+        return resume_complain(file, strerror(ENOMEM));
     if (!pool_run(&work))
-        return complain(file, strerror(errno));
+        return resume_complain(file, strerror(errno));
     if (again.lost || again.same)
         return true; /* a crash alone does not say that the campaign is another one */
     plain_print(stderr, "canwire campaign: %s: row %" PRIu64 " is another one when it is made "
@@ -164,7 +165,7 @@ static const resume_row *last_of(const resume *r)
     return is_spread ? NULL : &r->last;
 }
 
-static void tell(const resume *r, unsigned made, const char *file)
+static void resume_tell(const resume *r, unsigned made, const char *file)
 {
     plain_print(stderr, "canwire campaign: %s: %s %s there", file,
                 counted(r->there, "row").text, r->there == 1 ? "is" : "are");
@@ -187,7 +188,7 @@ bool resume_check(resume *r, const char *file)
     if (last && !repeat(r, last, file))
         return false;
     if (r->there > 0)
-        tell(r, r->spread_count + (last ? 1 : 0), file);
+        resume_tell(r, r->spread_count + (last ? 1 : 0), file);
     return true;
 }
 

@@ -21,7 +21,7 @@
 #define TRIES 40u /* to open a part: processes of a run that was killed hold it a little longer */
 #define WAIT_US 25000u /* between two tries */
 
-static bool complain(const char *name, const char *why)
+static bool rowfile_complain(const char *name, const char *why)
 {
     plain_print(stderr, "canwire campaign: %s: %s\n", name, why);
     return false;
@@ -44,9 +44,10 @@ static off_t check_lines(const char *name, FILE *in, rowfile_check *check,
     free(line);
     if (good && !ferror(in))
         return end;
-    (void)complain(name, good ? strerror(errno)
-                              : "it has other rows than this campaign; remove it, or leave out "
-                                "--resume");
+    (void)rowfile_complain(name,
+                           good ? strerror(errno)
+                                : "it has other rows than this campaign; remove it, or leave out "
+                                  "--resume");
     return -1;
 }
 
@@ -57,7 +58,7 @@ static bool open_whole(rowfile *f, rowfile_check *check, void *user)
     if (!in && errno == ENOENT)
         return true;
     if (!in)
-        return complain(f->name, strerror(errno));
+        return rowfile_complain(f->name, strerror(errno));
     f->whole = true;
     const bool good = check_lines(f->name, in, check, user) >= 0;
     (void)fclose(in);
@@ -70,17 +71,17 @@ static bool continue_part(rowfile *f, rowfile_check *check, void *user)
     FILE *in = fopen(f->part, "re");
     const off_t end = in ? check_lines(f->part, in, check, user) : -1;
     if (!in)
-        return complain(f->part, strerror(errno));
+        return rowfile_complain(f->part, strerror(errno));
     (void)fclose(in);
     if (end < 0)
         return false;
     if (ftruncate(fileno(f->stream), end) != 0 || fseeko(f->stream, end, SEEK_SET) != 0)
-        return complain(f->part, strerror(errno));
+        return rowfile_complain(f->part, strerror(errno));
     return true;
 }
 
 /* Returns true when a file is still the one with that name. */
-static bool has_name(int fd, const char *name)
+static bool rowfile_has_name(int fd, const char *name)
 {
     struct stat own;
     struct stat there;
@@ -95,15 +96,15 @@ static int open_locked(const char *part)
     for (unsigned i = 0; i < TRIES; i++) {
         const int fd = open(part, O_RDWR | O_CREAT | O_CLOEXEC, MODE);
         if (fd < 0) {
-            (void)complain(part, strerror(errno));
+            (void)rowfile_complain(part, strerror(errno));
             return -1;
         }
-        if (filelock_take(fd) == 0 && has_name(fd, part))
+        if (filelock_take(fd) == 0 && rowfile_has_name(fd, part))
             return fd;
         (void)close(fd);
         (void)usleep(WAIT_US);
     }
-    (void)complain(part, "another program is writing it");
+    (void)rowfile_complain(part, "another program is writing it");
     return -1;
 }
 
@@ -116,7 +117,7 @@ static bool open_part(rowfile *f)
     if (f->stream)
         return true;
     (void)close(fd);
-    return complain(f->part, strerror(errno));
+    return rowfile_complain(f->part, strerror(errno));
 }
 
 /* Takes the name that a link has, where no file is yet. */
@@ -125,12 +126,12 @@ static bool follow(rowfile *f)
     char target[PATH_MAX];
     const ssize_t length = readlink(f->name, target, sizeof target - 1);
     if (length < 0)
-        return errno == EINVAL || errno == ENOENT || complain(f->name, strerror(errno));
+        return errno == EINVAL || errno == ENOENT || rowfile_complain(f->name, strerror(errno));
     target[length] = '\0';
     const char *slash = *target == '/' ? NULL : strrchr(f->name, '/');
     char *real = NULL;
     if (asprintf(&real, "%.*s%s", slash ? (int)(slash - f->name) + 1 : 0, f->name, target) < 0)
-        return complain(f->name, strerror(ENOMEM));
+        return rowfile_complain(f->name, strerror(ENOMEM));
     free(f->real);
     f->real = real;
     f->name = real;
@@ -150,7 +151,7 @@ static bool find_new(rowfile *f)
 static bool open_as_it_is(rowfile *f)
 {
     f->stream = fopen(f->name, "we");
-    return f->stream || complain(f->name, strerror(errno));
+    return f->stream || rowfile_complain(f->name, strerror(errno));
 }
 
 /* The file gets its name in the end, which must replace no device and no link. */
@@ -158,14 +159,14 @@ static bool find_real(rowfile *f)
 {
     struct stat found;
     if (stat(f->name, &found) != 0)
-        return errno == ENOENT ? find_new(f) : complain(f->name, strerror(errno));
+        return errno == ENOENT ? find_new(f) : rowfile_complain(f->name, strerror(errno));
     if (!S_ISREG(found.st_mode) && !f->kept)
         return open_as_it_is(f);
     if (!S_ISREG(found.st_mode))
-        return complain(f->name, "it is no regular file");
+        return rowfile_complain(f->name, "it is no regular file");
     f->real = realpath(f->name, NULL);
     if (!f->real)
-        return complain(f->name, strerror(errno));
+        return rowfile_complain(f->name, strerror(errno));
     f->name = f->real;
     return true;
 }
@@ -185,13 +186,13 @@ bool rowfile_open(rowfile *f, const char *name, bool resume, rowfile_check *chec
         return true;
     if (asprintf(&f->part, "%s.part", f->name) < 0) {
         f->part = NULL;
-        return complain(name, "out of memory");
+        return rowfile_complain(name, "out of memory");
     }
     if (!open_part(f))
         return false;
     if (resume)
         return continue_part(f, check, user);
-    return ftruncate(fileno(f->stream), 0) == 0 || complain(f->part, strerror(errno));
+    return ftruncate(fileno(f->stream), 0) == 0 || rowfile_complain(f->part, strerror(errno));
 }
 
 /* Makes a new name of a file safe. Not all file systems can do that. */
@@ -201,37 +202,38 @@ static bool sync_folder(const char *name)
     const int fd = copy ? open(dirname(copy), O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
     free(copy);
     if (fd < 0)
-        return errno == EACCES || complain(name, strerror(errno));
-    const bool good = fsync(fd) == 0 || errno == EINVAL || complain(name, strerror(errno));
+        return errno == EACCES || rowfile_complain(name, strerror(errno));
+    const bool good = fsync(fd) == 0 || errno == EINVAL || rowfile_complain(name, strerror(errno));
     (void)close(fd);
     return good;
 }
 
 /* Makes the rows safe before the file gets its name. */
-static bool finish(const rowfile *f)
+static bool rowfile_finish(const rowfile *f)
 {
     if (fflush(f->stream) != 0 || ferror(f->stream) || fsync(fileno(f->stream)) != 0)
-        return complain(f->part, strerror(errno));
+        return rowfile_complain(f->part, strerror(errno));
     if (rename(f->part, f->name) != 0)
-        return complain(f->name, strerror(errno));
+        return rowfile_complain(f->name, strerror(errno));
     return sync_folder(f->name);
 }
 
 /* A device or a pipe is complete as it is. */
-static bool flush(const rowfile *f)
+static bool rowfile_flush(const rowfile *f)
 {
-    return (fflush(f->stream) == 0 && !ferror(f->stream)) || complain(f->name, strerror(errno));
+    return (fflush(f->stream) == 0 && !ferror(f->stream)) ||
+           rowfile_complain(f->name, strerror(errno));
 }
 
 bool rowfile_close(rowfile *f, bool done)
 {
     bool good = true;
     if (f->name && f->stream) {
-        good = !done || (f->part ? finish(f) : flush(f));
+        good = !done || (f->part ? rowfile_finish(f) : rowfile_flush(f));
         if (!done && !f->kept && f->part)
             (void)unlink(f->part);
         if (fclose(f->stream) != 0 && good)
-            good = complain(done || !f->part ? f->name : f->part, strerror(errno));
+            good = rowfile_complain(done || !f->part ? f->name : f->part, strerror(errno));
     }
     free(f->part);
     free(f->real);

@@ -36,14 +36,14 @@ typedef struct run {
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static unsigned char make(void *user, uint64_t number, rowtext *row)
+static unsigned char run_make(void *user, uint64_t number, rowtext *row)
 {
     const run *r = user;
     return (unsigned char)(r->ecus ? ecu_row(r->ecus, number, row)
                                    : runner_row(r->runner, number, row));
 }
 
-static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, rowtext *row)
+static unsigned char run_lose(void *user, uint64_t number, const pool_loss *loss, rowtext *row)
 {
     const run *r = user;
     return (unsigned char)runner_lost(r->runner, number, loss, row);
@@ -66,7 +66,7 @@ static void count_row(run *r, outcome o, const char *row, size_t length)
     tally_add(&r->tally, "canwire campaign", o, row, length);
 }
 
-static bool take(void *user, unsigned char code, const char *row, size_t length)
+static bool run_take(void *user, unsigned char code, const char *row, size_t length)
 {
     run *r = user;
     count_row(r, (outcome)code, row, length);
@@ -88,7 +88,7 @@ static bool check_row(void *user, const char *line, size_t length)
 
 /* ---- Progress -------------------------------------------------------------------------------- */
 
-static void look(void *user, uint64_t made)
+static void run_look(void *user, uint64_t made)
 {
     const run *r = user;
     const double rate = (double)made * 1e9 / (double)(wall_ns() - r->start_ns);
@@ -116,8 +116,8 @@ static void few(void *user, unsigned jobs, int error)
 
 static bool run_rows(run *r, const campaign_run_options *o)
 {
-    static const pool_calls calls = {.make = make, .lose = lose, .take = take, .look = look,
-                                     .few = few};
+    static const pool_calls calls = {
+        .make = run_make, .lose = run_lose, .take = run_take, .look = run_look, .few = few};
     const pool_work work = {.calls = &calls,
                             .user = r,
                             .first = r->first + r->old.there,
@@ -136,7 +136,7 @@ static bool run_rows(run *r, const campaign_run_options *o)
 }
 
 /* Says what has come of it. Returns the exit status. */
-static int conclude(const run *r)
+static int run_conclude(const run *r)
 {
     const uint64_t total = tally_total(&r->tally);
     fprintf(stderr, "canwire campaign: %s: ", counted(total, "row").text);
@@ -208,5 +208,5 @@ int campaign_run(const campaign *c, const campaign_run_options *o)
     resume_free(&r.old);
     ecu_rows_free(r.ecus);
     runner_free(r.runner);
-    return good ? conclude(&r) : CLI_BAD_INPUT;
+    return good ? run_conclude(&r) : CLI_BAD_INPUT;
 }

@@ -145,7 +145,7 @@ static bool set_until(sim *s, const time_option *o, const time_option *to)
     return true;
 }
 
-static void write_event(void *user, const cw_event *event)
+static void sim_write_event(void *user, const cw_event *event)
 {
     const sim *s = user;
     const bool asked = (event->kind != CW_EVENT_SYNC || s->sync) &&
@@ -198,7 +198,7 @@ static bool open_journal(sim *s, const sim_options *o)
 
 static void add_writer(sim *s, const sim_options *o)
 {
-    sim_sink writer = {.user = s, .event = write_event, .kinds = 1u << CW_EVENT_TX};
+    sim_sink writer = {.user = s, .event = sim_write_event, .kinds = 1u << CW_EVENT_TX};
     if (o->outputs[OUT_EVENTS] || o->outputs[OUT_PCAPNG])
         writer.kinds = CW_EVENTS_USUAL;
     if (o->sync)
@@ -323,7 +323,7 @@ static bool close_outputs(sim *s)
     return good;
 }
 
-static bool finish(sim *s, const sim_options *o)
+static bool sim_finish_run(sim *s, const sim_options *o)
 {
     if (outfile_begin(&s->out[OUT_STATS]))
         output_stats(s->out[OUT_STATS].stream, s->run.config, s->run.bus);
@@ -375,7 +375,7 @@ static const char *shared_output(const sim_options *o)
 }
 
 /* Complains; returns the exit status. */
-static int refuse(const char *what, const char *why)
+static int sim_refuse(const char *what, const char *why)
 {
     plain_print(stderr, "canwire sim: %s: %s\n%s", what, why, usage);
     return CLI_USAGE;
@@ -412,7 +412,7 @@ static bool take_seeds(sim_options *o, int option)
 #define OPTION_OUTPUT 256 /* first value of the outputs for getopt */
 
 /* Returns false after a message about a bad value. */
-static bool take_option(sim_options *o, int option)
+static bool sim_take_option(sim_options *o, int option)
 {
     if (option >= OPTION_OUTPUT)
         o->outputs[option - OPTION_OUTPUT] = optarg;
@@ -444,24 +444,24 @@ static int check_options(const sim_options *o)
 {
     const char *shared = shared_output(o);
     if (o->has_seeds && (o->journal || o->has_seed || o->until_event || wants_output(o)))
-        return refuse("--seeds", "it has no journal, no other seed, no event and no outputs");
+        return sim_refuse("--seeds", "it has no journal, no other seed, no event and no outputs");
     if (o->has_jobs && !o->has_seeds)
-        return refuse("--jobs", "it is for --seeds");
+        return sim_refuse("--jobs", "it is for --seeds");
     if (o->journal && o->has_seed)
-        return refuse("--seed", "it is in the journal");
+        return sim_refuse("--seed", "it is in the journal");
     if ((o->from.text || o->to.text) && !o->outputs[OUT_VCD] && !o->outputs[OUT_SVG])
-        return refuse("--from and --to", "they are for --vcd and --svg");
+        return sim_refuse("--from and --to", "they are for --vcd and --svg");
     if (o->sync && !o->outputs[OUT_EVENTS])
-        return refuse("--sync", "it is for --events");
+        return sim_refuse("--sync", "it is for --events");
     if (o->captures && !o->outputs[OUT_EVENTS])
-        return refuse("--captures", "it is for --events");
+        return sim_refuse("--captures", "it is for --events");
     if (shared)
-        return refuse(shared, "two outputs into one file");
+        return sim_refuse(shared, "two outputs into one file");
     return -1;
 }
 
 /* Returns -1 to go on, else the exit status. */
-static int parse_options(sim_options *o, int argc, char **argv)
+static int sim_parse_options(sim_options *o, int argc, char **argv)
 {
     static const struct option options[] = {
         {"until", required_argument, NULL, 'u'},
@@ -496,7 +496,7 @@ static int parse_options(sim_options *o, int argc, char **argv)
             fputs(usage, stderr);
             return CLI_USAGE;
         }
-        if (!take_option(o, c))
+        if (!sim_take_option(o, c))
             return CLI_BAD_INPUT;
     }
     if (optind + (o->journal ? 0 : 1) != argc) {
@@ -524,16 +524,18 @@ static int run_rig(const sim_options *o)
         .junit = o->outputs[OUT_JUNIT], .stats = o->outputs[OUT_STATS], .step = o->step,
         .until_event = o->until_event, .sync = o->sync, .captures = o->captures};
     if (o->until.time.bits > 0)
-        return refuse("--until", "a rig has bits of several lengths; give a time such as 10ms");
+        return sim_refuse("--until", "a rig has bits of several lengths; give a time such as 10ms");
     if (o->outputs[OUT_VCD] || o->outputs[OUT_SVG])
-        return refuse(o->journal ? o->journal : o->file,
-                      "bits of several lengths are not in one --vcd or --svg; for those of one bus "
-                      "run its own file");
+        return sim_refuse(
+            o->journal ? o->journal : o->file,
+            "bits of several lengths are not in one --vcd or --svg; for those of one bus "
+            "run its own file");
     if (o->journal && o->until_event && !is_regular(o->journal))
-        return refuse(o->journal, "the journal of a rig is read twice for --until-event: it has to "
-                      "be a file");
+        return sim_refuse(o->journal,
+                          "the journal of a rig is read twice for --until-event: it has to "
+                          "be a file");
     if (o->journal && o->outputs[OUT_PCAPNG])
-        return refuse(o->journal, "the journal of a rig has no --pcapng");
+        return sim_refuse(o->journal, "the journal of a rig has no --pcapng");
     return sim_rig_main(&options);
 }
 
@@ -550,7 +552,7 @@ static int run_seeds(const sim_options *o)
 int cli_sim(int argc, char **argv)
 {
     sim_options options = {.file = NULL};
-    int status = parse_options(&options, argc, argv);
+    int status = sim_parse_options(&options, argc, argv);
     if (status >= 0)
         return status;
     if (options.has_seeds)
@@ -566,7 +568,7 @@ int cli_sim(int argc, char **argv)
         sim_progress_start(&s.progress, &s.run, room, options.until_event);
         good = options.journal ? sim_journal_go(&s.journal) : sim_go(&s.run);
         sim_until_finish(&s.awaited, stderr);
-        good = finish(&s, &options) && good;
+        good = sim_finish_run(&s, &options) && good;
     }
     bool met = s.judge.report.failed == 0;
     tear_down(&s);

@@ -8,19 +8,19 @@
 
 #include <string.h>
 
-static bool advance(void *user, uint64_t tick)
+static bool sim_journal_advance(void *user, uint64_t tick)
 {
     const sim_journal *j = user;
     return sim_advance(j->run, tick);
 }
 
-static void drain(void *user)
+static void sim_journal_drain(void *user)
 {
     const sim_journal *j = user;
     sim_pass_on(j->run, NULL);
 }
 
-static void pass_on(void *user, const cw_event *event)
+static void sim_journal_pass_on(void *user, const cw_event *event)
 {
     const sim_journal *j = user;
     sim_pass_on(j->run, event);
@@ -35,7 +35,7 @@ static bool same_nodes(const cfg *config, const cfg *next, const uint8_t *from)
     return same;
 }
 
-static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
+static void sim_journal_leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
 {
     const sim_journal *j = user;
     bool same = same_nodes(j->run->config, next, from);
@@ -47,7 +47,7 @@ static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
         pcapng_begin(j->pcapng->stream, next);
 }
 
-static void go_over(void *user)
+static void sim_journal_go_over(void *user)
 {
     const sim_journal *j = user;
     sim_change(j->run, journal_player_config(j->player), journal_player_bus(j->player));
@@ -59,11 +59,11 @@ static void go_over(void *user)
 bool sim_journal_open(sim_journal *j, const char *file)
 {
     static const journal_calls calls = {
-        .advance = advance,
-        .drain = drain,
-        .event = pass_on,
-        .leaving = leave,
-        .changed = go_over,
+        .advance = sim_journal_advance,
+        .drain = sim_journal_drain,
+        .event = sim_journal_pass_on,
+        .leaving = sim_journal_leave,
+        .changed = sim_journal_go_over,
     };
     j->player = journal_player_open(file, &calls, j, j->errors);
     if (!j->player)

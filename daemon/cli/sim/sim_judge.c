@@ -6,7 +6,7 @@
 
 #include "base/plain.h"
 
-static bool fail(void)
+static bool sim_judge_fail(void)
 {
     plain_print(stderr, "canwire sim: out of memory\n");
     return false;
@@ -44,7 +44,7 @@ bool sim_judge_start(sim_judge *j, sim_run *run, bool changes)
     sim_judge_enter(j, run);
     if (j->judge || changes)
         sim_add_sink(run, &sink);
-    return !j->no_memory || fail();
+    return !j->no_memory || sim_judge_fail();
 }
 
 bool sim_judge_finish(sim_judge *j, const sim_run *run)
@@ -52,7 +52,7 @@ bool sim_judge_finish(sim_judge *j, const sim_run *run)
     bool any = j->judge || j->report.count > 0;
     sim_judge_leave(j, run);
     if (j->no_memory)
-        return fail();
+        return sim_judge_fail();
     if (any)
         expect_report_text(j->to_stderr ? stderr : stdout, &j->report);
     const expect_suite suite = {.report = &j->report, .bus = run->config->bus_name};

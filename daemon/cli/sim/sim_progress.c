@@ -114,7 +114,8 @@ static void print_details(FILE *out, const progress_line *n, detail first)
 }
 
 /* Prints a line. Returns true when all of it fits; only whole lines are used. */
-static bool print_line(char line[LINE_MAX_BYTES], size_t room, const progress_line *n, detail first)
+static bool sim_progress_print_line(char line[LINE_MAX_BYTES], size_t room, const progress_line *n,
+                                    detail first)
 {
     char *text = NULL;
     size_t length = 0;
@@ -172,7 +173,7 @@ static void write_progress(sim_progress *p, const cw_bus *bus, uint64_t end)
     const size_t room = terminal_room();
     bool fits = false;
     for (unsigned first = 0; first <= DETAIL_COUNT && !fits; first++)
-        fits = print_line(line, room, &n, (detail)first);
+        fits = sim_progress_print_line(line, room, &n, (detail)first);
     const unsigned before = p->width;
     p->next_ns = now_ns + PERIOD_NS;
     if (!fits)
@@ -195,7 +196,7 @@ static void wipe(void *user)
     (void)sigaction(SIGINT, &p->before, NULL);
 }
 
-static void look(void *user, const sim_run *run)
+static void sim_progress_look(void *user, const sim_run *run)
 {
     sim_progress *p = user;
     if (is_due(p, cw_bus_now(run->bus)))
@@ -209,5 +210,5 @@ void sim_progress_start(sim_progress *p, sim_run *run, bool wanted, const char *
         return;
     p->start_ns = wall_ns();
     p->next_ns = p->start_ns + FIRST_NS;
-    run->show = (sim_show){.user = p, .look = look, .wipe = wipe};
+    run->show = (sim_show){.user = p, .look = sim_progress_look, .wipe = wipe};
 }

@@ -102,7 +102,7 @@ static void copy_event(cw_event *to, const cw_event *from)
     memcpy(&to->frame, frame, offsetof(cw_frame, data) + length);
 }
 
-static void write_event(sim_rig *s, const rig_bus *b, kept *k)
+static void sim_rig_write_event(sim_rig *s, const rig_bus *b, kept *k)
 {
     const cfg *config = b->run.config;
     if (s->events.stream && k->line)
@@ -140,7 +140,7 @@ static rig_bus *find_next(sim_rig *s, uint64_t tick)
 static void write_events(sim_rig *s, uint64_t tick)
 {
     for (rig_bus *b; (b = find_next(s, tick)); s->count--)
-        write_event(s, b, &b->list[b->first++]);
+        sim_rig_write_event(s, b, &b->list[b->first++]);
     for (size_t i = 0; i < s->bus_count; i++) {
         rig_bus *b = &s->buses[i];
         if (b->first == 0)
@@ -176,7 +176,7 @@ static kept *open_gap(rig_bus *b, size_t place)
 /* Finds the place of an event, as the bus does it. A gateway may have handed in a frame behind the
  * bit that ended at its tick. An event of several nodes is divided when one comes in between. A
  * journal repeats the order in which the running rig has told its events. */
-static size_t find_place(rig_bus *b, const cw_event *added)
+static size_t sim_rig_find_place(rig_bus *b, const cw_event *added)
 {
     size_t place = b->end;
     uint64_t behind;
@@ -195,7 +195,7 @@ static size_t find_place(rig_bus *b, const cw_event *added)
 }
 
 /* Adds an event to those of a bus. Returns false without memory. */
-static bool keep(rig_bus *b, const cw_event *event)
+static bool sim_rig_keep(rig_bus *b, const cw_event *event)
 {
     if (b->room - b->end < 2) {
         const size_t room = b->room > 0 ? 2 * b->room : 256;
@@ -205,7 +205,7 @@ static bool keep(rig_bus *b, const cw_event *event)
         b->list = list;
         b->room = room;
     }
-    copy_event(&open_gap(b, find_place(b, event))->event, event);
+    copy_event(&open_gap(b, sim_rig_find_place(b, event))->event, event);
     return true;
 }
 
@@ -217,7 +217,7 @@ static void keep_event(void *user, const cw_event *event)
     losses_event(&b->lost, event);
     if (!s->keeps || !(b->kinds >> event->kind & 1u))
         return;
-    if (!keep(b, event)) {
+    if (!sim_rig_keep(b, event)) {
         s->no_memory = true;
         return;
     }
@@ -227,26 +227,26 @@ static void keep_event(void *user, const cw_event *event)
 
 /* ---- Journal --------------------------------------------------------------------------------- */
 
-static bool advance(void *user, uint64_t tick)
+static bool sim_rig_advance(void *user, uint64_t tick)
 {
     rig_bus *b = user;
     return sim_advance(&b->run, tick);
 }
 
-static void drain(void *user)
+static void sim_rig_drain(void *user)
 {
     rig_bus *b = user;
     sim_pass_on(&b->run, NULL);
 }
 
-static void pass_on(void *user, const cw_event *event)
+static void sim_rig_pass_on(void *user, const cw_event *event)
 {
     rig_bus *b = user;
     sim_pass_on(&b->run, event);
 }
 
-static char *text_of(const cfg *config, const cw_event *event,
-                     void (*print)(FILE *out, const cfg *config, const cw_event *event))
+static char *sim_rig_text_of(const cfg *config, const cw_event *event,
+                             void (*print)(FILE *out, const cfg *config, const cw_event *event))
 {
     char *text = NULL;
     size_t size = 0;
@@ -267,12 +267,12 @@ static void keep_names(void *user)
         kept *k = &b->list[i];
         if (k->line)
             continue;
-        k->line = text_of(b->run.config, &k->event, output_event_of_bus);
-        k->logged = text_of(b->run.config, &k->event, output_log);
+        k->line = sim_rig_text_of(b->run.config, &k->event, output_event_of_bus);
+        k->logged = sim_rig_text_of(b->run.config, &k->event, output_log);
     }
 }
 
-static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
+static void sim_rig_leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
 {
     rig_bus *b = user;
     (void)next;
@@ -282,7 +282,7 @@ static void leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
     keep_names(b);
 }
 
-static void go_over(void *user)
+static void sim_rig_go_over(void *user)
 {
     rig_bus *b = user;
     const journal_player *player = b->all->player;
@@ -301,9 +301,13 @@ static void *of_bus(void *user, size_t bus)
 
 static bool open_journal(sim_rig *s)
 {
-    static const journal_calls calls = {.advance = advance, .drain = drain, .event = pass_on,
-                                        .renaming = keep_names, .leaving = leave,
-                                        .changed = go_over, .of_bus = of_bus};
+    static const journal_calls calls = {.advance = sim_rig_advance,
+                                        .drain = sim_rig_drain,
+                                        .event = sim_rig_pass_on,
+                                        .renaming = keep_names,
+                                        .leaving = sim_rig_leave,
+                                        .changed = sim_rig_go_over,
+                                        .of_bus = of_bus};
     const char *file = s->options->journal;
     s->player = journal_player_open(file, &calls, s, s->looks_ahead ? s->nowhere : stderr);
     const char *writer = s->player ? journal_player_writer(s->player) : CANWIRE_VERSION;
@@ -314,7 +318,7 @@ static bool open_journal(sim_rig *s)
 }
 
 /* Runs to the end. Returns false after a message. */
-static bool run(sim_rig *s)
+static bool sim_rig_run(sim_rig *s)
 {
     bool good = true;
     sim_group_begin(&s->group);
@@ -329,7 +333,7 @@ static bool run(sim_rig *s)
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
-static bool fail(const char *why)
+static bool sim_rig_fail(const char *why)
 {
     plain_print(stderr, "canwire sim: %s\n", why);
     return false;
@@ -389,7 +393,7 @@ static const char *event_at(const sim_rig *s, const rig_bus *b)
 }
 
 /* Awaits the event at a bus that knows its words. */
-static void await(sim_rig *s, rig_bus *b, bool quiet)
+static void sim_rig_await(sim_rig *s, rig_bus *b, bool quiet)
 {
     const char *text = event_at(s, b);
     b->run.messages = quiet ? NULL : stderr;
@@ -408,11 +412,11 @@ static void await(sim_rig *s, rig_bus *b, bool quiet)
 static bool await_all(sim_rig *s)
 {
     for (size_t i = 0; i < s->bus_count; i++)
-        await(s, &s->buses[i], true);
+        sim_rig_await(s, &s->buses[i], true);
     for (size_t i = 0; i < s->bus_count && s->awaits == 0; i++) {
         const bool tells = event_at(s, &s->buses[i]);
         if (tells)
-            await(s, &s->buses[i], false);
+            sim_rig_await(s, &s->buses[i], false);
         if (tells)
             break;
     }
@@ -430,7 +434,7 @@ static void choose_events(rig_bus *b, const sim_rig_options *o)
         b->kinds |= 1u << CW_EVENT_CAPTURE;
 }
 
-static bool open_bus(sim_rig *s, size_t i)
+static bool sim_rig_open_bus(sim_rig *s, size_t i)
 {
     rig_bus *b = &s->buses[i];
     sim_sink keeper = {.user = b, .event = keep_event};
@@ -442,7 +446,7 @@ static bool open_bus(sim_rig *s, size_t i)
     if (before)
         b->first_node = before->first_node + (unsigned)before->run.config->node_count;
     if (!open_run(s, b))
-        return fail(bus_why_not());
+        return sim_rig_fail(bus_why_not());
     b->run.step = s->options->step;
     if (s->options->has_until) /* the last tick whose time in events is not after TIME */
         b->run.until = text_time_ticks_sum(s->options->until, 1, (cfg_time){.ns = 1},
@@ -495,7 +499,7 @@ static bool load_rig(sim_rig *s)
     s->config = rig_load(s->options->file, stderr);
     if (!s->config)
         return false;
-    return sim_group_open(&s->group, s->config) || fail("out of memory");
+    return sim_group_open(&s->group, s->config) || sim_rig_fail("out of memory");
 }
 
 static bool set_up(sim_rig *s)
@@ -508,7 +512,7 @@ static bool set_up(sim_rig *s)
         return false;
     const size_t count = s->player ? journal_player_count(s->player) : s->config->bus_count;
     for (size_t i = 0; i < count; i++)
-        if (!open_bus(s, i))
+        if (!sim_rig_open_bus(s, i))
             return false;
     return check_files(s) && outfile_open(&s->events, s->options->events, "canwire sim") &&
            outfile_open(&s->log, s->options->log, "canwire sim") &&
@@ -559,11 +563,11 @@ static void tell_losses(const rig_bus *b)
 }
 
 /* Reports; *met tells about the expectations. */
-static bool finish(sim_rig *s, bool *met)
+static bool sim_rig_finish(sim_rig *s, bool *met)
 {
     bool good = s->player || !sim_group_failed(&s->group);
     if (s->no_memory || s->group.no_memory)
-        good = fail("out of memory");
+        good = sim_rig_fail("out of memory");
     if (outfile_begin(&s->stats))
         write_stats(s);
     for (size_t i = 0; i < s->bus_count; i++) {
@@ -630,17 +634,17 @@ static bool look_ahead(const sim_rig_options *options, uint64_t *ends_at)
                                     .step = options->step};
     sim_rig *s = calloc(1, sizeof *s);
     if (!s)
-        return fail("out of memory");
+        return sim_rig_fail("out of memory");
     s->options = &silent;
     s->looks_ahead = true;
     s->ends_at = CW_NEVER;
     s->nowhere = fopen("/dev/null", "w");
-    bool good = (s->nowhere || fail("/dev/null cannot be opened")) && set_up(s) &&
-                await_all(s);
+    bool good =
+        (s->nowhere || sim_rig_fail("/dev/null cannot be opened")) && set_up(s) && await_all(s);
     if (good && s->endless)
         warn_once(s);
     if (good)
-        (void)run(s); /* the other run says what is wrong */
+        (void)sim_rig_run(s); /* the other run says what is wrong */
     *ends_at = s->ends_at;
     tear_down(s);
     return good;
@@ -661,7 +665,7 @@ int sim_rig_main(const sim_rig_options *options)
     sim_rig *s = calloc(1, sizeof *s);
     bool met = true;
     if (!s) {
-        (void)fail("out of memory");
+        (void)sim_rig_fail("out of memory");
         return CLI_BAD_INPUT;
     }
     s->options = options;
@@ -672,9 +676,9 @@ int sim_rig_main(const sim_rig_options *options)
         (void)outfile_begin(&s->events);
         (void)outfile_begin(&s->log);
         begin_pcapng(s);
-        good = run(s);
+        good = sim_rig_run(s);
         tell_no_event(s);
-        good = finish(s, &met) && good;
+        good = sim_rig_finish(s, &met) && good;
     }
     tear_down(s);
     if (!good)

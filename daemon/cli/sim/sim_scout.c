@@ -22,8 +22,8 @@ static bool can_be_read_again(const char *file)
 }
 
 /* Prepares a run that is ahead of its events: the bus may be anywhere after the awaited one. */
-static bool prepare(sim_run *ahead, sim_progress *progress, sim_until *found, const sim_scout *s,
-                    const sim_until *awaited)
+static bool sim_scout_prepare(sim_run *ahead, sim_progress *progress, sim_until *found,
+                              const sim_scout *s, const sim_until *awaited)
 {
     if (!sim_until_start(found, awaited->text, ahead))
         return false;
@@ -40,7 +40,7 @@ static bool run_file(sim_until *found, const sim_scout *s, const sim_until *awai
     sim_run ahead;
     sim_progress progress;
     bool good = sim_open(&ahead, s->run->config, NULL) &&
-                prepare(&ahead, &progress, found, s, awaited);
+                sim_scout_prepare(&ahead, &progress, found, s, awaited);
     if (good)
         (void)sim_go(&ahead); /* an error occurs again in the real run */
     sim_close(&ahead);
@@ -54,7 +54,7 @@ static bool run_journal(sim_until *found, const sim_scout *s, const sim_until *a
     FILE *nowhere = fopen("/dev/null", "w");
     sim_journal player = {.errors = nowhere, .run = &ahead, .awaited = found};
     bool good = nowhere && sim_journal_open(&player, s->journal) &&
-                prepare(&ahead, &progress, found, s, awaited);
+                sim_scout_prepare(&ahead, &progress, found, s, awaited);
     if (good)
         (void)sim_journal_go(&player);
     sim_close(&ahead);

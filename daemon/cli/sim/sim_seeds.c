@@ -41,7 +41,7 @@ static void write_repeat(seeds *s, rowtext *row, uint64_t seed)
     rowtext_end(row, &s->repeat);
 }
 
-static unsigned char make(void *user, uint64_t seed, rowtext *row)
+static unsigned char sim_seeds_make(void *user, uint64_t seed, rowtext *row)
 {
     seeds *s = user;
     rowtext_put(row, "{");
@@ -52,7 +52,7 @@ static unsigned char make(void *user, uint64_t seed, rowtext *row)
     return (unsigned char)o;
 }
 
-static unsigned char lose(void *user, uint64_t seed, const pool_loss *loss, rowtext *row)
+static unsigned char sim_seeds_lose(void *user, uint64_t seed, const pool_loss *loss, rowtext *row)
 {
     seeds *s = user;
     rowtext_put(row, "{");
@@ -62,7 +62,7 @@ static unsigned char lose(void *user, uint64_t seed, const pool_loss *loss, rowt
     return (unsigned char)o;
 }
 
-static bool take(void *user, unsigned char code, const char *row, size_t length)
+static bool sim_seeds_take(void *user, unsigned char code, const char *row, size_t length)
 {
     seeds *s = user;
     tally_add(&s->tally, "canwire sim", (outcome)code, row, length);
@@ -94,9 +94,10 @@ static bool open_scenario(seeds *s)
     return !wrong && scenario_ends(s->scenario, "give `count`, or --until TIME", stderr);
 }
 
-static bool run(seeds *s)
+static bool sim_seeds_run(seeds *s)
 {
-    static const pool_calls calls = {.make = make, .lose = lose, .take = take, .few = few};
+    static const pool_calls calls = {
+        .make = sim_seeds_make, .lose = sim_seeds_lose, .take = sim_seeds_take, .few = few};
     const sim_seeds_options *o = s->options;
     const pool_work work = {.calls = &calls,
                             .user = s,
@@ -119,7 +120,7 @@ static void print_sum(const seeds *s)
 int sim_seeds_main(const sim_seeds_options *o)
 {
     seeds s = {.options = o};
-    const bool good = open_scenario(&s) && run(&s);
+    const bool good = open_scenario(&s) && sim_seeds_run(&s);
     scenario_close(s.scenario);
     rowtext_free(&s.repeat);
     if (!good)

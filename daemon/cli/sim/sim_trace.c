@@ -30,7 +30,7 @@ bool sim_trace_window(sim_trace *self, const time_option *from, const time_optio
 /* ---- Observing ------------------------------------------------------------------------------- */
 
 /* Begins the outputs between two bits, at the start of the window. */
-static void begin(sim_trace *self, const cw_bus *bus)
+static void sim_trace_prepare(sim_trace *self, const cw_bus *bus)
 {
     self->begun = true;
     if (self->vcd_out->stream)
@@ -71,7 +71,7 @@ static void take_event(void *user, const cw_event *event)
     if (self->left || self->no_memory || !is_inside(self, event))
         return;
     if (!self->begun)
-        begin(self, self->run->bus);
+        sim_trace_prepare(self, self->run->bus);
     if (self->vcd)
         vcd_event(self->vcd, event);
     if (self->svg && !svg_event(self->svg, event))
@@ -89,7 +89,7 @@ static void take_bit(void *user, const cw_bus *bus)
     if (self->left)
         return;
     if (!begun)
-        begin(self, bus);
+        sim_trace_prepare(self, bus);
     if (bit.end <= self->from || self->no_memory) { /* it was needed to see the state before the
                                                        window */
         if (self->svg && begun)
@@ -158,7 +158,7 @@ bool sim_trace_start(sim_trace *self, sim_run *run, uint64_t end, const char *pr
 void sim_trace_begin(sim_trace *self)
 {
     if (self->run && cw_rate_bits(self->run->config->rate, self->from) == 0)
-        begin(self, self->run->bus);
+        sim_trace_prepare(self, self->run->bus);
 }
 
 static bool draw(const sim_trace *self, const char *program)

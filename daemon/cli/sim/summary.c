@@ -11,7 +11,7 @@
 
 #include <inttypes.h>
 
-static uint64_t sum(const uint64_t *counters, unsigned count)
+static uint64_t summary_sum(const uint64_t *counters, unsigned count)
 {
     uint64_t total = 0;
     for (unsigned i = 0; i < count; i++)
@@ -25,8 +25,8 @@ static void print_node(FILE *out, const cfg_node *node, const cw_node_stats *s)
             "%-16s %-13s %4u %4u %9" PRIu64 " %9" PRIu64 " %8" PRIu64 " %8" PRIu64 " %8" PRIu64
             " %7" PRIu32 "\n",
             node->name, cw_state_name(s->state), s->tec, s->rec, s->tx_frames, s->rx_frames,
-            s->arbitration_lost, sum(s->errors, CW_ERROR_COUNT), sum(s->dropped, CW_DROP_COUNT),
-            s->queue);
+            s->arbitration_lost, summary_sum(s->errors, CW_ERROR_COUNT),
+            summary_sum(s->dropped, CW_DROP_COUNT), s->queue);
 }
 
 static void print_load(FILE *out, const char *rate, rate_load load)

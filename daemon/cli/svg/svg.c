@@ -109,7 +109,7 @@ bool svg_event(svg *self, const cw_event *event)
     return self->count >= SVG_BITS_MAX || notes_event(&self->notes, event);
 }
 
-static bool make_room(svg *self)
+static bool svg_make_room(svg *self)
 {
     if (self->count < self->capacity)
         return true;
@@ -151,7 +151,7 @@ bool svg_bit(svg *self, const cw_bit_view *bit)
         self->count++;
         return true;
     }
-    if (!make_room(self))
+    if (!svg_make_room(self))
         return false;
     if (self->inside && !inside_bit(self->inside, bit, self->count))
         return false;
@@ -301,19 +301,19 @@ static level as_level(uint64_t levels, unsigned node)
     return levels >> node & 1u ? LEVEL_RECESSIVE : LEVEL_DOMINANT;
 }
 
-static bool is_away(const cw_bit_node *n)
+static bool svg_is_away(const cw_bit_node *n)
 {
     return n->phase == CW_MAC_OFF || n->phase == CW_MAC_BUS_OFF || n->phase == CW_MAC_ASLEEP;
 }
 
 static level driven_level(const cw_bit_view *bit, unsigned node)
 {
-    return is_away(&bit->nodes[node]) ? LEVEL_NONE : as_level(bit->driven, node);
+    return svg_is_away(&bit->nodes[node]) ? LEVEL_NONE : as_level(bit->driven, node);
 }
 
 static level sampled_level(const cw_bit_view *bit, unsigned node)
 {
-    return is_away(&bit->nodes[node]) ? LEVEL_NONE : as_level(bit->sampled, node);
+    return svg_is_away(&bit->nodes[node]) ? LEVEL_NONE : as_level(bit->sampled, node);
 }
 
 /* Returns the nodes of a wire. */

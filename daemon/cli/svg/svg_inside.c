@@ -13,7 +13,7 @@
 #define PARTS_OF_TICK 1000u
 #define LEAST_WIDTH 150 /* of a quantum that is seen, in hundredths of a pixel */
 
-static bool add(inside_list *self, inside_moment moment)
+static bool svg_inside_add(inside_list *self, inside_moment moment)
 {
     if (self->count == self->capacity) {
         const size_t capacity = self->capacity ? 2 * self->capacity : MOMENTS_FIRST;
@@ -55,13 +55,14 @@ bool inside_bit(inside_list *self, const cw_bit_view *bit, size_t number)
     bit_walk_begin(&self->walk, &self->clocks, bit);
     while (bit_walk_next(&self->walk, &m))
         if (good && is_shown(&m))
-            good = add(self, (inside_moment){
-                .bit = (uint16_t)number,
-                .place = (uint16_t)(bit_moment_units(m.at, PARTS_OF_TICK) * SVG_PLACES / parts),
-                .phase_error = (int16_t)(m.mark ? m.mark->phase_error : 0),
-                .node = (uint8_t)m.node,
-                .kind = (uint8_t)kind_of(&m),
-                .level = m.mark && m.mark->level});
+            good = svg_inside_add(
+                self, (inside_moment){.bit = (uint16_t)number,
+                                      .place = (uint16_t)(bit_moment_units(m.at, PARTS_OF_TICK) *
+                                                          SVG_PLACES / parts),
+                                      .phase_error = (int16_t)(m.mark ? m.mark->phase_error : 0),
+                                      .node = (uint8_t)m.node,
+                                      .kind = (uint8_t)kind_of(&m),
+                                      .level = m.mark && m.mark->level});
     return good;
 }
 

@@ -183,12 +183,12 @@ static size_t choose_sides(const shelf *on, int left, int right)
     return first;
 }
 
-static bool is_same(const placed_note *a, const placed_note *b)
+static bool svg_layout_is_same(const placed_note *a, const placed_note *b)
 {
     return a->note->node == NOTE_OF_BUS && strcmp(a->note->text, b->note->text) == 0;
 }
 
-static void join(placed_note *n, const placed_note *neighbour)
+static void svg_layout_join(placed_note *n, const placed_note *neighbour)
 {
     n->same = true;
     n->level = neighbour->level;
@@ -212,8 +212,8 @@ static void place_behind(shelf *on, size_t end)
         placed_note *n = on->notes[i];
         const placed_note *next = i + 1 < end ? on->notes[i + 1] : NULL;
         int edge = text_end(n) + NOTE_SPACE;
-        if (next && edge > next->x && is_same(n, next))
-            join(n, next);
+        if (next && edge > next->x && svg_layout_is_same(n, next))
+            svg_layout_join(n, next);
         else
             while (edge > left_of(on, n->level))
                 n->level++;
@@ -228,8 +228,8 @@ static void place_before(shelf *on, size_t first)
     for (size_t i = first; i < on->count; i++) {
         placed_note *n = on->notes[i];
         const placed_note *last = i > first ? on->notes[i - 1] : NULL;
-        if (last && n->text < last->x + NOTE_SPACE && is_same(n, last)) {
-            join(n, last);
+        if (last && n->text < last->x + NOTE_SPACE && svg_layout_is_same(n, last)) {
+            svg_layout_join(n, last);
             continue;
         }
         for (size_t k = 0; k < i; k++)

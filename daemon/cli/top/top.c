@@ -61,12 +61,12 @@ typedef struct top {
 static volatile sig_atomic_t interrupted;
 static char told[MESSAGE_MAX];
 
-static void on_signal(int number)
+static void top_on_signal(int number)
 {
     interrupted = number;
 }
 
-static void tell(const char *text)
+static void top_tell(const char *text)
 {
     (void)snprintf(told, sizeof told, "%s", text);
     plain_make(told, '?');
@@ -123,7 +123,7 @@ static top_view view_of(const top *t, unsigned columns)
                       .message = last_line(t, columns)};
 }
 
-static void show(const top *t)
+static void top_show(const top *t)
 {
     unsigned rows, columns;
     top_screen_size(&rows, &columns);
@@ -154,7 +154,7 @@ static void restart(top *t)
     act(t, request, "restarting ", m->nodes[t->selected].name);
 }
 
-static void clear(top *t)
+static void top_clear(top *t)
 {
     const top_model *m = model(t);
     if (t->selected == TOP_NONE || t->selected < m->node_count) {
@@ -210,7 +210,7 @@ static void select_bus(top *t, unsigned bus)
     t->selected = TOP_NONE;
 }
 
-static void move(top *t, int by)
+static void top_move(top *t, int by)
 {
     const unsigned rows = model(t)->node_count + model(t)->rule_count;
     if (rows == 0)
@@ -239,12 +239,18 @@ static bool take_key(top *t, int key)
     case 'h': t->help = !t->help; break;
     case TOP_KEY_ESCAPE: t->help = false; break;
     case TOP_KEY_UP:
-    case 'k': move(t, -1); break;
+    case 'k':
+        top_move(t, -1);
+        break;
     case TOP_KEY_DOWN:
-    case 'j': move(t, 1); break;
+    case 'j':
+        top_move(t, 1);
+        break;
     case '\t': select_bus(t, (t->bus + 1) % t->count); break;
     case 'i': begin_input(t); break;
-    case 'c': clear(t); break;
+    case 'c':
+        top_clear(t);
+        break;
     case 'C': clear_injected(t); break;
     case 'r': restart(t); break;
     default:
@@ -263,7 +269,7 @@ static uint64_t now_ns(void)
 
 static void catch_signals(void)
 {
-    const struct sigaction action = {.sa_handler = on_signal};
+    const struct sigaction action = {.sa_handler = top_on_signal};
     (void)sigaction(SIGINT, &action, NULL);
     (void)sigaction(SIGTERM, &action, NULL);
     (void)sigaction(SIGHUP, &action, NULL);
@@ -274,7 +280,7 @@ static void run_screen(top *t)
     uint64_t next = now_ns() + t->interval_ns;
     bool goes_on = true;
     while (goes_on && !interrupted) {
-        show(t);
+        top_show(t);
         const uint64_t now = now_ns();
         const int wait_ms = now < next ? (int)((next - now) / NS_PER_MS) + 1 : 0;
         goes_on = take_key(t, top_screen_key(wait_ms));
@@ -286,13 +292,13 @@ static void run_screen(top *t)
     }
 }
 
-static int run(top *t)
+static int top_run(top *t)
 {
     if (!isatty(STDOUT_FILENO) || !isatty(STDIN_FILENO)) {
         fputs("canwire top: this is no terminal: use --once\n", stderr);
         return CLI_BAD_INPUT;
     }
-    client_set_teller(tell);
+    client_set_teller(top_tell);
     catch_signals();
     const char *why = top_screen_begin();
     if (why) {
@@ -355,7 +361,7 @@ static bool take_interval(void *user, const char *text)
 }
 
 /* Begins the named buses, all of which must run. Later the screen waits for none. */
-static bool begin(top *t, char **names, unsigned count)
+static bool top_begin(top *t, char **names, unsigned count)
 {
     t->buses = calloc(count, sizeof *t->buses);
     for (unsigned i = 0; t->buses && i < count; i++) {
@@ -376,8 +382,8 @@ static int run_with(top *t, char **names, size_t count)
         plain_print(stderr, "canwire top: no bus runs in %s\n", buses_folder());
     else if (count > TOP_BUSES_MAX)
         plain_print(stderr, "canwire top: up to %u buses\n", TOP_BUSES_MAX);
-    else if (begin(t, names, (unsigned)count))
-        status = t->once ? print_once(t) : run(t);
+    else if (top_begin(t, names, (unsigned)count))
+        status = t->once ? print_once(t) : top_run(t);
     for (unsigned i = 0; i < t->count; i++)
         top_bus_end(&t->buses[i]);
     free(t->buses);

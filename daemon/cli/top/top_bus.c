@@ -29,7 +29,7 @@ void top_bus_end(top_bus *b)
     disconnect(b);
 }
 
-static bool connect_to(top_bus *b)
+static bool top_bus_connect_to(top_bus *b)
 {
     if (!b->connected)
         b->connected = client_open(&b->connection, b->name);
@@ -38,7 +38,8 @@ static bool connect_to(top_bus *b)
 
 bool top_bus_ask(top_bus *b)
 {
-    json_t *status = connect_to(b) ? client_ask(&b->connection, client_request("status")) : NULL;
+    json_t *status =
+        top_bus_connect_to(b) ? client_ask(&b->connection, client_request("status")) : NULL;
     json_t *faults = status ? client_ask(&b->connection, client_request("faults")) : NULL;
     if (faults)
         top_model_take(&b->model, json_object_get(status, "status"),
@@ -52,7 +53,7 @@ bool top_bus_ask(top_bus *b)
 
 bool top_bus_send(top_bus *b, json_t *request)
 {
-    if (!connect_to(b)) {
+    if (!top_bus_connect_to(b)) {
         json_decref(request);
         return false;
     }

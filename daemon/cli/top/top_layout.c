@@ -47,7 +47,7 @@ typedef struct page {
 } page;
 
 static void __attribute__((format(printf, 3, 4)))
-add(page *p, top_style style, const char *format, ...)
+top_layout_add(page *p, top_style style, const char *format, ...)
 {
     va_list args;
     if (p->used >= p->rows)
@@ -137,25 +137,25 @@ static void add_bus(page *p, const top_view *v, unsigned number)
     const char mark = number == v->bus && v->bus_count > 1 ? '>' : ' ';
     char bar[LOAD_BAR + 3], frames[CELL], errors[CELL], delay[CELL];
     if (!bus->there) {
-        add(p, TOP_DEAD, "%c%-15.15s %s", mark, m->name,
-            m->known ? "is gone, with these last numbers; asks again"
-                     : "is not running; asks again");
+        top_layout_add(p, TOP_DEAD, "%c%-15.15s %s", mark, m->name,
+                       m->known ? "is gone, with these last numbers; asks again"
+                                : "is not running; asks again");
         return;
     }
     top_bar(bar, LOAD_BAR, m->load_permille, 1000);
     const top_style style = count_state(m, TOP_DEAD) > 0 ? TOP_DEAD
                             : m->errors.rate > 0         ? TOP_WARNING
                                                          : TOP_PLAIN;
-    add(p, style, "%c%-15.15s %7" PRId64 " %3" PRId64 ".%" PRId64 " %s %8s %8s %10s", mark,
-        m->name, m->bitrate, m->load_permille / 10, m->load_permille % 10, bar,
-        rate(frames, m->frames.rate), rate(errors, m->errors.rate),
-        time_span(delay, worst_delay(m)));
+    top_layout_add(p, style, "%c%-15.15s %7" PRId64 " %3" PRId64 ".%" PRId64 " %s %8s %8s %10s",
+                   mark, m->name, m->bitrate, m->load_permille / 10, m->load_permille % 10, bar,
+                   rate(frames, m->frames.rate), rate(errors, m->errors.rate),
+                   time_span(delay, worst_delay(m)));
 }
 
 static void add_buses(page *p, const top_view *v)
 {
-    add(p, TOP_HEAD, " %-15s %7s %5s %-14s %8s %8s %10s", "BUS", "BIT/S", "LOAD%",
-        v->paused ? "-- PAUSED --" : "", "FRAMES/S", "ERRORS/S", "WORST DLY");
+    top_layout_add(p, TOP_HEAD, " %-15s %7s %5s %-14s %8s %8s %10s", "BUS", "BIT/S", "LOAD%",
+                   v->paused ? "-- PAUSED --" : "", "FRAMES/S", "ERRORS/S", "WORST DLY");
     for (unsigned i = 0; i < v->bus_count; i++)
         add_bus(p, v, i);
 }
@@ -181,37 +181,38 @@ static const char *fit(char text[TOP_NAME_MAX], const char *name, int width)
     return text;
 }
 
-static void add_node(page *p, const top_node *n)
+static void top_layout_add_node(page *p, const top_node *n)
 {
     char name[TOP_NAME_MAX];
     char tec[BAR + 3], rec[BAR + 3], tx[CELL], rx[CELL], errors[CELL], delay[CELL];
     top_bar(tec, BAR, n->tec, COUNTER_MAX);
     top_bar(rec, BAR, n->rec, COUNTER_MAX);
-    add(p, style_of_node(n), " %-*s %-13.13s %3" PRId64 " %s%4" PRId64 " %s %5s %5s %5s %8s",
-        name_width(p), fit(name, n->name, name_width(p)), n->state, n->tec, tec, n->rec, rec,
-        rate(tx, n->tx.rate), rate(rx, n->rx.rate), rate(errors, n->errors.rate),
-        time_span(delay, n->delay_max_ns));
+    top_layout_add(p, style_of_node(n),
+                   " %-*s %-13.13s %3" PRId64 " %s%4" PRId64 " %s %5s %5s %5s %8s", name_width(p),
+                   fit(name, n->name, name_width(p)), n->state, n->tec, tec, n->rec, rec,
+                   rate(tx, n->tx.rate), rate(rx, n->rx.rate), rate(errors, n->errors.rate),
+                   time_span(delay, n->delay_max_ns));
 }
 
 static void add_node_head(page *p)
 {
-    add(p, TOP_HEAD, " %-*s %-13s %-14s %-12s %5s %5s %5s %8s", name_width(p), "NODE", "STATE",
-        "TEC", "REC", "TX/S", "RX/S", "ERR/S", "WORST");
+    top_layout_add(p, TOP_HEAD, " %-*s %-13s %-14s %-12s %5s %5s %5s %8s", name_width(p), "NODE",
+                   "STATE", "TEC", "REC", "TX/S", "RX/S", "ERR/S", "WORST");
 }
 
 static void add_rule(page *p, const top_rule *t)
 {
     char hits[CELL];
     const bool acts = strcmp(t->state, "active") == 0 || t->hits.rate > 0;
-    add(p, acts ? TOP_WARNING : TOP_PLAIN, " %-24.24s %-12.12s %-8.8s %10" PRId64 " %7s  %s",
-        t->name, t->action, t->state, t->hits.value, rate(hits, t->hits.rate),
-        t->injected ? "injected" : "file");
+    top_layout_add(p, acts ? TOP_WARNING : TOP_PLAIN,
+                   " %-24.24s %-12.12s %-8.8s %10" PRId64 " %7s  %s", t->name, t->action, t->state,
+                   t->hits.value, rate(hits, t->hits.rate), t->injected ? "injected" : "file");
 }
 
 static void add_rule_head(page *p)
 {
-    add(p, TOP_HEAD, " %-24s %-12s %-8s %10s %7s  %s", "RULE", "ACTION", "STATE", "HITS", "HITS/S",
-        "FROM");
+    top_layout_add(p, TOP_HEAD, " %-24s %-12s %-8s %10s %7s  %s", "RULE", "ACTION", "STATE", "HITS",
+                   "HITS/S", "FROM");
 }
 
 /* Adds one of the lines below the buses: the heads, nodes and rules of a bus, from 0. */
@@ -225,7 +226,7 @@ static void add_row(page *p, const top_view *v, unsigned row)
         add_node_head(p);
     } else if (row <= m->node_count) {
         number = row - 1;
-        add_node(p, &m->nodes[number]);
+        top_layout_add_node(p, &m->nodes[number]);
     } else if (row == m->node_count + 1) {
         add_rule_head(p);
     } else {
@@ -263,10 +264,10 @@ static void add_rows(page *p, const top_view *v)
     const unsigned room = p->rows > p->used + 1 ? p->rows - p->used - 1 : 0;
     const unsigned first = selected >= room ? selected - room + 1 : 0;
     if (rows > room)
-        add(p, TOP_PLAIN, " lines %u to %u of %u: Up and Down show the others", first + 1,
-            first + room, rows);
+        top_layout_add(p, TOP_PLAIN, " lines %u to %u of %u: Up and Down show the others",
+                       first + 1, first + room, rows);
     else
-        add(p, TOP_PLAIN, "%s", "");
+        top_layout_add(p, TOP_PLAIN, "%s", "");
     for (unsigned row = first; row < rows && row < first + room; row++)
         add_row(p, v, row);
 }
@@ -285,21 +286,21 @@ unsigned top_layout(top_line *lines, unsigned rows, unsigned columns, const top_
               .rows = rows,
               .columns = columns < TOP_COLUMNS_MAX ? columns : TOP_COLUMNS_MAX};
     if (small) {
-        add(&p, TOP_DEAD, "needs %u x %u", TOP_COLUMNS_MIN, TOP_ROWS_MIN);
+        top_layout_add(&p, TOP_DEAD, "needs %u x %u", TOP_COLUMNS_MIN, TOP_ROWS_MIN);
         return p.used;
     }
     p.rows = rows - 1; /* the last line is of keys */
     if (view->help) {
-        add(&p, TOP_HEAD, "canwire top: keys");
+        top_layout_add(&p, TOP_HEAD, "canwire top: keys");
         for (unsigned i = 0; i < HELP_LINES; i++)
-            add(&p, TOP_PLAIN, "%s", help_lines[i]);
+            top_layout_add(&p, TOP_PLAIN, "%s", help_lines[i]);
     } else {
         add_buses(&p, view);
         add_rows(&p, view);
     }
     while (p.used < p.rows)
-        add(&p, TOP_PLAIN, "%s", "");
+        top_layout_add(&p, TOP_PLAIN, "%s", "");
     p.rows = rows;
-    add(&p, TOP_HEAD, "%s", view->message ? view->message : keys);
+    top_layout_add(&p, TOP_HEAD, "%s", view->message ? view->message : keys);
     return p.used;
 }

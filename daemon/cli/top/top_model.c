@@ -28,7 +28,7 @@ static void take_key(char text[TOP_NAME_MAX], const json_t *object, const char *
 }
 
 /* Takes the value of a counter after that time. NULL: there was no value before. */
-static top_counter count(int64_t value, const top_counter *before, int64_t passed_ns)
+static top_counter top_model_count(int64_t value, const top_counter *before, int64_t passed_ns)
 {
     top_counter c = {.value = value};
     if (before && passed_ns > 0 && value > before->value)
@@ -39,7 +39,7 @@ static top_counter count(int64_t value, const top_counter *before, int64_t passe
 
 /* ---- Nodes and rules ------------------------------------------------------------------------- */
 
-static const top_node *find_node(const top_model *m, const char *name)
+static const top_node *top_model_find_node(const top_model *m, const char *name)
 {
     for (unsigned i = 0; i < m->node_count; i++)
         if (strcmp(m->nodes[i].name, name) == 0)
@@ -47,7 +47,7 @@ static const top_node *find_node(const top_model *m, const char *name)
     return NULL;
 }
 
-static const top_rule *find_rule(const top_model *m, const char *name)
+static const top_rule *top_model_find_rule(const top_model *m, const char *name)
 {
     for (unsigned i = 0; i < m->rule_count; i++)
         if (strcmp(m->rules[i].name, name) == 0)
@@ -66,12 +66,12 @@ static void take_node(top_node *n, const json_t *node, const top_model *before, 
         (void)snprintf(n->state + 5, sizeof n->state - 5, "%.40s", gone);
         plain_make(n->state, '?');
     }
-    const top_node *old = find_node(before, n->name);
+    const top_node *old = top_model_find_node(before, n->name);
     n->tec = number(node, "tec");
     n->rec = number(node, "rec");
-    n->tx = count(number(node, "tx_frames"), old ? &old->tx : NULL, passed_ns);
-    n->rx = count(number(node, "rx_frames"), old ? &old->rx : NULL, passed_ns);
-    n->errors = count(number(node, "bus_errors"), old ? &old->errors : NULL, passed_ns);
+    n->tx = top_model_count(number(node, "tx_frames"), old ? &old->tx : NULL, passed_ns);
+    n->rx = top_model_count(number(node, "rx_frames"), old ? &old->rx : NULL, passed_ns);
+    n->errors = top_model_count(number(node, "bus_errors"), old ? &old->errors : NULL, passed_ns);
     n->delay_max_ns = number(json_object_get(node, "delay"), "max_ns");
 }
 
@@ -90,8 +90,8 @@ static void take_rule(top_rule *t, const json_t *rule, const top_model *before, 
     take_key(t->action, rule, "action");
     take_text(t->state, rule_state(rule));
     t->injected = json_is_true(json_object_get(rule, "injected"));
-    const top_rule *old = find_rule(before, t->name);
-    t->hits = count(number(rule, "hits"), old ? &old->hits : NULL, passed_ns);
+    const top_rule *old = top_model_find_rule(before, t->name);
+    t->hits = top_model_count(number(rule, "hits"), old ? &old->hits : NULL, passed_ns);
 }
 
 static void take_rules(top_model *m, const json_t *faults, const top_model *before,
@@ -124,9 +124,9 @@ void top_model_take(top_model *m, const json_t *status, const json_t *faults)
     m->bitrate = number(bus, "bitrate");
     m->load_permille = number(bus, "load_second_permille");
     m->lag_ns = number(bus, "lag_ns");
-    m->frames = count(number(bus, "frames"), &last.frames, passed_ns);
-    m->errors = count(number(bus, "error_frames"), &last.errors, passed_ns);
-    m->faults = count(number(bus, "faults"), &last.faults, passed_ns);
+    m->frames = top_model_count(number(bus, "frames"), &last.frames, passed_ns);
+    m->errors = top_model_count(number(bus, "error_frames"), &last.errors, passed_ns);
+    m->faults = top_model_count(number(bus, "faults"), &last.faults, passed_ns);
     m->node_count = (unsigned)(count_of_nodes < TOP_NODES_MAX ? count_of_nodes : TOP_NODES_MAX);
     for (unsigned i = 0; i < m->node_count; i++)
         take_node(&m->nodes[i], json_array_get(nodes, i), &last, passed_ns);

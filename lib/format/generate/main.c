@@ -65,7 +65,7 @@ static layout find_layout(unsigned format)
     return l;
 }
 
-static unsigned end_of(const layout *l, cw_part part)
+static unsigned generate_end_of(const layout *l, cw_part part)
 {
     return l->at[part] + cw_part_bits(part, &l->form);
 }
@@ -76,7 +76,7 @@ static unsigned bits_after(const layout *l, cw_effect effect)
     unsigned end = 0;
     for (unsigned part = 0; part < CW_PART_COUNT; part++)
         if (cw_parts[part].effect == effect)
-            end = end_of(l, (cw_part)part);
+            end = generate_end_of(l, (cw_part)part);
     return l->bits - end;
 }
 
@@ -86,7 +86,7 @@ static unsigned flag_end(const layout *l, unsigned flag)
     unsigned end = 0;
     for (unsigned part = 0; part < CW_PART_COUNT; part++)
         if (l->has[part] && cw_part_is((cw_part)part, flag))
-            end = end_of(l, (cw_part)part);
+            end = generate_end_of(l, (cw_part)part);
     return end;
 }
 
@@ -107,7 +107,8 @@ static void define_head(unsigned format)
     for (unsigned part = 0; part < CW_PART_DATA; part++) {
         snprintf(shift, sizeof shift, "_SHIFT_%s", head_names[part]);
         if (l.has[part])
-            define(format_names[format], shift, l.at[CW_PART_DATA] - end_of(&l, (cw_part)part));
+            define(format_names[format], shift,
+                   l.at[CW_PART_DATA] - generate_end_of(&l, (cw_part)part));
     }
 }
 
@@ -244,7 +245,7 @@ static unsigned crc_of(unsigned byte, unsigned bytes_behind)
 static void write_crcs(void)
 {
     const layout l = find_layout(EXTENDED);
-    const unsigned bytes = (end_of(&l, CW_PART_CRC) + CLASSICAL_DATA_BITS_MAX + 7) / 8;
+    const unsigned bytes = (generate_end_of(&l, CW_PART_CRC) + CLASSICAL_DATA_BITS_MAX + 7) / 8;
     printf("\nconst uint16_t cw_crc_table[CW_CRC_TABLE_BYTES][256] = {\n");
     for (unsigned behind = 0; behind < bytes; behind++) {
         printf("    {");
@@ -289,7 +290,7 @@ typedef struct stuffed_byte {
     unsigned state;
 } stuffed_byte;
 
-static void put(stuffed_byte *s, unsigned level)
+static void generate_put(stuffed_byte *s, unsigned level)
 {
     s->wire = s->wire >> 1 | (unsigned long long)level << 63;
     s->bits++;
@@ -301,13 +302,13 @@ static stuffed_byte stuff(unsigned state, unsigned byte)
     unsigned last = state / 4, run = state % 4 + 1;
     for (unsigned n = 0; n < 8; n++) {
         const unsigned level = (byte >> (7 - n)) & 1u;
-        put(&s, level);
+        generate_put(&s, level);
         run = level == last ? run + 1 : 1;
         last = level;
         if (run == CW_STUFF_RUN) {
             last = !level;
             run = 1;
-            put(&s, last);
+            generate_put(&s, last);
         }
     }
     s.state = 4 * last + run - 1;
