@@ -6,9 +6,11 @@ import os
 import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -380,6 +382,44 @@ def test_a_port_that_goes_later_than_time_ends_a_wait(bus, call, tmp_path):
     with pipe.open("wb"):
         pass
     assert "Network is down" in b.end(waiter)
+
+
+# ---- The protocol ---------------------------------------------------------------------------------
+
+HEAD = struct.Struct("<BBHIIIQQ")
+JOIN, NOW, WAIT = 1, 2, 3
+
+
+def join_time(connection, pid):
+    body = struct.pack("<8sIi16i36s128s", b"canwire", 1, pid, *[0] * 16, b"engine", b"by hand")
+    connection.send(HEAD.pack(JOIN, 0, HEAD.size + len(body), 0, 0, 0, 0, 0) + body)
+
+
+def now_ns(connection):
+    kind, *_, bus_ns = HEAD.unpack(connection.recv(512))
+    assert kind == NOW
+    return bus_ns
+
+
+def test_who_has_connected_and_not_joined_yet_is_waited_for(bus):
+    """A child connects before its parent waits. Both messages may come at once."""
+    b = bus()
+    folder = Path(f"/proc/{b.process.pid}/fd")
+    with (socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as parent,
+          socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as child):
+        for one in (parent, child):
+            one.settimeout(TIMEOUT_S)
+        parent.connect(str(b.folder / "slow.sock.time"))
+        join_time(parent, os.getpid())
+        assert now_ns(parent) == 0
+        before = len(list(folder.iterdir()))
+        child.connect(str(b.folder / "slow.sock.time"))
+        wait_until(lambda: len(list(folder.iterdir())) > before, "the connection")
+        b.process.send_signal(signal.SIGSTOP)
+        join_time(child, 1)
+        parent.send(HEAD.pack(WAIT, 0, HEAD.size, 0, 0, 0, 0, 1000000))
+        b.process.send_signal(signal.SIGCONT)
+        assert now_ns(child) == 0
 
 
 # ---- What is refused -----------------------------------------------------------------------------
