@@ -73,12 +73,14 @@ static const char *explain(const pathsocket *s, int number)
     return number == ENOENT ? "the directory does not exist" : strerror(number);
 }
 
-/* Gives the socket to the group; without that group it stays with the daemon's user and group. */
+/* Gives the socket to the group; without that group it stays with the daemon's user and group. So
+ * it does, without a word, where somebody outside of the group has started a bus by hand. */
 static void give_to_group(const pathsocket *s, int made, gid_t now, const char *what)
 {
     const struct group *group = getgrnam(GROUP);
     if (group && group->gr_gid != now &&
-        fchownat(made, "", (uid_t)-1, group->gr_gid, AT_EMPTY_PATH) != 0)
+        fchownat(made, "", (uid_t)-1, group->gr_gid, AT_EMPTY_PATH) != 0 &&
+        (errno != EPERM || unit_instance()))
         log_warning("%s %s: cannot give it to the group " GROUP ": %s", what, s->path,
                     strerror(errno));
 }

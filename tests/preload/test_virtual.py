@@ -384,7 +384,7 @@ def test_a_port_that_goes_later_than_time_ends_a_wait(bus, call, tmp_path):
     assert "Network is down" in b.end(waiter)
 
 
-# ---- The protocol ---------------------------------------------------------------------------------
+# ---- The protocol --------------------------------------------------------------------------------
 
 HEAD = struct.Struct("<BBHIIIQQ")
 JOIN, NOW, WAIT = 1, 2, 3
