@@ -396,7 +396,7 @@ def join_time(connection, pid):
 
 
 def now_ns(connection):
-    kind, *_, bus_ns = HEAD.unpack(connection.recv(512))
+    kind, *_, bus_ns = HEAD.unpack(connection.recv(512))  # whole: a packet
     assert kind == NOW
     return bus_ns
 
