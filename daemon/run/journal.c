@@ -467,8 +467,8 @@ static void put_gap(journal_part *b)
     b->journal->taken_up_at = now;
 }
 
-/* Tries to write again, with the line of the gap. journal_look() sees the success once that line is in the
- * file. */
+/* Tries to write again, with the line of the gap. journal_look() sees the success once that line is
+ * in the file. */
 static void take_up(journal *j)
 {
     const uint64_t there = spool_kept(j->spool);
