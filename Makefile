@@ -353,9 +353,11 @@ mutant-campaign-run:
 	@for test in $(MUTANT_CAMPAIGN); do $$test $(BUILD)/corpus/campaign || exit 1; done
 
 # In the same way for changed fast paths (scripts/mutate --short-cuts).
-mutant-short-cuts: $(DIFFERENTIAL) $(BUILD)/test_clocks $(BUILD)/test_timed_frames
+mutant-short-cuts: $(DIFFERENTIAL) $(addprefix $(BUILD)/,test_away test_clocks test_hours \
+  test_timed_frames)
 mutant-short-cuts-run:
-	@$(BUILD)/test_timed_frames && $(BUILD)/test_clocks
+	@$(BUILD)/test_timed_frames && $(BUILD)/test_hours && $(BUILD)/test_away && \
+	  $(BUILD)/test_clocks
 	@$(DIFFERENTIAL) --no-shrink --bits 5000000
 
 $(LIB): $(LIB_OBJECTS)

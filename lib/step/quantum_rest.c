@@ -30,20 +30,14 @@ static bool has_open_slot(const cw_bus *bus)
     return false;
 }
 
-/* Returns true when a node that is ahead of the bus may rest. It has ended a bit like those that
- * follow. Elsewhere its bits begin with something to do: slots end, and rates meet again. */
-static bool may_be_ahead(const cw_bus *bus)
-{
-    return !has_open_slot(bus);
-}
-
-/* Returns true when the node is in a bit like all that follow: no edge has come since it began. */
+/* Returns true when the node is in a bit like all that follow: no edge has come since it began. One
+ * that is ahead of the bus has ended such a bit. */
 static bool is_periodic(const cw_bus *bus, unsigned i)
 {
     const cw_cable *cable = &bus->timed.cable;
     const cw_timed_node *n = &bus->timed.nodes[i];
     return rests(&bus->nodes[i].mac, bus->waiting >> i & 1u) && !n->retimed &&
-           !n->pcs.synchronised && (!n->ahead || may_be_ahead(bus)) &&
+           !n->pcs.synchronised && (!n->ahead || !has_open_slot(bus)) &&
            n->pcs.last_sample == CW_RECESSIVE && n->report.what == 0 &&
            n->sync_count == 0 && n->pcs.sample_at == cw_bit_timing_sample_at(&n->timing) &&
            n->pcs.end_at == cw_bit_timing_quanta(&n->timing) &&

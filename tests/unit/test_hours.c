@@ -4,14 +4,15 @@
  * ago stays long ago. Sanitizer builds find one that goes out of its range, and the same traffic
  * has the same outcome at any time.
  *
- * Idle time is skipped at 500 kbit/s. If a feature keeps the bus from that, bits last 0.1 s, so
- * that hours have few of them.
+ * Idle time is skipped at 500 kbit/s, in few steps. Rules that always act on levels keep the bus
+ * from that. There bits last 0.1 s, so that hours have few of them.
  */
 #include "rig.h"
 
 #define SECOND UINT64_C(80000000) /* ticks */
 #define PERIOD (1800 * SECOND)
 #define PERIODS 6u
+#define WORK_MOST 250000u /* at bits of 0.1 s; idle hours at 500 kbit/s have 5 billion bits */
 #define NODES 4u
 #define FRAMES 3u
 #define SLOW_BIT (SECOND / 10)
@@ -132,6 +133,56 @@ static void sleepers(rig *r)
                                             .wake_ticks = 100};
 }
 
+/* Nodes that cannot begin a frame. The last one sends none of those of the test. */
+static void silent(rig *r)
+{
+    rates_and_compensation(r);
+    r->nodes[2].modes = CW_MODE_RESTRICTED;
+    r->nodes[3].modes = CW_MODE_LISTEN_ONLY;
+}
+
+static void swinging_rates(rig *r)
+{
+    rates_and_compensation(r);
+    for (unsigned i = 0; i < NODES; i++)
+        r->nodes[i].timing.ringing = 3 * CW_TICK;
+}
+
+static void sleepers_at_rates(rig *r)
+{
+    sleepers(r);
+    rates_and_compensation(r);
+}
+
+static void disconnected(rig *r)
+{
+    rates_and_compensation(r);
+    add_rule(r, CW_ACTION_DISCONNECT)->nodes = NODE(3);
+}
+
+static void bus_off(rig *r)
+{
+    rates_and_compensation(r);
+    add_rule(r, CW_ACTION_BUS_OFF)->nodes = NODE(3);
+}
+
+/* One node after the other leaves in each period, and comes back after a third of it. */
+static void mixture(rig *r)
+{
+    static const cw_action actions[] = {CW_ACTION_PARTITION, CW_ACTION_DISCONNECT,
+                                        CW_ACTION_BUS_OFF};
+    rates_and_compensation(r);
+    for (unsigned n = 0; n < PERIODS; n++) {
+        cw_rule *rule = add_rule(r, actions[n % 3]);
+        rule->time_begin = n * PERIOD + 100 * SECOND;
+        rule->for_ticks = n % 3 < 2 ? PERIOD / 3 : 0;
+        rule->nodes = n % 3 ? NODE(3) : 0;
+        rule->group[3] = n % 3 == 0;
+    }
+    r->nodes[2].modes = CW_MODE_RESTRICTED;
+    r->nodes[3].restart_ticks = PERIOD / 3;
+}
+
 static void local_times(rig *r)
 {
     own_clocks(r);
@@ -144,11 +195,17 @@ static const feature features[] = {
     {"own clocks", own_clocks, BIT, 6},
     {"rates and compensation", rates_and_compensation, BIT, 9},
     {"rates in common", common_rates, BIT, 9},
-    {"delays and ringing", delays_and_ringing, SLOW_BIT, 6},
-    {"wires that are cut", cut_wires, SLOW_BIT, 4},
+    {"delays and ringing", delays_and_ringing, BIT, 6},
+    {"wires that are cut", cut_wires, BIT, 4},
+    {"nodes that never begin a frame", silent, BIT, 6},
+    {"ringing at two rates", swinging_rates, BIT, 9},
+    {"nodes that sleep at two rates", sleepers_at_rates, BIT, 6},
+    {"a node that is disconnected", disconnected, BIT, 6},
+    {"a node that is bus-off", bus_off, BIT, 6},
+    {"nodes that leave and come back", mixture, BIT, 6},
     {"levels that are held", levels_held, SLOW_BIT, 0},
     {"edges that are late", edges_late, SLOW_BIT, 6},
-    {"pulses", pulses, SLOW_BIT, 6},
+    {"pulses", pulses, BIT, 6},
     {"nodes that sleep", sleepers, BIT, 5},
     {"local times", local_times, BIT, 6},
     {"bits of a second and a half", many_quanta, SLOWEST_BIT, 6},
@@ -192,7 +249,7 @@ static void run_periods(const feature *f, bool counts)
     cw_bus_set_sync_records(r->bus, counts ? records : NULL);
     for (unsigned n = 0; n < PERIODS; n++) {
         const size_t before = r->count;
-        send_all(r, n * PERIOD + 20 * f->bit_ticks);
+        send_all(r, n * PERIOD + 2 * SECOND + 20 * f->bit_ticks);
         rig_run(r, (n + 1) * PERIOD);
         const uint64_t now = receptions(r, before);
         first = n == 0 ? now : first;
@@ -200,6 +257,9 @@ static void run_periods(const feature *f, bool counts)
             fail_msg("%s: %u received in period %u, %u in the first", f->name, (unsigned)now, n,
                      (unsigned)first);
     }
+    if (cw_bus_work(r->bus) > WORK_MOST)
+        fail_msg("%s: work of %u, so the bus has not rested", f->name,
+                 (unsigned)cw_bus_work(r->bus));
     rig_free(r);
 }
 
