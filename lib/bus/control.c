@@ -6,10 +6,12 @@
 
 #include "mac/confinement.h"
 
+/* The state at the end of the last bit is told first. */
 static void send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
     cw_bus_node *n = &bus->nodes[i];
+    cw_commit_early(bus, i);
     cw_note_left(bus, i);
     if ((bus->asleep >> i & 1u) || !cw_mac_force_error(cw_own_mac(bus, i)))
         return;
