@@ -181,8 +181,8 @@ static inline bool cw_timed_compares_late(const cw_bus *bus, unsigned node)
            cw_mac_is_sending(mac) && !(mac->modes & CW_MODE_LOOPBACK);
 }
 
-/* Returns true when the next bit of a node begins at the nominal rate: its host has taken the
- * controller out of the data phase. */
+/* Returns true when the next bit of a node begins at the nominal rate. Its controller has been
+ * taken out of the data phase from outside. */
 static inline bool cw_timed_changes_rate(const cw_bus *bus, unsigned node)
 {
     return bus->timed.rates && bus->timed.rates[node].fast &&

@@ -4,8 +4,8 @@
  * them to sleep or change their modes, in the middle of bits and frames. A bus that takes short
  * cuts and one that goes bit by bit have the same events and statistics.
  *
- * Such a node shows its bits when it is back. The times in between are long enough
- * for the bus to rest, or to take a frame at once.
+ * The place of such a node in its bit shows when it is back. It is away for long enough that the
+ * bus rests meanwhile, or takes a frame at once.
  */
 #include "rig.h"
 
