@@ -130,7 +130,7 @@ static rig begin(unsigned protocol, bool has_rate)
     for (unsigned i = 0; i < 2; i++) {
         nodes[i].time = (cfg_node_time){.used = has_rate,
                                         .timing = each[i].timing,
-                                        .bit = {80000000, 1, 63, 64, 32, 32}};
+                                        .phase[0].bit = {80000000, 1, 63, 64, 32, 32}};
     }
     return r;
 }
