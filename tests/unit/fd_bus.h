@@ -69,7 +69,7 @@ static inline void fd_bus_begin(fd_bus *r, unsigned protocol, const cw_node_timi
         r->nodes[i] = (cfg_node){.name = names[i],
                                  .time = {.used = timing != NULL,
                                           .timing = each[i].timing,
-                                          .bit = {80000000, 1, 63, 64, 32, 32}}};
+                                          .phase[0].bit = {80000000, 1, 63, 64, 32, 32}}};
     }
     const cw_bus_config wanted = {.bit_ticks = FD_BIT_TICKS,
                                   .node_count = 2,
