@@ -351,7 +351,8 @@ class Listener:
             if not self.bus:
                 return False
             last = self.bus[-1]
-            if f"stopped: {last.frames} frames, {last.error_frames} error frames" not in stderr:
+            said = rf"stopped: {last.frames} frames?, {last.error_frames} error frames?,"
+            if not re.search(said, stderr):
                 return False
             end_ns = self.bus[-1].bus_time_ns
             return {m.node for m in self.nodes if m.bus_time_ns == end_ns} == {

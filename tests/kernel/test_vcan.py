@@ -116,12 +116,13 @@ def test_peers_come_into_their_namespaces_and_carry_frames(rig, netns, canwired)
     for name, where in (("can0", "ecu1"), ("can0", "ecu2"), ("v3", None)):
         link = links(where)[name]
         assert (kind(link), is_up(link)) == ("vxcan", True)
-    canwired(PEERS)
+    daemon = canwired(PEERS)
     one, two = socket_in("ecu1"), socket_in("ecu2")
     one.send(Frame.parse("123#DEADBEEF"))
     assert two.receive(1) == [Frame.parse("123#DEADBEEF")]
     one.close()
     two.close()
+    daemon.stop()
     rig("down")
     assert set(links()) == {"lo"}
     assert set(links("ecu1")) == {"lo"}
