@@ -31,6 +31,7 @@
 
 #define STATUS_PERIOD_S 1.0 /* period of the line in `systemctl status` */
 #define STATUS_BYTES 1000   /* of that line */
+#define REFUSED "; reload refused: "
 #define SINKS_BYTES 600     /* of what it says of sinks, those of all buses together */
 
 typedef struct process {
@@ -144,10 +145,10 @@ static size_t add_bus(char line[STATUS_BYTES], size_t used, const cfg *config,
                           counted(bus->frames, "frame").text,
                           counted(bus->error_frames, "error frame").text, status->trouble, files,
                           *status->lost_rules ? "; " : "", status->lost_rules);
-    return add_status(line, used, "%s%s: load %u.%u %%%s%s%s%s%s", used > 0 ? "; " : "",
+    return add_status(line, used, "%s%s: load %u.%u %%%s%s%s%s%s%s", used > 0 ? "; " : "",
                       config->bus_name, bus->load_permille / 10u, bus->load_permille % 10u,
                       status->trouble, files, *status->lost_rules ? ", " : "",
-                      status->lost_rules, status->refused);
+                      status->lost_rules, *status->refused ? REFUSED : "", status->refused);
 }
 
 static void report_status(process *p)
@@ -169,9 +170,9 @@ static void report_status(process *p)
     if (p->host.journal)
         journal_sink(p->host.journal, &shared);
     (void)sinks_print(journals, sizeof journals, &shared);
-    notify_status(p->host.notifier, "%s%s%s", line,
-                  journals,
-                  p->host.rig ? "" : status.refused);
+    const bool refused = !p->host.rig && *status.refused;
+    notify_status(p->host.notifier, "%s%s%s%s", line, journals, refused ? REFUSED : "",
+                  refused ? status.refused : "");
 }
 
 /* Ends canwired when signals cannot arrive. Signals and reports of other threads use a pipe of

@@ -5,6 +5,7 @@
 #include "cli/buses.h"
 
 #include <dirent.h>
+#include <limits.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,6 +23,12 @@ const char *buses_folder(void)
     return folder && *folder ? folder : FOLDER_DEFAULT;
 }
 
+char *buses_path(const char *name)
+{
+    char *path = NULL;
+    return asprintf(&path, "%s/%s" SUFFIX, buses_folder(), name) < 0 ? NULL : path;
+}
+
 /* Returns true for a name that needs no quoting, also for Wireshark. */
 static bool is_plain(const char *name, size_t length)
 {
@@ -31,19 +38,28 @@ static bool is_plain(const char *name, size_t length)
     return length > 0;
 }
 
+pid_t buses_listener(const char *path)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    struct ucred peer = {.pid = BUSES_NOBODY};
+    socklen_t size = sizeof peer;
+    if (strlen(path) >= sizeof address.sun_path)
+        return BUSES_NOBODY;
+    memcpy(address.sun_path, path, strlen(path));
+    int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    if (fd >= 0 && connect(fd, (const struct sockaddr *)&address, sizeof address) == 0)
+        (void)getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &size);
+    if (fd >= 0)
+        (void)close(fd);
+    return peer.pid;
+}
+
 /* Returns true when a canwired listens there, and not a port, nor nobody. */
 static bool is_running(const char *name)
 {
-    struct sockaddr_un address = {.sun_family = AF_UNIX};
-    int length =
-        snprintf(address.sun_path, sizeof address.sun_path, "%s/%s", buses_folder(), name);
-    if (length < 0 || (size_t)length >= sizeof address.sun_path)
-        return false;
-    int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    bool found = fd >= 0 && connect(fd, (const struct sockaddr *)&address, sizeof address) == 0;
-    if (fd >= 0)
-        (void)close(fd);
-    return found;
+    char path[PATH_MAX];
+    (void)snprintf(path, sizeof path, "%s/%s", buses_folder(), name);
+    return buses_listener(path) != BUSES_NOBODY;
 }
 
 static int is_bus(const struct dirent *file)

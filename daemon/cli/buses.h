@@ -6,8 +6,10 @@
 #define CANWIRE_CLI_BUSES_H
 
 #include <stddef.h>
+#include <sys/types.h>
 
 #define BUSES_MAX 64u
+#define BUSES_NOBODY ((pid_t)-1)
 
 /* Returns the folder of their sockets: /run/canwire, or $CANWIRE_RUN. */
 const char *buses_folder(void);
@@ -16,5 +18,12 @@ const char *buses_folder(void);
  * number, with the names in order, to be freed. Names with characters that need quoting are left
  * out. */
 size_t buses_find(char *names[], size_t most);
+
+/* Returns the path of the socket of a bus, to be freed, or NULL. */
+char *buses_path(const char *name);
+
+/* Returns the process whose control socket is at a path, 0 for one that cannot be seen from here,
+ * or BUSES_NOBODY. */
+pid_t buses_listener(const char *path);
 
 #endif

@@ -6,6 +6,7 @@
  * and --pid.
  */
 #include "base/plain.h"
+#include "cli/buses.h"
 #include "cli/client.h"
 #include "cli/command.h"
 #include "config/rig.h"
@@ -124,42 +125,122 @@ static int hang_up(const target *t)
     return CLI_BAD_INPUT;
 }
 
-static int ask_bus(const target *t, const cfg *config)
+/* ---- Which buses ----------------------------------------------------------------------------- */
+
+static void print_control(char path[PATH_MAX], const cfg *config)
 {
-    char path[PATH_MAX];
-    (void)snprintf(path, sizeof path, "%s%s", strchr(config->control, '/') ? "" : "./",
+    (void)snprintf(path, PATH_MAX, "%s%s", strchr(config->control, '/') ? "" : "./",
                    config->control);
-    return ask(path, t->pid);
 }
 
-/* Reloads all buses of a rig. SIGHUP is for all of them at once. */
-static int reload_rig(const target *t)
+/* Returns true when each bus has a control socket. */
+static bool have_control(cfg *const *buses, size_t count)
 {
+    bool all = true;
+    for (size_t i = 0; i < count; i++)
+        all = all && buses[i]->control;
+    return all;
+}
+
+/* Asks all buses. Where nobody listens, says so, and lets the process find the mistake: it may have
+ * another socket than its file says by now. */
+static int ask_buses(const target *t, cfg *const *buses, size_t count)
+{
+    char path[PATH_MAX];
     int status = CLI_OK;
-    bool all = true; /* have a control socket */
-    rig *several = rig_load(t->file, stderr);
-    if (!several)
-        return CLI_BAD_INPUT;
-    for (size_t i = 0; i < several->bus_count; i++)
-        all = all && several->buses[i]->control;
-    if (!all)
-        status = hang_up(t);
-    for (size_t i = 0; all && i < several->bus_count; i++)
-        if (ask_bus(t, several->buses[i]) != CLI_OK)
+    bool lost = false;
+    for (size_t i = 0; i < count; i++) {
+        print_control(path, buses[i]);
+        lost = lost || buses_listener(path) == BUSES_NOBODY;
+        if (ask(path, t->pid) != CLI_OK)
             status = CLI_BAD_INPUT;
-    rig_free(several);
+    }
+    if (t->pid != 0 && lost)
+        (void)hang_up(t);
     return status;
+}
+
+/* Returns true when the control sockets of the buses are of the process. */
+static bool are_of_process(const target *t, cfg *const *buses, size_t count)
+{
+    char path[PATH_MAX];
+    bool good = have_control(buses, count);
+    for (size_t i = 0; i < count && good && t->pid != 0; i++) {
+        print_control(path, buses[i]);
+        good = buses_listener(path) == t->pid;
+    }
+    return good;
+}
+
+/* Finds the control sockets of the process among those of all buses that run. */
+static size_t find_process(char *paths[BUSES_MAX], const target *t)
+{
+    char *names[BUSES_MAX];
+    size_t found = 0;
+    const size_t count = t->pid != 0 ? buses_find(names, BUSES_MAX) : 0;
+    for (size_t i = 0; i < count; i++) {
+        char *path = buses_path(names[i]);
+        free(names[i]);
+        if (path && buses_listener(path) == t->pid)
+            paths[found++] = path;
+        else
+            free(path);
+    }
+    return found;
+}
+
+/* Asks the buses of the process, wherever their file says that they are. Returns false when there
+ * are fewer than expected. */
+static bool ask_process(int *status, const target *t, size_t expected)
+{
+    char *paths[BUSES_MAX];
+    const size_t found = find_process(paths, t);
+    const bool good = found > 0 && found >= expected;
+    *status = CLI_OK;
+    for (size_t i = 0; i < found; i++) {
+        if (good && ask(paths[i], t->pid) != CLI_OK)
+            *status = CLI_BAD_INPUT;
+        free(paths[i]);
+    }
+    return good;
+}
+
+static int reload_buses(const target *t, cfg *const *buses, size_t count)
+{
+    int status;
+    if (!are_of_process(t, buses, count) && ask_process(&status, t, count))
+        return status;
+    return have_control(buses, count) ? ask_buses(t, buses, count) : hang_up(t);
+}
+
+/* A file that is bad is for the bus to refuse: its status says so then. */
+static int reload_bad(const target *t, const char *errors)
+{
+    int status;
+    if (ask_process(&status, t, 1))
+        return status;
+    fputs(errors, stderr);
+    if (t->pid != 0)
+        (void)hang_up(t);
+    return CLI_BAD_INPUT;
 }
 
 static int reload_by_file(const target *t)
 {
-    if (rig_is_rig(t->file))
-        return reload_rig(t);
-    cfg *config = cfg_load(t->file, stderr);
-    if (!config)
+    char *errors = NULL;
+    size_t size = 0;
+    FILE *stream = open_memstream(&errors, &size);
+    if (!stream)
         return CLI_BAD_INPUT;
-    int status = config->control ? ask_bus(t, config) : hang_up(t);
-    cfg_free(config);
+    rig *several = rig_is_rig(t->file) ? rig_load(t->file, stream) : NULL;
+    cfg *one = rig_is_rig(t->file) ? NULL : cfg_load(t->file, stream);
+    (void)fclose(stream);
+    int status = several ? reload_buses(t, several->buses, several->bus_count)
+                 : one   ? reload_buses(t, &one, 1)
+                         : reload_bad(t, errors ? errors : "");
+    rig_free(several);
+    cfg_free(one);
+    free(errors);
     return status;
 }
 

@@ -107,9 +107,8 @@ static bool is_reloading(const host *h)
 /* Notifies the service manager. on_change(), or the refusal of the reload, ends this state. */
 static void on_reading(void *user)
 {
-    service *s = user;
+    const service *s = user;
     notify_reloading(s->host->notifier);
-    s->refused[0] = '\0';
 }
 
 /* Checks the files of a bus of a rig together with those of the others. */
@@ -133,10 +132,10 @@ static bool take_reload(void *user, reload *r, FILE *errors)
     return engine_reload(s->engine, r, errors);
 }
 
+/* Remembers the first line of the reason until the next good reload. */
 static void note_refusal(service *s, const char *why)
 {
-    (void)snprintf(s->refused, sizeof s->refused, "; reload refused: %.*s", (int)strcspn(why, "\n"),
-                   why);
+    (void)snprintf(s->refused, sizeof s->refused, "%.*s", (int)strcspn(why, "\n"), why);
 }
 
 /* Ends a refusal after all its messages: a program that waits for the end finds them in the
@@ -167,6 +166,8 @@ static void on_round(void *user, uint64_t round, char *errors)
     enter(s);
     if (errors)
         note_refusal(s, errors);
+    else
+        s->refused[0] = '\0';
     if (s->control)
         control_reloaded(s->control, round, errors);
     if (errors && s->hangups[round % 2] == round)
@@ -297,6 +298,8 @@ static void put_more(void *user, json_t *status)
     put(status, "sinks", sinks_json(&all));
     if (s->kept)
         kept_put(s->kept, status);
+    if (*s->refused)
+        put_text(status, "reload_refused", s->refused);
     if (s->host->group)
         put(status, "gateways", gateways_json(s));
 }

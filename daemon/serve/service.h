@@ -52,7 +52,7 @@ typedef struct service_status {
     cw_bus_stats bus;
     char trouble[SERVICE_TROUBLE_BYTES]; /* ", engine bus-off" and so on, or empty */
     const char *lost_rules;              /* see kept_lost() */
-    const char *refused;                 /* "; reload refused: ...", or empty */
+    const char *refused;                 /* the reason of a reload, or empty */
     sink_list sinks;                         /* of the bus: all but the journal */
 } service_status;
 void service_update(service *s, service_status *out);

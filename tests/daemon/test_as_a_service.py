@@ -8,7 +8,7 @@ import subprocess
 
 import pytest
 
-from simtool import CANWIRED, TIMEOUT_S, stop_canwired
+from simtool import CANWIRE, CANWIRED, TIMEOUT_S, stop_canwired
 from failing import SANITIZERS
 from test_record import wait_until
 
@@ -106,3 +106,97 @@ def test_clients_of_a_bad_bus_get_the_reason(tmp_path):
         assert done.returncode == 1
         assert client.makefile().readline().startswith(
             '{"ok":false,"error":"bus.yaml:1:28: bitrate: expected ')
+
+
+class Service:
+    """A bus as its unit runs it, whose sockets are in the folder `run`."""
+
+    def __init__(self, folder, text):
+        self.folder, self.log = folder, folder / "log"
+        self.environment = environment("day", NOTIFY_SOCKET=str(folder / "notify"),
+                                       CANWIRE_RUN=str(folder / "run"))
+        self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.manager.bind(str(folder / "notify"))
+        self.manager.settimeout(TIMEOUT_S)
+        (folder / "run").mkdir()
+        self.write(text)
+        with self.log.open("w") as log:
+            self.process = subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=folder, stderr=log,
+                                            env=self.environment)
+        wait_until(lambda: " bit/s, " in self.log.read_text(), "the bus")
+
+    def write(self, text):
+        (self.folder / "bus.yaml").write_text(text)
+
+    def canwire(self, *words, status=0):
+        done = subprocess.run([CANWIRE, *words], cwd=self.folder, capture_output=True, text=True,
+                              timeout=TIMEOUT_S, check=False, env=self.environment)
+        assert done.returncode == status, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+    def reload(self, status=0):
+        """Reloads as the unit does."""
+        return self.canwire("reload", "--config", "bus.yaml", "--pid", str(self.process.pid),
+                            status=status)
+
+    def wait_for_status(self, good):
+        """Waits for a line that the service manager shows."""
+        for _ in range(100):
+            told = self.manager.recv(4096).decode()  # whole: a datagram
+            if told.startswith("STATUS=") and good(told):
+                return told
+        raise AssertionError(f"the last status is {told}")
+
+    def stop(self):
+        stop_canwired(self.process, self.log)
+        self.manager.close()
+
+
+@pytest.fixture(name="service")
+def fixture_service(tmp_path):
+    made = []
+
+    def start(text):
+        made.append(Service(tmp_path, text))
+        return made[-1]
+
+    yield start
+    for one in made:
+        one.stop()
+
+
+IN_RUN = GOOD + "control: run/day.sock\n"
+REFUSED = "; reload refused: "
+
+
+@pytest.mark.parametrize("text, why", [
+    (IN_RUN.replace("{ name: a }", "{ name: a"), "bus.yaml:"),
+    (IN_RUN.replace("500000", "fast"), "bus.yaml:1:28: bitrate: expected "),
+    (IN_RUN + "profiles: [ { file: bad.yaml } ]\n", "bad.yaml:1:1: "),
+    (IN_RUN.replace("500000", "250000"), "bus.bitrate cannot change while the bus runs"),
+    (IN_RUN.replace("run/day.sock", "/proc/day.sock"),
+     "control cannot change while the bus runs"),
+], ids=["YAML", "value", "profile", "bit rate", "control"])
+def test_a_refused_reload_stays_in_the_status(service, tmp_path, text, why):
+    (tmp_path / "bad.yaml").write_text("1\n")
+    one = service(IN_RUN)
+    one.write(text)
+    assert why in one.reload(status=1)
+    told = one.wait_for_status(lambda told: REFUSED in told)
+    assert why in told.split(REFUSED)[1]
+    assert "reload refused: " in one.canwire("status", "day")
+    assert "reload refused: " in one.canwire("status", "--check", "day", status=1)
+    one.write(IN_RUN)
+    one.reload()
+    one.wait_for_status(lambda told: REFUSED not in told)
+    assert "reload refused: " not in one.canwire("status", "day")
+
+
+@pytest.mark.parametrize("text, why", [
+    (BAD, "bitrate: expected"), (GOOD + "control: nowhere/day.sock\n", "no such bus")])
+def test_a_bus_that_its_file_does_not_lead_to_gets_a_signal(service, text, why):
+    """Its socket is not where those of services are."""
+    one = service(GOOD + CONTROL)
+    one.write(text)
+    assert why in one.reload(status=1)
+    one.wait_for_status(lambda told: REFUSED in told)
