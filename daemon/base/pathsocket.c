@@ -160,16 +160,44 @@ void pathsocket_refuse_descriptors(int fd)
     (void)setsockopt(fd, SOL_SOCKET, SO_PASSRIGHTS, &off, sizeof off);
 }
 
+/* Reports a path where no socket can be. Returns whether it can. */
+static bool pathsocket_judge(const pathsocket *s, int number, char error[PATHSOCKET_ERROR_MAX])
+{
+    if (number != 0)
+        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s%s", explain(s, number),
+                       unit_hint(s->path, number));
+    return number == 0;
+}
+
+/* Returns 0, or the errno that making a socket there would end with. */
+static int probe_path(pathsocket *s)
+{
+    struct sockaddr_un address;
+    if (!s->path)
+        return ENOMEM;
+    if (strlen(s->path) >= sizeof address.sun_path)
+        return ENAMETOOLONG;
+    const int number = folder_open(&s->folder, s->path);
+    if (number != 0)
+        return number;
+    return faccessat(s->folder.fd, ".", W_OK | X_OK, AT_EACCESS) == 0 ? 0 : errno;
+}
+
+bool pathsocket_probe(const char *path, char error[PATHSOCKET_ERROR_MAX])
+{
+    pathsocket s = PATHSOCKET_NONE;
+    s.path = strdup(path);
+    const bool good = pathsocket_judge(&s, probe_path(&s), error);
+    pathsocket_close(&s);
+    return good;
+}
+
 bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, const char *what,
                      char error[PATHSOCKET_ERROR_MAX])
 {
     *s = (pathsocket)PATHSOCKET_NONE;
     s->path = strdup(path);
-    int number = open_path(s, type, backlog, what);
-    if (number != 0)
-        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s%s", explain(s, number),
-                       unit_hint(s->path, number));
-    return number == 0;
+    return pathsocket_judge(s, open_path(s, type, backlog, what), error);
 }
 
 /* ---- Sockets of the service manager ---------------------------------------------------------- */

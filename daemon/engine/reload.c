@@ -5,6 +5,7 @@
 #include "engine/reload.h"
 
 #include "base/log.h"
+#include "base/pathsocket.h"
 #include "base/spool.h"
 #include "base/unit.h"
 #include "engine/share.h"
@@ -64,6 +65,18 @@ typedef struct fixed {
     bool same;
     cfg_place place;
 } fixed;
+
+/* Refuses a control socket where the next start could not make it. */
+static bool check_control(const cfg *new, const cfg *old, FILE *errors)
+{
+    char error[PATHSOCKET_ERROR_MAX];
+    if (!new->control || same_text(new->control, old->control) ||
+        pathsocket_probe(new->control, error))
+        return true;
+    print_place(errors, new, new->control_place);
+    fprintf(errors, "control %s: %s\n", new->control, error);
+    return false;
+}
 
 static bool can_follow(const cfg *new, const cfg *old, FILE *errors)
 {
@@ -238,8 +251,9 @@ reload *reload_read(const char *file, const fileuses *others, FILE *errors)
 
 bool reload_match(reload *r, const cfg *old, reload *pending, FILE *errors)
 {
-    bool good = can_follow(r->config, old, errors) && can_keep_names(r, old, errors) &&
-                match_nodes(r, old, pending, errors) && open_door(r, old, pending, errors);
+    bool good = check_control(r->config, old, errors) && can_follow(r->config, old, errors) &&
+                can_keep_names(r, old, errors) && match_nodes(r, old, pending, errors) &&
+                open_door(r, old, pending, errors);
     complete_borrowed(r, pending, good);
     if (pending && r->setup.door == pending->setup.door)
         *(good ? &pending->setup.door : &r->setup.door) = NULL;

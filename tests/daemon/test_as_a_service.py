@@ -172,11 +172,13 @@ REFUSED = "; reload refused: "
 @pytest.mark.parametrize("text, why", [
     (IN_RUN.replace("{ name: a }", "{ name: a"), "bus.yaml:"),
     (IN_RUN.replace("500000", "fast"), "bus.yaml:1:28: bitrate: expected "),
-    (IN_RUN + "profiles: [ { file: bad.yaml } ]\n", "bad.yaml:1:1: "),
+    (IN_RUN + "profiles: [ { file: bad.yaml } ]\n", "bad.yaml"),
     (IN_RUN.replace("500000", "250000"), "bus.bitrate cannot change while the bus runs"),
-    (IN_RUN.replace("run/day.sock", "/proc/day.sock"),
+    (IN_RUN.replace("run/day.sock", "run/night.sock"),
      "control cannot change while the bus runs"),
-], ids=["YAML", "value", "profile", "bit rate", "control"])
+    (IN_RUN.replace("run/day.sock", "none/day.sock"),
+     "control none/day.sock: the directory does not exist"),
+], ids=["YAML", "value", "profile", "bit rate", "control", "control nowhere"])
 def test_a_refused_reload_stays_in_the_status(service, tmp_path, text, why):
     (tmp_path / "bad.yaml").write_text("1\n")
     one = service(IN_RUN)
