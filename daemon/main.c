@@ -21,6 +21,7 @@
 
 #include <errno.h>
 #include <ev.h>
+#include <fcntl.h>
 #include <getopt.h>
 #include <inttypes.h>
 #include <signal.h>
@@ -28,6 +29,7 @@
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/un.h>
+#include <unistd.h>
 
 #define STATUS_PERIOD_S 1.0 /* period of the line in `systemctl status` */
 #define STATUS_BYTES 1000   /* of that line */
@@ -47,6 +49,7 @@ typedef struct process {
     unsigned seconds; /* seconds without it */
     int ready;        /* for background_ready(), or -1 */
     bool failed;
+    int activated; /* the socket of the service manager, until the bus has started; or -1 */
 } process;
 
 typedef struct options {
@@ -300,7 +303,10 @@ static bool start_engines(process *p)
 static bool daemon_start(process *p, const options *o)
 {
     int inherited;
-    if (!take_inherited(&inherited) || !start_engines(p))
+    if (!take_inherited(&inherited))
+        return false;
+    p->activated = inherited < 0 ? -1 : fcntl(inherited, F_DUPFD_CLOEXEC, 0);
+    if (!start_engines(p))
         return false;
     size_t owner = find_inherited(p, inherited);
     if (owner == RIG_BUSES_MAX)
@@ -345,6 +351,10 @@ static bool daemon_run(process *p, const options *o)
         return false;
     for (size_t i = 0; i < p->host.count; i++)
         engines[i] = service_engine(p->host.buses[i]);
+    unit_started();
+    if (p->activated >= 0)
+        (void)close(p->activated);
+    p->activated = -1;
     start_watchers(p);
     log_start(p);
     report_status(p);
@@ -563,9 +573,19 @@ static int refuse_config(process *p, cfg *config)
     return daemon_give_up(p, config, 1);
 }
 
+/* The same for a configuration whose paths cannot be. */
+static int refuse_start(process *p)
+{
+    char why[LOG_LAST_BYTES];
+    log_last_error(why);
+    if (unit_failure() == 1)
+        activation_answer(p->activated, why);
+    return daemon_give_up(p, NULL, unit_failure());
+}
+
 int main(int argc, char **argv)
 {
-    static process p = {.ready = -1};
+    static process p = {.ready = -1, .activated = -1};
     options o;
     cfg *config = NULL;
     standardfds_hold();
@@ -587,7 +607,7 @@ int main(int argc, char **argv)
     if (!load_config(&p, &config, o.config))
         return refuse_config(&p, config);
     if (!add_services(&p, config) || !daemon_run(&p, &o))
-        return daemon_give_up(&p, NULL, unit_failure());
+        return refuse_start(&p);
     daemon_end(&p);
     return 0;
 }

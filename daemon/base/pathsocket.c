@@ -197,7 +197,9 @@ bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, con
 {
     *s = (pathsocket)PATHSOCKET_NONE;
     s->path = strdup(path);
-    return pathsocket_judge(s, open_path(s, type, backlog, what), error);
+    const int number = open_path(s, type, backlog, what);
+    unit_blame(number);
+    return pathsocket_judge(s, number, error);
 }
 
 /* ---- Sockets of the service manager ---------------------------------------------------------- */

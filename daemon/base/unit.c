@@ -32,6 +32,7 @@ static const struct {
 #define FOLDERS (sizeof private_folders / sizeof private_folders[0])
 
 static pthread_once_t once = PTHREAD_ONCE_INIT;
+static bool is_started, bad_path; /* of the main thread, until it has started */
 static char user_hint[USER_BYTES]; /* " (as the user canwire)" */
 
 const char *unit_instance(void)
@@ -42,7 +43,21 @@ const char *unit_instance(void)
 
 int unit_failure(void)
 {
-    return unit_instance() ? EX_TEMPFAIL : 1;
+    return unit_instance() && !bad_path ? EX_TEMPFAIL : 1;
+}
+
+void unit_blame(int number)
+{
+    /* EINVAL and ELOOP: something that is no regular file is there */
+    static const int lasting[] = {EROFS,  EACCES,       ENOENT, ENOTDIR,
+                                  EISDIR, ENAMETOOLONG, EINVAL, ELOOP};
+    for (size_t i = 0; i < sizeof lasting / sizeof lasting[0] && !is_started; i++)
+        bad_path = bad_path || number == lasting[i];
+}
+
+void unit_started(void)
+{
+    is_started = true;
 }
 
 /* Returns FOLDERS for none. */

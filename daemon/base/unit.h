@@ -14,9 +14,17 @@
 /* Returns the instance, or NULL when this is no process of the service. */
 const char *unit_instance(void);
 
-/* Returns the exit status of what another start may mend: 1, in the service 75 (EX_TEMPFAIL). There
- * 1 is for a bad configuration alone, with which systemd does not start it again. */
+/* Returns the exit status of a failure: 1, in the service 75 (EX_TEMPFAIL), after which systemd
+ * starts it again. There 1 is for a bad configuration alone, also one whose paths cannot be, see
+ * unit_blame(). */
 int unit_failure(void);
+
+/* Notes why a path of the configuration could not be made at the start. When another start would
+ * find the same, such as a file system that is read-only, the configuration is bad. */
+void unit_blame(int number);
+
+/* Ends the start: what fails later is not blamed on the configuration. */
+void unit_started(void);
 
 /* Returns the folder around a path that the service does not see or has of its own. NULL: none, or
  * this is not the service. */

@@ -11,6 +11,7 @@
 #include "base/number.h"
 #include "base/spool.h"
 #include "base/thread.h"
+#include "base/unit.h"
 #include "run/journal_keep.h"
 #include "run/journal_seal.h"
 #include "run/settings.h"
@@ -601,6 +602,7 @@ static journal *journal_open_file(const char *file, unsigned files, char error[J
     if (j && j->spool)
         return j;
     (void)snprintf(error, JOURNAL_ERROR_MAX, "journal %s: %s", file, spool_explain(problem));
+    unit_blame(problem);
     if (j)
         free_journal(j);
     return NULL;

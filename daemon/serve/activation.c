@@ -56,8 +56,15 @@ bool activation_take(int *fd, const char *name, char error[ACTIVATION_ERROR_MAX]
 void activation_refuse(const char *name, const char *why)
 {
     char error[ACTIVATION_ERROR_MAX];
-    int listening, fd;
-    if (!activation_take(&listening, name, error) || listening < 0)
+    int listening;
+    if (activation_take(&listening, name, error))
+        activation_answer(listening, why);
+}
+
+void activation_answer(int listening, const char *why)
+{
+    int fd;
+    if (listening < 0)
         return;
     json_t *reply = json_object();
     put_bool(reply, "ok", false);

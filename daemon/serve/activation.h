@@ -18,4 +18,7 @@ bool activation_take(int *fd, const char *name, char error[ACTIVATION_ERROR_MAX]
 /* Answers the clients that wait at that socket with an error, and ends their connections. */
 void activation_refuse(const char *name, const char *why);
 
+/* Does that at a socket that has been found; -1: there is none. */
+void activation_answer(int listening, const char *why);
+
 #endif

@@ -100,10 +100,12 @@ static void log_not_begun(const recordings *all, const entry *e)
 static void begin_first(recordings *all, entry *e, const cw_bus *bus)
 {
     e->recorder = recorder_start(&e->what, all->config, bus, on_wakeup_of_thread, all, &e->error);
-    if (e->recorder)
+    if (e->recorder) {
         log_begun(e);
-    else
-        log_not_begun(all, e);
+        return;
+    }
+    log_not_begun(all, e);
+    unit_blame(e->error);
 }
 
 static void recordings_report(const recordings *all, const entry *e)

@@ -42,9 +42,31 @@ def test_how_it_ends_says_if_another_start_helps(tmp_path, instance):
     assert done.returncode == 1
     assert told == f"STATUS={done.stderr.rstrip()}" and "bitrate: expected" in told
     done, told = ended(tmp_path, GOOD + "control: none/day.sock\n", instance)
-    assert done.returncode == (75 if instance else 1)
+    assert done.returncode == 1, "another start would find the same"
     assert told == "STATUS=" + done.stderr.removeprefix("canwired: error: ").rstrip()
     assert "the directory does not exist" in told
+
+
+@pytest.mark.parametrize("text, why", [
+    (GOOD + "record: [ { file: none/a.log } ]\n", "No such file or directory"),
+    (GOOD + "record: [ { file: bus.yaml/a.log } ]\n", "Not a directory"),
+    (GOOD + "record: [ { file: folder.log } ]\n", "that is no regular file"),
+    (GOOD + "control: bus.yaml/day.sock\n", "Not a directory"),
+    (GOOD + f"record: [ {{ file: {'x' * 300}.log }} ]\n", "File name too long"),
+    (GOOD.replace("name: a ", 'name: a, port: "unix:none/a.port" '), "does not exist"),
+])
+def test_a_path_that_cannot_be_is_a_bad_configuration(tmp_path, text, why):
+    (tmp_path / "folder.log").mkdir()
+    done, told = ended(tmp_path, text, "day")
+    assert done.returncode == 1 and why in told
+
+
+def test_a_socket_that_is_in_use_may_be_free_later(tmp_path):
+    with socket.socket(socket.AF_UNIX) as other:
+        other.bind(str(tmp_path / "day.sock"))
+        other.listen()
+        done, told = ended(tmp_path, GOOD + CONTROL, "day")
+    assert done.returncode == 75 and "in use" in told
 
 
 def test_of_several_errors_the_first_is_shown(tmp_path):
@@ -91,8 +113,12 @@ def test_sockets_that_only_the_service_sees(tmp_path):
         assert "of its own" not in log
 
 
-def test_clients_of_a_bad_bus_get_the_reason(tmp_path):
-    (tmp_path / "bus.yaml").write_text(BAD)
+@pytest.mark.parametrize("text, why", [
+    (BAD, "bus.yaml:1:28: bitrate: expected "),
+    (GOOD + CONTROL + "record: [ { file: none/a.log } ]\n",
+     "bus.yaml:4:19: record none/a.log: ")])
+def test_clients_of_a_bad_bus_get_the_reason(tmp_path, text, why):
+    (tmp_path / "bus.yaml").write_text(text)
     with socket.socket(socket.AF_UNIX) as listener, socket.socket(socket.AF_UNIX) as client:
         listener.bind(str(tmp_path / "day.sock"))
         listener.listen()
@@ -104,8 +130,7 @@ def test_clients_of_a_bad_bus_get_the_reason(tmp_path):
                               stdin=listener, capture_output=True, text=True, timeout=TIMEOUT_S,
                               check=False, env=environment("day"))
         assert done.returncode == 1
-        assert client.makefile().readline().startswith(
-            '{"ok":false,"error":"bus.yaml:1:28: bitrate: expected ')
+        assert client.makefile().readline().startswith(f'{{"ok":false,"error":"{why}')
 
 
 class Service:

@@ -62,6 +62,14 @@ def test_a_bad_configuration_fails_at_once_and_shows(new):
     assert bus.carries() and bus.unit not in failed_units()
 
 
+def test_a_path_that_can_never_be_made_fails_at_once(new):
+    bus = new("never", lambda text: text + "record: [ { file: /etc/canwire/never.log } ]\n")
+    assert "failed" in systemctl("start", bus.unit, status=1)
+    assert bus.show("ExecMainStatus") == "1"
+    assert bus.show("ActiveState") == "failed" and bus.unit in failed_units()
+    assert "Read-only file system" in bus.show("StatusText")
+
+
 @pytest.mark.deep
 def test_a_port_that_is_missing_is_tried_again(new):
     """Its interface needs a namespace that is not there yet."""
