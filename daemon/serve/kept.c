@@ -50,6 +50,10 @@ static json_t *state_of(const kept *k)
     put_text(state, "bus", k->bus);
     put(state, "kept", json_incref(k->entries));
     put(state, "passing", json_incref(k->passing));
+    if (k->lost) {
+        put(state, "lost", json_incref(k->lost));
+        put_text(state, "crashed", k->crashed);
+    }
     return state;
 }
 
@@ -73,7 +77,8 @@ static uint64_t put_state(kept *k, bool empty)
 /* Without rules that are to be remembered there is no file. */
 uint64_t kept_save(kept *k)
 {
-    const bool empty = json_array_size(k->entries) + json_array_size(k->passing) == 0;
+    const bool empty =
+        json_array_size(k->entries) + json_array_size(k->passing) + json_array_size(k->lost) == 0;
     if (empty && !k->there)
         return 0;
     const uint64_t number = put_state(k, empty);
@@ -113,13 +118,21 @@ static bool is_entry(const json_t *entry)
            all_texts(json_object_get(entry, "cleared"));
 }
 
+/* Returns true also for a state that names no rules that an earlier crash has lost. */
+static bool has_good_losses(const json_t *state)
+{
+    const json_t *lost = json_object_get(state, "lost");
+    return !lost || (all_texts(lost) && json_is_string(json_object_get(state, "crashed")));
+}
+
 /* Returns the reason why a state is of no use, or NULL. */
 static const char *find_fault(const kept *k, const json_t *state)
 {
     const json_t *entries = json_object_get(state, "kept");
     const char *bus = json_string_value(json_object_get(state, "bus"));
     if (json_integer_value(json_object_get(state, FORMAT_KEY)) != FORMAT || !bus ||
-        !json_is_array(entries) || !all_texts(json_object_get(state, "passing")))
+        !json_is_array(entries) || !all_texts(json_object_get(state, "passing")) ||
+        !has_good_losses(state))
         return "it is damaged";
     for (size_t i = 0; i < json_array_size(entries); i++)
         if (!is_entry(json_array_get(entries, i)))
@@ -147,14 +160,25 @@ static void print_note(kept *k)
                          json_string_value(json_array_get(k->lost, i)));
 }
 
-static void note_crash(kept *k, json_t *lost, const struct stat *file)
+/* Notes what this crash has lost, and earlier ones after which nobody has been here. */
+static void note_crash(kept *k, const json_t *state, const struct stat *file)
 {
+    json_t *passing = json_object_get(state, "passing");
+    const char *crashed = json_string_value(json_object_get(state, "crashed"));
     struct tm date;
-    if (json_array_size(lost) == 0)
+    json_t *lost = json_array();
+    (void)json_array_extend(lost, json_object_get(state, "lost"));
+    (void)json_array_extend(lost, passing);
+    if (json_array_size(lost) == 0) {
+        json_decref(lost);
         return;
-    (void)strftime(k->crashed, sizeof k->crashed, "%Y-%m-%d %H:%M:%S",
-                   localtime_r(&file->st_mtim.tv_sec, &date));
-    k->lost = json_incref(lost);
+    }
+    if (json_array_size(passing) > 0 || !crashed)
+        (void)strftime(k->crashed, sizeof k->crashed, "%Y-%m-%d %H:%M:%S",
+                       localtime_r(&file->st_mtim.tv_sec, &date));
+    else
+        (void)snprintf(k->crashed, sizeof k->crashed, "%s", crashed);
+    k->lost = lost;
     print_note(k);
     log_warning("%s", k->note);
 }
@@ -184,7 +208,7 @@ static void kept_read_file(kept *k)
         k->there = true;
         json_decref(k->entries);
         k->entries = json_incref(json_object_get(state, "kept"));
-        note_crash(k, json_object_get(state, "passing"), &file);
+        note_crash(k, state, &file);
         (void)kept_save(k);
     }
     json_decref(state);
@@ -395,7 +419,8 @@ void kept_close(kept *k)
 {
     if (!k)
         return;
-    if (json_array_size(k->passing) > 0) {
+    if (json_array_size(k->passing) > 0 || k->lost) {
+        forget_crash(k);
         (void)json_array_clear(k->passing);
         (void)kept_save(k);
     }

@@ -58,8 +58,8 @@ const char *kept_explain(int error);
 /* Says in the time of the file that the process lives; call it about once a second. */
 void kept_live(kept *k);
 
-/* Returns "2 injected rules were lost with the crash at T: a, b", or "". It is of use until rules
- * are injected or cleared. */
+/* Returns "2 injected rules were lost with the crash at T: a, b", or "". It stays, also over
+ * further crashes, until rules are injected or cleared or canwired is stopped. */
 const char *kept_lost(const kept *k);
 
 /* Puts `kept_rules` and `lost_rules` of canwire-control(7). */

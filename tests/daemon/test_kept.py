@@ -81,12 +81,28 @@ def test_a_crash_loses_injected_rules_and_says_which(bus):
     assert bus.present() == set()
     assert re.search(f"^{LOST}$", bus.canwire("status", "./day.sock"), re.M)
     assert bus.status()["lost_rules"]["rules"] == ["a", "b"]
+    first = bus.status()["lost_rules"]
+    for _ in range(2):
+        bus.crash()
+        assert bus.status()["lost_rules"] == first, "nobody has been here"
+        assert re.search(f"warning: {LOST}\n", bus.log.read_text())
+    bus.inject("a")
+    assert "lost_rules" not in bus.status(), "somebody has been here"
     bus.crash()
-    assert "lost with the crash" not in bus.log.read_text(), "this one has lost none"
+    assert bus.status()["lost_rules"]["rules"] == ["a"]
+    bus.canwire("clear", "./day.sock")
+    bus.crash()
+    assert "lost_rules" not in bus.status()
+
+
+def test_who_stops_a_bus_knows_of_the_loss(bus):
     bus.inject("a")
     bus.crash()
-    bus.inject("d")
-    assert "lost_rules" not in bus.status(), "somebody has been here"
+    assert bus.status()["lost_rules"]["rules"] == ["a"]
+    bus.stop()
+    assert not bus.rules.exists()
+    bus.start()
+    assert "lost_rules" not in bus.status()
 
 
 def test_rules_that_go_by_request_are_not_lost(bus):
@@ -157,7 +173,9 @@ def test_kept_rules_that_the_configuration_refuses_wait_for_another_one(bus):
 
 
 @pytest.mark.parametrize("content, why", [
-    ("{", "it is damaged"), ('{"canwire-rules":1,"bus":"day","kept":[7],"passing":[]}', "damaged"),
+    ("{", "it is damaged"),
+    ('{"canwire-rules":1,"bus":"day","kept":[],"passing":[],"lost":[7]}', "damaged"),
+    ('{"canwire-rules":1,"bus":"day","kept":[7],"passing":[]}', "damaged"),
     ('{"canwire-rules":1,"bus":"night","kept":[],"passing":["a"]}', "it is of another bus")])
 def test_a_file_that_is_of_no_use_is_moved_away(bus, content, why):
     bus.stop()
