@@ -23,6 +23,7 @@ static const char *const titles[] = {"OK", "WARNING", "CRITICAL", "UNKNOWN"};
 /* From good to bad; "none" is never reached. */
 static const char *const states[] = {"error-active", "error-warning", "error-passive", "bus-off",
                                      "none"};
+#define NONE (COUNT_OF(states) - 1)
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
@@ -54,6 +55,11 @@ bool check_take_load(void *user, const char *text)
         good = *parts[i] == '\0' || (!text_parse_uint(&percent, parts[i]) && percent <= 100);
         limits->load_permille[CHECK_WARNING + i] = percent * 10;
     }
+    if (good && limits->load_permille[CHECK_CRITICAL] > 0 &&
+        limits->load_permille[CHECK_WARNING] > limits->load_permille[CHECK_CRITICAL])
+        return status_check_refuse("load", text,
+                                   "a limit for WARNING that is at most the one for CRITICAL, such "
+                                   "as 70,90");
     return good || status_check_refuse("load", text, "two percentages, such as 70,90");
 }
 
@@ -75,9 +81,12 @@ bool check_take_state(void *user, const char *text)
     for (size_t i = 0; good && i < 2; i++)
         good = status_check_find(&limits->state[CHECK_WARNING + i], states, COUNT_OF(states),
                                  parts[i]);
+    const unsigned warning = limits->state[CHECK_WARNING];
+    good = good && (warning <= limits->state[CHECK_CRITICAL] || warning == NONE);
     return good || status_check_refuse("state", text,
                                        "two of error-active, error-warning, error-passive, "
-                                       "bus-off and none, such as error-passive,bus-off");
+                                       "bus-off and none, the worse one last, such as "
+                                       "error-passive,bus-off");
 }
 
 static bool take_level(check_limits *limits, check_level *level, const char *option,

@@ -14,7 +14,7 @@ import threading
 
 import pytest
 
-from simtool import CANWIRE, CANWIRED, kill_all
+from simtool import CANWIRE, CANWIRED, answer, kill_all
 from test_record import wait_until
 
 OK, WARNING, CRITICAL, UNKNOWN = range(4)
@@ -87,6 +87,16 @@ def test_limits_of_the_load(bus):
     status, line = bus.check("--load", "0,1")
     assert status == CRITICAL and line.endswith("%;;1;0;100")
     assert bus.check("--load", "90,95")[0] == OK
+    assert bus.check("--load", "90,0")[0] == OK
+
+
+@pytest.mark.parametrize("option, limits, why", [
+    ("--load", "90,70", "expected a limit for WARNING that is at most the one for CRITICAL, such "
+     "as 70,90"),
+    ("--state", "bus-off,error-passive", "the worse one last")])
+def test_limits_that_are_the_wrong_way_round(tmp_path, option, limits, why):
+    told = answer(tmp_path, "status", "--check", option, limits, "day", status=2)
+    assert f"{option} {limits}: " in told and why in told
 
 
 def test_states_sinks_and_rules(bus):
