@@ -95,7 +95,7 @@ def test_limits_of_the_load(bus):
      "as 70,90"),
     ("--state", "bus-off,error-passive", "the worse one last")])
 def test_limits_that_are_the_wrong_way_round(tmp_path, option, limits, why):
-    told = answer(tmp_path, "status", "--check", option, limits, "day", status=2)
+    told = answer(tmp_path, "status", "--check", option, limits, "day", status=UNKNOWN)
     assert f"{option} {limits}: " in told and why in told
 
 
