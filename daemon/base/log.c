@@ -22,6 +22,7 @@
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
+#include <unistd.h>
 
 #define MESSAGE_BYTES 512u
 #define NAME_BYTES 64u
@@ -121,7 +122,7 @@ static void send_message(const message *m)
     if (number == EAGAIN || number == ENOBUFS)
         atomic_fetch_add(&state.lost, 1);
     else if (number != 0) /* there is no journal */
-        fprintf(stderr, "<%d>%s\n", (int)m->priority, m->text);
+        (void)dprintf(STDERR_FILENO, "<%d>%s\n", (int)m->priority, m->text);
 }
 
 /* ---- Messages -------------------------------------------------------------------------------- */
@@ -147,7 +148,8 @@ static void keep_error(const char *text, size_t length)
     (void)pthread_mutex_unlock(&state.lock);
 }
 
-/* Writes each message with one call, so that lines of several threads do not mix. */
+/* Writes each message with one call, so that lines of several threads do not mix. It uses the
+ * descriptor, since publish.c hides the stream from liblcm for a while. */
 static void log_put(message *m)
 {
     (void)pthread_once(&state.once, open_journal);
@@ -155,7 +157,7 @@ static void log_put(message *m)
     if (m->priority == ERROR)
         keep_error(m->text, strlen(m->text));
     if (state.journal < 0)
-        fprintf(stderr, "%s: %s%s\n", state.program, word(m->priority), m->text);
+        (void)dprintf(STDERR_FILENO, "%s: %s%s\n", state.program, word(m->priority), m->text);
     else
         send_message(m);
 }
@@ -262,7 +264,7 @@ static void report_lines(const char *lines, void (*report)(const char *format, .
 {
     (void)pthread_once(&state.once, open_journal);
     if (state.journal < 0) {
-        fputs(lines, stderr);
+        (void)dprintf(STDERR_FILENO, "%s", lines);
         return;
     }
     for (size_t length; *lines; lines += length + (lines[length] == '\n')) {

@@ -42,7 +42,8 @@
 #define REMEDY "ip link set lo up && ip route add 224.0.0.0/4 dev lo"
 #define QUEUE_MESSAGES 4096
 #define QUEUE_EVENTS 3072 /* of the messages; a storm of events leaves room for statistics */
-#define RETRY_S 2
+#define RETRY_S 2     /* before the first retry; later ones wait twice as long each time ... */
+#define RETRY_MAX_S 60 /* ... up to this */
 #define LINGER_S 1  /* at the end, for queued messages */
 #define GIVE_UP_S 2 /* the thread then hangs in liblcm and is left */
 #define WARNING_S 10 /* between two warnings about lost messages */
@@ -59,6 +60,7 @@ static const char state_blocked[] = "blocked"; /* a server has taken none for lo
 typedef struct outage {
     uint64_t lost;
     bool warned;
+    unsigned pause_s;             /* before the next retry */
     struct timespec next_warning; /* the earliest time, CLOCK_MONOTONIC */
 } outage;
 
@@ -101,6 +103,7 @@ struct publisher {
     int error;                /* ... and then this errno */
     atomic_uint_fast64_t dropped;
     atomic_uint_fast64_t sent;
+    bool has_failed; /* of the thread: liblcm has told of a failure */
     char explained[WHY_BYTES]; /* of the loop's thread */
 };
 
@@ -147,18 +150,59 @@ static void set_state(publisher *p, const char *state, const char *why, int erro
     (void)pthread_mutex_unlock(&p->lock);
 }
 
+/* ---- Lines of liblcm ------------------------------------------------------------------------- */
+
+/* The stream stderr of the process is elsewhere while a publisher that has failed calls liblcm,
+ * which writes several lines about each failure. The log, which has all that counts, and has no use
+ * for the stream, is not affected. */
+static struct {
+    pthread_mutex_t lock;
+    FILE *nowhere; /* opened once */
+    FILE *shown;   /* stderr as it was */
+    unsigned count; /* of calls that it is hidden from */
+} hidden = {.lock = PTHREAD_MUTEX_INITIALIZER};
+
+static void hide_stderr(const publisher *p)
+{
+    if (!p->has_failed)
+        return;
+    (void)pthread_mutex_lock(&hidden.lock);
+    if (!hidden.nowhere)
+        hidden.nowhere = fopen("/dev/null", "we");
+    if (hidden.count++ == 0) {
+        hidden.shown = stderr;
+        stderr = hidden.nowhere ? hidden.nowhere : stderr;
+    }
+    (void)pthread_mutex_unlock(&hidden.lock);
+}
+
+static void show_stderr(const publisher *p)
+{
+    if (!p->has_failed)
+        return;
+    (void)pthread_mutex_lock(&hidden.lock);
+    if (--hidden.count == 0)
+        stderr = hidden.shown;
+    (void)pthread_mutex_unlock(&hidden.lock);
+}
+
+/* ---- Sending --------------------------------------------------------------------------------- */
+
 static lcm_t *try_connect(publisher *p, bool *warned)
 {
     const char *url = p->url;
     const bool route = has_route(url);
+    hide_stderr(p);
     lcm_t *lcm = route ? lcm_create(url) : NULL;
+    show_stderr(p);
+    p->has_failed = p->has_failed || !lcm;
     set_state(p, lcm ? state_sending : state_waiting,
               lcm ? NULL : route ? "LCM cannot start" : "no multicast route", 0);
     if (lcm && *warned)
         log_info("LCM at %s works now", url);
     if (!lcm && !*warned)
-        log_warning("LCM at %s cannot start, trying again every %d s; without multicast route: %s",
-                    url, RETRY_S, REMEDY);
+        log_warning("LCM at %s cannot start, trying again after %d s, and later after up to %d s; "
+                    "without multicast route: %s", url, RETRY_S, RETRY_MAX_S, REMEDY);
     *warned = !lcm;
     return lcm;
 }
@@ -197,19 +241,21 @@ static void note_sent(publisher *p, outage *o, bool good)
                  counted(o->lost, "message").text, o->lost == 1 ? "was" : "were");
     o->lost = 0;
     o->warned = false;
+    o->pause_s = RETRY_S;
 }
 
-/* Waits a while, dropping new messages, and adds their number. Returns false to stop. */
-static bool wait_without_lcm(publisher *p, uint64_t *lost)
+/* Waits, each time longer, dropping new messages, and adds their number. Returns false to stop. */
+static bool wait_without_lcm(publisher *p, outage *o)
 {
-    struct timespec until = thread_in_seconds(RETRY_S);
+    struct timespec until = thread_in_seconds(o->pause_s);
+    o->pause_s = 2 * o->pause_s < RETRY_MAX_S ? 2 * o->pause_s : RETRY_MAX_S;
     (void)pthread_mutex_lock(&p->lock);
     while (!p->stopping && !thread_is_past(&until)) {
         for (; p->count > 0; p->count--) {
             free_message(&p->queue[p->first]);
             p->first = (p->first + 1) % QUEUE_MESSAGES;
             p->dropped++;
-            (*lost)++;
+            o->lost++;
         }
         (void)pthread_cond_timedwait(&p->changed, &p->lock, &until);
     }
@@ -218,22 +264,33 @@ static bool wait_without_lcm(publisher *p, uint64_t *lost)
     return !stop;
 }
 
+static bool publish_message(const publisher *p, lcm_t *lcm, const message *m)
+{
+    hide_stderr(p);
+    const bool good = lcm_publish(lcm, m->channel, m->data, m->size) == 0;
+    const int error = errno;
+    show_stderr(p);
+    errno = error;
+    return good;
+}
+
 /* Sends messages. liblcm writes lines of its own about failures, so a failure pauses the
  * sending. */
 static void send_all(publisher *p, lcm_t *lcm)
 {
     message m;
-    outage now = {.lost = 0};
+    outage now = {.pause_s = RETRY_S};
     bool go_on = true;
     (void)pthread_mutex_lock(&p->lock);
     while (go_on && next_message(p, &m)) {
         (void)pthread_mutex_unlock(&p->lock);
-        bool good = lcm_publish(lcm, m.channel, m.data, m.size) == 0;
+        bool good = publish_message(p, lcm, &m);
         note_sent(p, &now, good);
         free_message(&m);
         if (!good) {
             p->dropped++;
-            go_on = wait_without_lcm(p, &now.lost);
+            p->has_failed = true;
+            go_on = wait_without_lcm(p, &now);
         }
         (void)pthread_mutex_lock(&p->lock);
     }
@@ -244,9 +301,9 @@ static void *publish_run(void *argument)
 {
     publisher *p = argument;
     bool warned = false;
-    uint64_t lost = 0; /* the warning has reported it */
+    outage start = {.pause_s = RETRY_S}; /* the warning has reported it */
     lcm_t *lcm = try_connect(p, &warned);
-    while (!lcm && wait_without_lcm(p, &lost))
+    while (!lcm && wait_without_lcm(p, &start))
         lcm = try_connect(p, &warned);
     if (!lcm)
         return NULL;

@@ -9,6 +9,7 @@ import json
 import os
 import socket
 import subprocess
+import time
 
 import pytest
 
@@ -89,6 +90,23 @@ def test_each_sink_is_named_with_its_state(bus):
         assert "\nrecord a.log: recording entries " in text
         assert "\njournal day.journal: writing lines " in text
         running.stop()
+
+
+def test_lcm_is_tried_again_more_and_more_rarely_and_in_silence(bus):
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        server.settimeout(60)
+        port = server.getsockname()[1]
+        running = bus(f'lcm: {{ url: "tcpq://127.0.0.1:{port}" }}\n')
+        tried = []
+        for _ in range(4):
+            with server.accept()[0]:
+                tried.append(time.monotonic())
+        assert tried[2] - tried[1] > 1.9 and tried[3] - tried[2] > 3.9
+        log = running.stop()
+    assert log.count("connecting...") <= 2, "liblcm tells of its start and the first message alone"
+    assert log.count("messages cannot be sent and are lost") == 1
 
 
 def test_a_journal_that_somebody_takes_away_is_told(bus, tmp_path):
