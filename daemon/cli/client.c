@@ -29,6 +29,7 @@
 #define LEAST_NS 100000000 /* for a bus of several */
 #define PAUSE_NS 10000000L /* between two looks for a bus that is just starting */
 
+#define NAME_PATIENCE_S 2 /* for each bus that may have a name */
 #define NAMES_BYTES 1024 /* of buses in a message */
 #define ELLIPSIS "..."
 #define MESSAGE_BYTES 16384 /* of a message; a longer one is cut */
@@ -185,12 +186,82 @@ static void set_patience(int fd)
     (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
 }
 
+/* ---- By the name of the bus ------------------------------------------------------------------ */
+
+typedef enum named { NAMED_NONE, NAMED_ONE, NAMED_SEVERAL } named;
+
+static void say_nothing(const char *text)
+{
+    (void)text;
+}
+
+/* Returns true when the bus whose control socket is at a path has that name. It says nothing. */
+static bool has_name(const char *path, const char *bus)
+{
+    void (*const before)(const char *text) = teller;
+    const int patience_s = reply_patience_s;
+    const uint64_t wait = wait_ns;
+    teller = say_nothing;
+    reply_patience_s = NAME_PATIENCE_S;
+    wait_ns = 0;
+    json_t *reply = client_ask_once(path, client_request("status"));
+    teller = before;
+    reply_patience_s = patience_s;
+    wait_ns = wait;
+    const json_t *status = json_object_get(reply, "status");
+    const char *name = json_string_value(json_object_get(json_object_get(status, "bus"), "name"));
+    const bool same = name && strcmp(name, bus) == 0;
+    json_decref(reply);
+    return same;
+}
+
+static void complain_of_several(const char *bus, const char *sockets)
+{
+    const client c = {.bus = bus};
+    client_complain(&c, "several buses have this name; take one of their sockets in %s: %s",
+                    buses_folder(), sockets);
+}
+
+/* Finds the bus that runs with that name, when no socket has it: a unit and its bus may have
+ * different names. Complains of several. */
+static named find_named(struct sockaddr_un *address, const char *bus)
+{
+    char *names[BUSES_MAX];
+    char text[NAMES_BYTES] = "";
+    named result = NAMED_NONE;
+    const size_t count = is_path(bus) || client_has_socket(bus) ? 0 : buses_find(names, BUSES_MAX);
+    for (size_t i = 0; i < count; i++) {
+        char *path = buses_path(names[i]);
+        if (path && strlen(path) < sizeof address->sun_path && has_name(path, bus)) {
+            const size_t used = strlen(text);
+            (void)snprintf(text + used, sizeof text - used, "%s%s", used > 0 ? ", " : "",
+                           names[i]);
+            result = result == NAMED_NONE ? NAMED_ONE : NAMED_SEVERAL;
+            memcpy(address->sun_path, path, strlen(path) + 1);
+        }
+        free(path);
+        free(names[i]);
+    }
+    if (result == NAMED_SEVERAL)
+        complain_of_several(bus, text);
+    return result;
+}
+
 static int client_connect_to(client *c, const struct sockaddr_un *address)
 {
     while (connect(c->fd, (const struct sockaddr *)address, sizeof *address) != 0)
         if (!client_wait(errno))
             return errno;
     return 0;
+}
+
+/* Returns 0 or an errno. */
+static int client_connect(client *c, const struct sockaddr_un *address)
+{
+    c->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (c->fd >= 0)
+        set_patience(c->fd);
+    return c->fd < 0 ? errno : client_connect_to(c, address);
 }
 
 bool client_open(client *c, const char *bus)
@@ -201,10 +272,17 @@ bool client_open(client *c, const char *bus)
         client_complain(c, "the path of its socket is too long");
         return false;
     }
-    c->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    if (c->fd >= 0)
-        set_patience(c->fd);
-    const int error = c->fd < 0 ? errno : client_connect_to(c, &address);
+    const named found = find_named(&address, bus);
+    if (found == NAMED_SEVERAL)
+        return false;
+    int error = client_connect(c, &address);
+    if (error == ENOENT) { /* it may have started meanwhile */
+        client_close(c);
+        const named later = find_named(&address, bus);
+        if (later == NAMED_SEVERAL)
+            return false;
+        error = later == NAMED_ONE ? client_connect(c, &address) : error;
+    }
     passed_over = pass_over && error == EPROTOTYPE;
     if (error != 0) {
         if (!passed_over)

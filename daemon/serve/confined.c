@@ -18,12 +18,14 @@
 #include <ifaddrs.h>
 #include <net/if.h>
 #include <netinet/in.h>
+#include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #define DISCARD 9 /* the port of a packet to this host that nobody needs */
 #define TCPQ "tcpq://"
+#define PORTS_BYTES 240 /* of their names in a warning, which has room for 500 */
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
@@ -109,18 +111,40 @@ static bool wants_server(const cfg_lcm *lcm)
            strncmp(host, "127.", 4) != 0 && strncmp(host, "localhost", strlen("localhost")) != 0;
 }
 
+static void warn_of_ports(const char *all)
+{
+    log_warning("%s: the service drops packets from and to other hosts (IPAddressDeny=): allow "
+                "them by sudo systemctl set-property canwired@%s.service "
+                "IPAddressAllow=192.168.0.0/16 or whatever their network is; see canwired(8)",
+                all, unit_instance());
+}
+
+/* Adds a name to a list, after warning of those in it when it is full. */
+static void name_port(char list[PORTS_BYTES], const char *name)
+{
+    if (*list && strlen(list) + strlen(name) + sizeof ", " > PORTS_BYTES) {
+        warn_of_ports(list);
+        *list = '\0';
+    }
+    const size_t used = strlen(list);
+    (void)snprintf(list + used, PORTS_BYTES - used, "%s%s", used > 0 ? ", " : "", name);
+}
+
 static void warn_of_hosts(const cfg *config)
 {
-    const char *what = NULL;
-    for (size_t i = 0; i < config->node_count && !what; i++)
-        what = wants_hosts(&config->nodes[i]) ? config->nodes[i].port : NULL;
-    if (!what && config->lcm.enabled && wants_server(&config->lcm))
-        what = config->lcm.url;
-    if (what && is_shut_in())
-        log_warning("%s: the service drops packets from and to other hosts (IPAddressDeny=): allow "
-                    "them by sudo systemctl set-property canwired@%s.service "
-                    "IPAddressAllow=192.168.0.0/16 or whatever their network is; see canwired(8)",
-                    what, unit_instance());
+    char all[PORTS_BYTES] = "";
+    const bool server = config->lcm.enabled && wants_server(&config->lcm);
+    bool any = server;
+    for (size_t i = 0; i < config->node_count; i++)
+        any = any || wants_hosts(&config->nodes[i]);
+    if (!any || !is_shut_in())
+        return;
+    for (size_t i = 0; i < config->node_count; i++)
+        if (wants_hosts(&config->nodes[i]))
+            name_port(all, config->nodes[i].port);
+    if (server)
+        name_port(all, config->lcm.url);
+    warn_of_ports(all);
 }
 
 void confined_warn(const cfg *config)

@@ -76,12 +76,12 @@ def test_of_several_errors_the_first_is_shown(tmp_path):
 
 
 @contextlib.contextmanager
-def running(folder, text, instance):
+def running(folder, text, instance, *within):
     folder.mkdir()
     (folder / "bus.yaml").write_text(text)
     log = folder / "log"
     with log.open("w") as errors:
-        with subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=folder, stderr=errors,
+        with subprocess.Popen([*within, CANWIRED, "-c", "bus.yaml"], cwd=folder, stderr=errors,
                               env=environment(instance)) as process:
             wait_until(lambda: " bit/s, " in log.read_text() or process.poll() is not None, "it")
             try:
@@ -131,6 +131,20 @@ def test_clients_of_a_bad_bus_get_the_reason(tmp_path, text, why):
                               check=False, env=environment("day"))
         assert done.returncode == 1
         assert client.makefile().readline().startswith(f'{{"ok":false,"error":"{why}')
+
+
+@pytest.mark.parametrize("count, lines", [(2, 1), (30, 3)])
+def test_all_ports_that_other_hosts_do_not_reach_are_named(tmp_path, count, lines):
+    """In a network without addresses the unit counts as what it is by default."""
+    ports = [f"tcp:0.0.0.0:{20000 + i}" for i in range(count)]
+    nodes = "".join(f'  - {{ name: n{i}, port: "{port}" }}\n' for i, port in enumerate(ports))
+    text = "bus: { name: day, bitrate: 500000 }\nnodes:\n" + nodes
+    with running(tmp_path / "a", text, "day", "unshare", "--net", "--map-root-user") as (log, _):
+        told = [line for line in log.splitlines() if "IPAddressDeny=" in line]
+        assert len(told) == lines
+        assert all("IPAddressAllow=" in line and "canwired(8)" in line for line in told)
+        assert [name.split("/")[0] for line in told for name in
+                line.split("warning: ")[1].split(": the")[0].split(", ")] == ports
 
 
 class Service:
