@@ -142,7 +142,7 @@ static bool have_control(cfg *const *buses, size_t count)
     return all;
 }
 
-/* Asks all buses. Where nobody listens, says so, and lets the process find the mistake: it may have
+/* Asks all buses. It says where nobody listens, and lets the process find the mistake: it may have
  * another socket than its file says by now. */
 static int ask_buses(const target *t, cfg *const *buses, size_t count)
 {
