@@ -35,8 +35,8 @@ typedef struct pathsocket {
 bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, const char *what,
                      char error[PATHSOCKET_ERROR_MAX]);
 
-/* Looks if a socket could be made at a path, whose folder must take one. Returns false after writing
- * the reason to error. */
+/* Looks if a socket could be made at a path, whose folder must take one. Returns false after
+ * writing the reason to error. */
 bool pathsocket_probe(const char *path, char error[PATHSOCKET_ERROR_MAX]);
 
 /* Takes over a socket that listens already, at this path or, with path NULL, at any. The path stays
