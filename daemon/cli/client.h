@@ -44,8 +44,9 @@ bool client_wait(int error);
 /* Returns true for a bus that has a socket; it need not run. */
 bool client_has_socket(const char *bus);
 
-/* Connects to a bus: its name, or the path of its socket, which contains a '/' or is a file in the
- * current folder. The name must live longer. Returns false after a message. */
+/* Connects to a bus. That is the path of a socket, which contains a '/' or is a file in the current
+ * folder, or the name of a socket. Without one it is the name of the bus itself. The name must live
+ * longer. Returns false after a message. */
 bool client_open(client *c, const char *bus);
 
 /* Sends a request, takes it over, and waits for the reply, which the caller releases. Returns NULL

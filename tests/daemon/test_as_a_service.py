@@ -241,3 +241,25 @@ def test_a_bus_that_its_file_does_not_lead_to_gets_a_signal(service, text, why):
     one.write(text)
     assert why in one.reload(status=1)
     one.wait_for_status(lambda told: REFUSED in told)
+
+
+NO_RULES = "{faults: []}"
+
+
+def test_a_bus_is_found_by_its_own_name_too(service, tmp_path):
+    """Unit and socket are called `unit`, the bus `day`."""
+    one = service(GOOD + "control: run/unit.sock\n")
+    for command in "faults", "clear", "reload":
+        assert one.canwire(command, "day") == one.canwire(command, "unit")
+    one.canwire("inject", "day", NO_RULES)
+    for words in (["status"], ["status", "--json"], ["status", "--check"]):
+        assert "day" in one.canwire(*words, "day")
+    assert "those in " in one.canwire("status", "night", status=1)
+    with running(tmp_path / "b", GOOD + f"control: {tmp_path}/run/other.sock\n", None):
+        told = one.canwire("status", "day", status=1)
+        assert told == (f"canwire: bus day: several buses have this name; take one of their sockets "
+                        f"in {tmp_path}/run: other, unit\n")
+        one.canwire("status", "other")
+    with running(tmp_path / "c", GOOD.replace("name: day", "name: else") +
+                 f"control: {tmp_path}/run/day.sock\n", None):
+        assert one.canwire("status", "day").startswith("else: "), "a socket goes first"
