@@ -257,7 +257,7 @@ def test_a_bus_is_found_by_its_own_name_too(service, tmp_path):
     assert "those in " in one.canwire("status", "night", status=1)
     with running(tmp_path / "b", GOOD + f"control: {tmp_path}/run/other.sock\n", None):
         told = one.canwire("status", "day", status=1)
-        assert told == (f"canwire: bus day: several buses have this name; take one of their sockets "
+        assert told == ("canwire: bus day: several buses have this name; take one of their sockets "
                         f"in {tmp_path}/run: other, unit\n")
         one.canwire("status", "other")
     with running(tmp_path / "c", GOOD.replace("name: day", "name: else") +
