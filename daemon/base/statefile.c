@@ -152,8 +152,11 @@ static void on_wakeup(struct ev_loop *loop, ev_async *wakeup, int events)
     const int error = s->error;
     const bool over = done == s->put;
     (void)pthread_mutex_unlock(&s->lock);
-    if (over)
-        ev_timer_stop(loop, &s->patience);
+    ev_timer_stop(loop, &s->patience);
+    if (!over) {
+        ev_timer_set(&s->patience, PATIENCE_S, 0.0); /* the disk answers */
+        ev_timer_start(loop, &s->patience);
+    }
     tell_written(s, done, error);
 }
 

@@ -26,6 +26,7 @@
 
 #define NS_PER_S 1000000000
 #define NS_PER_US 1000
+#define US_PER_S 1000000
 #define LEAST_NS 100000000 /* for a bus of several */
 #define PAUSE_NS 10000000L /* between two looks for a bus that is just starting */
 
@@ -180,9 +181,8 @@ static int64_t end_of_patience(void)
 /* Limits the wait of connect() for a canwired that is stopped or hangs, with many clients. */
 static void set_patience(int fd)
 {
-    const int64_t left = end_of_patience() - wall_ns();
-    const struct timeval patience = {.tv_sec = left / NS_PER_S,
-                                     .tv_usec = left % NS_PER_S / NS_PER_US + 1};
+    const int64_t left_us = (end_of_patience() - wall_ns()) / NS_PER_US + 1; /* 0: no limit */
+    const struct timeval patience = {.tv_sec = left_us / US_PER_S, .tv_usec = left_us % US_PER_S};
     (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
 }
 

@@ -96,9 +96,11 @@ const char *kept_explain(int error)
 
 static void on_written(void *user, uint64_t number, int error)
 {
-    const kept *k = user;
-    if (error != 0)
+    kept *k = user;
+    if (error != 0) {
+        k->there = true; /* maybe: the next save tries again */
         complain_unwritten(k, error);
+    }
     k->told(k->user, number, error);
 }
 

@@ -362,13 +362,13 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     }
     cw_timed_catch_up(old);
     cw_timed_take_over(bus, old, from);
-    for (unsigned i = 0; i < bus->node_count; i++)
-        if (from[i] != CW_NO_NODE)
-            apply_settings(bus, i, modes[i], old, from[i]);
     take_over_sync_stats(bus, old, from);
     cw_apply_topology(bus);
     take_over_buffers(bus, old, from, to);
     take_over_tt(bus, old, from, to);
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (from[i] != CW_NO_NODE) /* may end a frame early, for buffers and local time, too */
+            apply_settings(bus, i, modes[i], old, from[i]);
     cw_find_node_due(bus);
     cw_rules_take_over_protections(&bus->rules, &old->rules, from);
     take_over_inbox(bus, old, to);
