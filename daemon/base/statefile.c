@@ -64,11 +64,13 @@ static bool write_all(int fd, const char *text)
     return true;
 }
 
-/* Returns 0 or an errno. */
+/* Makes the file anew: what has its name may be of somebody else. Returns 0 or an errno. */
 static int replace_file(const statefile *s, const char *text)
 {
+    if (unlinkat(s->folder, s->next, 0) != 0 && errno != ENOENT)
+        return errno;
     const int fd = openat(s->folder, s->next,
-                          O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, MODE);
+                          O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, MODE);
     if (fd < 0)
         return errno;
     int error = write_all(fd, text) ? 0 : errno;
@@ -77,6 +79,8 @@ static int replace_file(const statefile *s, const char *text)
         error = errno;
     if (error == 0 && renameat(s->folder, s->next, s->folder, s->name) != 0)
         error = errno;
+    if (error != 0)
+        (void)unlinkat(s->folder, s->next, 0);
     return error;
 }
 

@@ -215,6 +215,13 @@ static bool has_name(const char *path, const char *bus)
     return same;
 }
 
+/* Returns true for one more name of a socket. */
+static bool is_link(const char *path)
+{
+    struct stat found;
+    return lstat(path, &found) == 0 && S_ISLNK(found.st_mode);
+}
+
 static void complain_of_several(const char *bus, const char *sockets)
 {
     const client c = {.bus = bus};
@@ -232,7 +239,8 @@ static named find_named(struct sockaddr_un *address, const char *bus)
     const size_t count = is_path(bus) || client_has_socket(bus) ? 0 : buses_find(names, BUSES_MAX);
     for (size_t i = 0; i < count; i++) {
         char *path = buses_path(names[i]);
-        if (path && strlen(path) < sizeof address->sun_path && has_name(path, bus)) {
+        if (path && strlen(path) < sizeof address->sun_path && !is_link(path) &&
+            has_name(path, bus)) {
             const size_t used = strlen(text);
             (void)snprintf(text + used, sizeof text - used, "%s%s", used > 0 ? ", " : "",
                            names[i]);

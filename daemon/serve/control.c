@@ -125,6 +125,8 @@ void control_saved(control *c, uint64_t save, int error)
             continue;
         if (error != 0 && w->of.keep)
             request_not_kept(&c->world, w->reply, error);
+        else if (error != 0 && w->of.clears)
+            request_not_cleared(w->reply, error);
         control_answer(w, client);
     }
 }

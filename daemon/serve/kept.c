@@ -199,9 +199,12 @@ static void kept_read_file(kept *k)
         openat(k->folder.fd, k->name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
     if (fd < 0 && errno == ENOENT)
         return;
-    json_t *state = fd >= 0 && fstat(fd, &file) == 0 && S_ISREG(file.st_mode)
-                        ? json_loadfd(fd, JSON_ALLOW_NUL, NULL) : NULL;
-    const char *why = fd < 0 ? strerror(errno) : find_fault(k, state);
+    const bool good = fd >= 0 && fstat(fd, &file) == 0 && S_ISREG(file.st_mode);
+    const bool foreign = good && file.st_uid != geteuid() && file.st_uid != 0;
+    json_t *state = good && !foreign ? json_loadfd(fd, JSON_ALLOW_NUL, NULL) : NULL;
+    const char *why = fd < 0    ? strerror(errno)
+                      : foreign ? "it belongs to another user"
+                                : find_fault(k, state);
     if (fd >= 0)
         (void)close(fd);
     if (why) {
@@ -292,14 +295,13 @@ uint64_t kept_note(kept *k, const json_t *text, const char *name, const json_t *
     return kept_save(k);
 }
 
-bool kept_clear(kept *k, const char *rule)
+/* Clears a rule of an entry that the bus has refused, or of one that it has not. */
+static bool clear_entry(kept *k, const char *rule, bool refused)
 {
-    forget_crash(k);
-    if (remove_text(k->passing, rule))
-        return true;
     for (size_t i = 0; i < json_array_size(k->entries); i++) {
         const json_t *entry = json_array_get(k->entries, i);
-        if (!remove_text(json_object_get(entry, "rules"), rule))
+        if (json_is_true(json_object_get(entry, "refused")) != refused ||
+            !remove_text(json_object_get(entry, "rules"), rule))
             continue;
         put_text_last(json_object_get(entry, "cleared"), rule);
         if (json_array_size(json_object_get(entry, "rules")) == 0)
@@ -307,6 +309,16 @@ bool kept_clear(kept *k, const char *rule)
         return true;
     }
     return false;
+}
+
+/* Those on the bus go first: a refused entry may have a rule of the same name. */
+bool kept_clear(kept *k, const char *rule)
+{
+    if (!remove_text(k->passing, rule) && !clear_entry(k, rule, false) &&
+        !clear_entry(k, rule, true))
+        return false;
+    forget_crash(k);
+    return true;
 }
 
 void kept_clear_all(kept *k)

@@ -241,6 +241,14 @@ static bool note_injected(request *r, const char *name, bool keep)
     return r->result->save > 0 || !keep || refuse_kept(r, "see the log");
 }
 
+void request_not_cleared(json_t *reply, int error)
+{
+    request r = {.reply = reply};
+    put_bool(reply, "ok", false);
+    (void)requests_refuse(&r, "cleared, but the file of injected rules could not be written, and "
+                          "the next start reads the old one: %s", kept_explain(error));
+}
+
 void request_not_kept(const request_world *world, json_t *reply, int error)
 {
     request r = {.world = world, .inputs = engine_change(world->engine), .reply = reply};
@@ -300,6 +308,7 @@ static bool clear_refused(request *r)
     put_text_last(cleared, name);
     put(r->reply, "rules", cleared);
     r->result->save = kept_save(r->world->kept);
+    r->result->clears = true;
     return true;
 }
 
@@ -325,6 +334,7 @@ static bool run_clear(request *r)
         kept_clear_all(r->world->kept);
     if (r->world->kept)
         r->result->save = kept_save(r->world->kept);
+    r->result->clears = true;
     put(r->reply, "rules", cleared);
     return true;
 }

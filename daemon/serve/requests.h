@@ -41,6 +41,7 @@ typedef struct request_result {
     uint64_t round; /* of a reload; not 0: the reply is complete when the round has ended */
     uint64_t save;  /* of rules, see kept_save(); not 0: the reply is complete when it is over */
     bool keep;      /* the rules go again when it fails */
+    bool clears;    /* they may come back with the next start when it fails */
 } request_result;
 
 /* Carries out a request, a line of JSON. Returns the reply, to be released by the caller. *result
@@ -53,5 +54,8 @@ void request_reloaded(json_t *reply, const char *errors);
 
 /* Completes the reply to a request whose rules are to be kept, and could not be saved: they go. */
 void request_not_kept(const request_world *world, json_t *reply, int error);
+
+/* The same of a request that has cleared rules, which may come back. */
+void request_not_cleared(json_t *reply, int error);
 
 #endif

@@ -255,6 +255,8 @@ def test_a_bus_is_found_by_its_own_name_too(service, tmp_path):
     for words in (["status"], ["status", "--json"], ["status", "--check"]):
         assert "day" in one.canwire(*words, "day")
     assert "those in " in one.canwire("status", "night", status=1)
+    (tmp_path / "run/alias.sock").symlink_to("unit.sock")
+    assert one.canwire("status", "day").startswith("day: "), "two names of one socket"
     with running(tmp_path / "b", GOOD + f"control: {tmp_path}/run/other.sock\n", None):
         told = one.canwire("status", "day", status=1)
         assert told == ("canwire: bus day: several buses have this name; take one of their sockets "

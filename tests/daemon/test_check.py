@@ -129,6 +129,25 @@ def test_a_bus_that_is_stopped_is_critical(bus):
     bus.process.send_signal(signal.SIGCONT)
 
 
+def test_a_bus_that_takes_no_more_clients_is_critical(bus):
+    """So does this one: a connection waits for a place as long as for a reply."""
+    bus.start()
+    bus.process.send_signal(signal.SIGSTOP)
+    waiting = []
+    try:
+        while True:
+            waiting.append(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK))
+            waiting[-1].connect(str(bus.folder / "day.sock"))
+    except BlockingIOError:
+        pass  # the last place is taken
+    socket_path = bus.folder / "day.sock"
+    assert bus.check("day") == (CRITICAL, f"CANWIRE CRITICAL - bus day: {socket_path}: it does "
+                                          "not answer")
+    bus.process.send_signal(signal.SIGCONT)
+    for one in waiting:
+        one.close()
+
+
 def test_buses_that_hang_are_asked_at_the_same_time(bus):
     """Both have their request before the first one has missed its time."""
     listeners = [socket.socket(socket.AF_UNIX) for _ in range(3)]

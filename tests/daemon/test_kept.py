@@ -196,3 +196,50 @@ def test_rules_that_cannot_be_remembered_are_refused(bus):
     bus.canwire("clear", "./day.sock", "b")
     os.rmdir(bus.rules.with_name("day.sock.rules.new"))
     bus.inject("a", "--keep")
+
+
+def test_a_clear_that_cannot_be_remembered_says_so(bus):
+    """The rules go from the bus. The file still has them, as the next start."""
+    bus.inject("a", "--keep")
+    bus.inject("b", "--keep")
+    blocked = bus.rules.with_name("day.sock.rules.new")
+    blocked.mkdir()
+    told = bus.canwire("clear", "./day.sock", "b", status=1)
+    assert "cleared, but the file of injected rules could not be written" in told
+    assert "Is a directory" in told and bus.present() == {"a"}
+    os.rmdir(blocked)
+    bus.canwire("clear", "./day.sock", "a")
+    assert bus.present() == set() and not bus.rules.exists()
+
+
+def test_the_new_file_is_made_anew(bus, tmp_path):
+    """Where others may write, what lies there may be a file of theirs, or hang."""
+    theirs, lies = tmp_path / "theirs", bus.rules.with_name("day.sock.rules.new")
+    theirs.write_text("theirs")
+    os.link(theirs, lies)
+    bus.inject("a", "--keep")
+    assert theirs.read_text() == "theirs" and '"a"' in bus.rules.read_text()
+    os.mkfifo(lies)
+    bus.inject("b", "--keep")
+    assert '"b"' in bus.rules.read_text()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file away")
+def test_a_file_of_another_user_is_moved_away(bus):
+    bus.inject("a", "--keep")
+    bus.stop()
+    os.chown(bus.rules, 65534, -1)
+    bus.start()
+    assert "it belongs to another user" in bus.log.read_text()
+    assert bus.present() == set() and bus.bad.exists()
+
+
+def test_the_rule_on_the_bus_is_cleared_and_not_a_refused_one(bus):
+    text = '{{ name: x, when: {{ frame: "7FF", from: {} }}, do: {{ flip: "crc[3]" }} }}'
+    bus.canwire("inject", "--keep", "./day.sock", text.format("dash"))
+    bus.write(BUS.replace("name: dash", "name: board"))
+    bus.canwire("reload", "./day.sock")
+    bus.canwire("inject", "--keep", "./day.sock", text.format("board"))
+    bus.canwire("clear", "./day.sock", "x")
+    bus.canwire("reload", "./day.sock")
+    assert bus.present() == set()
