@@ -213,7 +213,7 @@ def test_a_clear_that_cannot_be_remembered_says_so(bus):
 
 
 def test_the_new_file_is_made_anew(bus, tmp_path):
-    """Where others may write, what lies there may be a file of theirs, or hang."""
+    """Others may write there: it may be a file of theirs, or hang."""
     theirs, lies = tmp_path / "theirs", bus.rules.with_name("day.sock.rules.new")
     theirs.write_text("theirs")
     os.link(theirs, lies)
