@@ -9,7 +9,7 @@ import pytest
 
 from simtool import CANWIRE
 
-pytest_plugins = ["depth"]
+pytest_plugins = ["depth", "hang"]
 
 # the package canwire of the checkout finds the library that has just been built
 os.environ.setdefault("CANWIRE_SIM_LIBRARY", str(Path(CANWIRE).with_name("libcanwire-sim.so")))

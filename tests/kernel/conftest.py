@@ -24,7 +24,7 @@ import pytest
 import rtnetlink
 from canbits import CLASSIC, Frame
 
-pytest_plugins = ["depth"]
+pytest_plugins = ["depth", "hang"]
 
 ROOT = Path(__file__).resolve().parents[2]
 CANWIRED = os.environ.get("CANWIRED") or ROOT / "build/release/canwired"
