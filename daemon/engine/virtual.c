@@ -33,17 +33,23 @@ static unsigned virtual_find_node(void *user, const char *name)
     return node == CW_NO_NODE ? CW_NODES_MAX : node;
 }
 
-static void on_change(void *user)
+/* Time begins when enough programs have joined, whichever way their messages were read. */
+static void virtual_count_programs(engine *e)
 {
-    engine *e = user;
     struct engine_virtual *v = e->virtual_time;
-    v->unread = true;
     if (!v->begun && v->turns->count >= e->config->virtual_time.programs) {
         v->begun = true;
         log_info("virtual time begins with %s", counted(v->turns->count, "program").text);
     }
     if (v->turns->count > 0)
         v->left_ns = v->now_ns;
+}
+
+static void on_change(void *user)
+{
+    engine *e = user;
+    e->virtual_time->unread = true;
+    virtual_count_programs(e);
     e->wake(e);
 }
 
@@ -160,6 +166,7 @@ static bool any_waits(const engine *e)
 static void virtual_read_all(engine *e)
 {
     programs_let_in(e->virtual_time->programs); /* a child has come before its parent waits */
+    virtual_count_programs(e);
     const clock_pair now = engine_now(e);
     unsigned rounds = 0;
     do {

@@ -422,6 +422,24 @@ def test_who_has_connected_and_not_joined_yet_is_waited_for(bus):
         assert now_ns(child) == 0
 
 
+def test_time_begins_with_programs_that_join_at_once(bus):
+    """The message of the second one is read while that of the first one is obeyed."""
+    b = bus(programs=2)
+    folder = Path(f"/proc/{b.process.pid}/fd")
+    before = len(list(folder.iterdir()))
+    with (socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as first,
+          socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as second):
+        for one in (first, second):
+            one.settimeout(TIMEOUT_S)
+            one.connect(str(b.folder / "slow.sock.time"))
+        wait_until(lambda: len(list(folder.iterdir())) >= before + 2, "the connections")
+        b.process.send_signal(signal.SIGSTOP)
+        join_time(first, os.getpid())
+        join_time(second, 1)
+        b.process.send_signal(signal.SIGCONT)
+        wait_until(lambda: b.status()["virtual"]["begun"], "the time of both")
+
+
 # ---- What is refused -----------------------------------------------------------------------------
 
 def test_virtual_needs_virtual_time(bus, tmp_path):
