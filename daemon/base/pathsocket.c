@@ -114,9 +114,9 @@ static int take_made(pathsocket *s, const char *what)
     return own ? 0 : ESTALE;
 }
 
-/* Binds the path while holding the lock. A program that has a socket here and does not listen has
- * ended. */
-static int bind_path(const pathsocket *s, int type, const char *what)
+/* Binds the path while holding the lock, and listens at once: a client that finds the path may come
+ * in between. A program that has a socket here and does not listen has ended. */
+static int bind_path(const pathsocket *s, int type, int backlog, const char *what)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     memcpy(address.sun_path, s->path, strlen(s->path));
@@ -126,7 +126,9 @@ static int bind_path(const pathsocket *s, int type, const char *what)
         (void)unlinkat(s->folder.fd, s->folder.name, 0);
         number = bind_once(s->fd, &address);
     }
-    return number;
+    if (number != 0)
+        return number;
+    return listen(s->fd, backlog) == 0 ? 0 : errno;
 }
 
 /* Opens the path. Returns 0 or the number of the error. */
@@ -146,12 +148,8 @@ static int open_path(pathsocket *s, int type, int backlog, const char *what)
     if (s->fd < 0)
         return errno;
     pathsocket_refuse_descriptors(s->fd);
-    number = bind_path(s, type, what);
-    if (number == 0)
-        number = take_made(s, what);
-    if (number != 0)
-        return number;
-    return listen(s->fd, backlog) == 0 ? 0 : errno;
+    number = bind_path(s, type, backlog, what);
+    return number == 0 ? take_made(s, what) : number;
 }
 
 void pathsocket_refuse_descriptors(int fd)

@@ -14,6 +14,7 @@
 #include <time.h>
 
 #define WELCOME_MS 30000 /* for the answer to a hello */
+#define STARTING_MS 50     /* for a bus that has made the path, and does not listen yet */
 #define FLUSH_MS 10000   /* for the bus to send what is left; a bus-off node never does */
 #define LOOK_MS 10       /* between two looks for an answer that another thread may read */
 #define GUESTS_MAX 64u
@@ -114,11 +115,13 @@ static int conn_connect_to(int fd, const char *path)
     if (real()->bind(fd, any, sizeof address.sun_family) != 0)
         return errno;
     (void)snprintf(address.sun_path, sizeof address.sun_path, "%s", path);
-    while (real()->connect(fd, any, sizeof address) != 0) {
+    for (int refused = 0; real()->connect(fd, any, sizeof address) != 0;) {
         struct pollfd later = {.fd = -1};
-        if (errno != EAGAIN && errno != EINTR)
+        /* a bus that starts has the path a moment before it listens */
+        const bool starts = errno == ECONNREFUSED && refused++ < STARTING_MS;
+        if (errno != EAGAIN && errno != EINTR && !starts)
             return conn_is_over(errno) ? ENETDOWN : errno;
-        (void)poll(&later, 1, 1); /* the port has too many connections to accept */
+        (void)poll(&later, 1, 1); /* or the port has too many connections to accept */
     }
     return 0;
 }

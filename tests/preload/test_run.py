@@ -9,8 +9,9 @@ import sys
 
 import pytest
 
+from compiled import compiled
 from conftest import BUS
-from simtool import CANWIRE, ROOT, canwire
+from simtool import CANWIRE, CANWIRED, ROOT, TIMEOUT_S, canwire, kill_all
 from test_record import wait_until
 
 SOCKET = "import errno, os, socket\nS = socket.socket(29, 3, 1)\n"  # PF_CAN, SOCK_RAW, CAN_RAW
@@ -355,6 +356,23 @@ def test_it_exports_calls_of_the_c_library_alone():
                            check=True).stdout
     assert set(re.findall(r"NEEDED.*\[(.*?)\]", needs)) <= {"libc.so.6", "libdl.so.2",
                                                              "libpthread.so.0"}
+
+
+def test_a_port_has_its_path_before_it_listens(tmp_path, monkeypatch):
+    text = BUS.format(bitrate=500000, bus="", engine="").replace(', port: vcan77', "")
+    (tmp_path / "bus.yaml").write_text(text)
+    os.mkfifo(tmp_path / "pipe")
+    monkeypatch.setenv("LD_PRELOAD", str(compiled("late_listen.so")))
+    monkeypatch.setenv("LATE_LISTEN", str(tmp_path / "pipe"))
+    program = subprocess.Popen([CANWIRE, "run", "--wait", "2min", "--bus", "bus.yaml", "--as",
+                                "engine", sys.executable, "-c",
+                                SOCKET + "S.bind(('engine',)); print('bound')"], cwd=tmp_path,
+                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    daemon = subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=tmp_path)
+    try:
+        assert program.communicate(timeout=TIMEOUT_S)[0] == "bound\n"
+    finally:
+        kill_all([program, daemon])
 
 
 def test_help_says_how(tmp_path):

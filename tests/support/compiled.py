@@ -14,6 +14,7 @@ SOURCES = {  # and its options
     "frozen_clock.so": ("tests/kernel/frozen_clock.c", *LIBRARY),
     "suspended_clock.so": ("tests/kernel/suspended_clock.c", *LIBRARY),
     "late_end.so": ("tests/preload/late_end.c", *LIBRARY),
+    "late_listen.so": ("tests/preload/late_listen.c", *LIBRARY),
     "signal_at_wait.so": ("tests/preload/signal_at_wait.c", *LIBRARY, *HEADERS),
     "small-ecu": ("tests/tool/small_ecu.c",),
     "socketcan-calls": ("tests/preload/calls.c", "-pthread"),
