@@ -59,17 +59,18 @@ LIB_SOURCES := $(wildcard lib/*.c lib/*/*.c)
 PARTS_SOURCES := $(filter-out daemon/cli/main.c daemon/usb/main.c daemon/preload/% daemon/embed/% \
   daemon/schema/%, \
   $(wildcard daemon/*/*.c daemon/*/*/*.c))
-PRELOAD_SOURCES := $(wildcard daemon/preload/*.c)
-SIM_FOLDERS := base timing trace config run record sim embed
+PRELOAD_SOURCES := $(wildcard daemon/preload/*.c daemon/preload/*/*.c)
+SIM_FOLDERS := base text file timing trace config run record sim embed
 SIM_SOURCES := $(LIB_SOURCES) $(filter-out daemon/base/jsonexit.c daemon/base/unit.c, \
-  $(foreach folder,$(SIM_FOLDERS),$(wildcard daemon/$(folder)/*.c)))
+  $(foreach folder,$(SIM_FOLDERS),$(wildcard daemon/$(folder)/*.c daemon/$(folder)/*/*.c)))
 DAEMON_SOURCES := daemon/main.c \
   $(filter-out daemon/campaign/% daemon/cli/% daemon/usb/%,$(PARTS_SOURCES))
 LCM_TYPES := $(wildcard config/lcm/*.lcm)
 LCM_SOURCES := $(patsubst config/lcm/%.lcm,$(GEN)/canwire_%.c,$(LCM_TYPES))
 FUZZ_TARGETS := $(patsubst tests/fuzz/%.c,%,$(wildcard tests/fuzz/fuzz_*.c))
 CORPORA = $(FUZZ_TARGETS:fuzz_%=$(BUILD)/corpus/%)
-UNIT_TESTS := $(patsubst tests/unit/%.c,%,$(wildcard tests/unit/test_*.c))
+UNIT_SOURCES := $(wildcard tests/unit/test_*.c tests/unit/*/test_*.c)
+UNIT_TESTS := $(patsubst %.c,%,$(notdir $(UNIT_SOURCES)))
 
 objects = $(patsubst %.c,$(BUILD)/%.o,$(1))
 
@@ -482,7 +483,8 @@ REALTIME_OBJECTS := $(call objects,$(wildcard tests/bench/realtime/*.c))
 $(BUILD)/bench_realtime: $(REALTIME_OBJECTS) $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(call link,$(LINK_LTO)) $(DAEMON_LIBS) $(TOOL_LIBS)
 
-$(BUILD)/test_%: $(BUILD)/tests/unit/test_%.o $(DAEMON_CODE)
+.SECONDEXPANSION:
+$(UNIT_TESTS:%=$(BUILD)/%): $$(call objects,$$(filter %/$$(@F).c,$(UNIT_SOURCES))) $(DAEMON_CODE)
 	$(call link,$(LINK_PLAIN)) $(WITH_SHARED) $(DAEMON_LIBS) \
 	  $(TOOL_LIBS) -lcmocka
 
@@ -547,7 +549,7 @@ $(BUILD)/daemon/%.o: daemon/%.c | $(LCM_SOURCES)
 $(BUILD)/tests/%.o: tests/%.c | $(LAYOUT)
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(CC) $(DAEMON_CFLAGS) -Wno-deprecated-declarations \
-	  -DTESTS_DIR='"$(CURDIR)/tests"' -c -o $@ $<
+	  -Itests/unit -DTESTS_DIR='"$(CURDIR)/tests"' -c -o $@ $<
 
 # Generated code is not compiled with our warnings.
 $(BUILD)/gen/%.o: $(GEN)/%.c
