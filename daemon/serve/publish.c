@@ -47,6 +47,7 @@
 #define LINGER_S 1  /* at the end, for queued messages */
 #define GIVE_UP_S 2 /* the thread then hangs in liblcm and is left */
 #define WARNING_S 10 /* between two warnings about lost messages */
+#define STALL_S 5 /* in a call of liblcm: a server does not answer, or takes nothing */
 #define CHANNEL_MAX 64
 #define WHY_BYTES 128
 
@@ -54,7 +55,7 @@ static const char state_starting[] = "starting";
 static const char state_sending[] = "sending";
 static const char state_waiting[] = "waiting"; /* LCM cannot start yet */
 static const char state_failing[] = "failing"; /* messages cannot be sent */
-static const char state_blocked[] = "blocked"; /* a server has taken none for long */
+static const char state_blocked[] = "blocked"; /* a server has answered or taken none for long */
 
 /* A period in which messages cannot be sent. */
 typedef struct outage {
@@ -101,6 +102,8 @@ struct publisher {
     const char *state;        /* of lcm_states[] */
     const char *why;          /* of a bad state: a text that stays, or NULL ... */
     int error;                /* ... and then this errno */
+    bool calls;               /* liblcm ... */
+    struct timespec stalls;   /* ... which should be back by then; CLOCK_MONOTONIC */
     atomic_uint_fast64_t dropped;
     atomic_uint_fast64_t sent;
     bool has_failed; /* of the thread: liblcm has told of a failure */
@@ -188,13 +191,31 @@ static void show_stderr(const publisher *p)
 
 /* ---- Sending --------------------------------------------------------------------------------- */
 
+/* Begins a call of liblcm: that waits for a server for ever. */
+static void begin_call(publisher *p)
+{
+    (void)pthread_mutex_lock(&p->lock);
+    p->calls = true;
+    p->stalls = thread_in_seconds(STALL_S);
+    (void)pthread_mutex_unlock(&p->lock);
+    hide_stderr(p);
+}
+
+static void end_call(publisher *p)
+{
+    show_stderr(p);
+    (void)pthread_mutex_lock(&p->lock);
+    p->calls = false;
+    (void)pthread_mutex_unlock(&p->lock);
+}
+
 static lcm_t *try_connect(publisher *p, bool *warned)
 {
     const char *url = p->url;
     const bool route = has_route(url);
-    hide_stderr(p);
+    begin_call(p);
     lcm_t *lcm = route ? lcm_create(url) : NULL;
-    show_stderr(p);
+    end_call(p);
     p->has_failed = p->has_failed || !lcm;
     set_state(p, lcm ? state_sending : state_waiting,
               lcm ? NULL : route ? "LCM cannot start" : "no multicast route", 0);
@@ -264,12 +285,12 @@ static bool wait_without_lcm(publisher *p, outage *o)
     return !stop;
 }
 
-static bool publish_message(const publisher *p, lcm_t *lcm, const message *m)
+static bool publish_message(publisher *p, lcm_t *lcm, const message *m)
 {
-    hide_stderr(p);
+    begin_call(p);
     const bool good = lcm_publish(lcm, m->channel, m->data, m->size) == 0;
     const int error = errno;
-    show_stderr(p);
+    end_call(p);
     errno = error;
     return good;
 }
@@ -417,18 +438,30 @@ static void enqueue(publisher *p, const char *channel, void *data, int size)
     }
 }
 
-/* Adds what it has sent. A server that takes nothing blocks the thread, and the queue is full. */
+/* Returns why nothing goes to a server, or NULL. A full queue says it before the call that does not
+ * end. The lock is held. */
+static const char *blocked_by(const publisher *p)
+{
+    const bool stalls = p->calls && thread_is_past(&p->stalls);
+    if (p->state == state_starting && stalls)
+        return "the server does not answer";
+    if (p->state == state_sending && (stalls || p->count >= QUEUE_EVENTS))
+        return "nobody takes the messages";
+    return NULL;
+}
+
+/* Adds what it has sent. */
 void publisher_sink(publisher *p, sink_list *out)
 {
     (void)pthread_mutex_lock(&p->lock);
-    const bool full = p->state == state_sending && p->count >= QUEUE_EVENTS;
-    sink_info s = {.kind = SINK_LCM, .name = p->url, .state = full ? state_blocked : p->state,
-              .why = p->why};
+    const char *blocked = blocked_by(p);
+    sink_info s = {.kind = SINK_LCM,
+                   .name = p->url,
+                   .state = blocked ? state_blocked : p->state,
+                   .why = blocked ? blocked : p->why};
     const int error = p->error;
     (void)pthread_mutex_unlock(&p->lock);
-    if (full)
-        s.why = "nobody takes the messages";
-    else if (error != 0) {
+    if (!blocked && error != 0) {
         (void)snprintf(p->explained, sizeof p->explained, "%s", strerror(error));
         s.why = p->explained;
     }

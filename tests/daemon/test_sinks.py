@@ -13,7 +13,7 @@ import time
 
 import pytest
 
-from simtool import CANWIRED, answer, kill_all, stop_canwired
+from simtool import CANWIRED, answer, canwire, kill_all, stop_canwired
 from test_record import wait_until
 
 PATIENCE_S = 60
@@ -134,4 +134,24 @@ def test_lcm_counts_what_it_sends_and_is_blocked_by_a_server_that_stalls(bus):
             wait_until(lambda: running.sinks()["lcm", f"127.0.0.1:{port}"]["written"] > 0,
                        "messages")
             assert ", lcm " in running.line("blocked: nobody takes the messages, ", " lost")
+        running.stop()
+
+
+def test_a_server_that_never_answers_is_in_trouble(bus, tmp_path):
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        port = server.getsockname()[1]
+        running = bus(f'lcm: {{ url: "tcpq://127.0.0.1:{port}" }}\n')
+        running.line(f", lcm tcpq://127.0.0.1:{port} starting")
+        with server.accept()[0]:
+            trouble = f"lcm tcpq://127.0.0.1:{port} blocked: the server does not answer"
+            running.line(f", {trouble}")
+            sink = running.sinks()["lcm", f"127.0.0.1:{port}"]
+            assert (sink["state"], sink["good"]) == ("blocked", False)
+            assert sink["why"] == "the server does not answer"
+            assert f"\n{trouble.replace(' blocked', ': blocked')}" in running.canwire(
+                "status", "./day.sock")
+            done = canwire("status", "./day.sock", "--check", status=1, cwd=tmp_path)
+            assert trouble in done.stdout
         running.stop()
