@@ -5,8 +5,8 @@
 #include "cli/buses.h"
 
 #include <dirent.h>
+#include <errno.h>
 #include <limits.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +16,9 @@
 
 #define FOLDER_DEFAULT "/run/canwire"
 #define SUFFIX ".sock" /* of the socket of a bus */
+
+static int error_of_folder; /* errno of the last look into it */
+static bool with_closed;    /* sockets of other users count in that look */
 
 const char *buses_folder(void)
 {
@@ -49,17 +52,23 @@ pid_t buses_listener(const char *path)
     int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (fd >= 0 && connect(fd, (const struct sockaddr *)&address, sizeof address) == 0)
         (void)getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &size);
+    else if (fd >= 0 && errno == EAGAIN) /* it has many clients, and hangs */
+        peer.pid = 0;
+    else if (fd >= 0 && errno == EACCES)
+        peer.pid = BUSES_CLOSED;
     if (fd >= 0)
         (void)close(fd);
     return peer.pid;
 }
 
-/* Returns true when a canwired listens there, and not a port, nor nobody. */
+/* Returns true when a canwired listens there, and not a port, nor nobody. For a socket of other
+ * users that is not known. */
 static bool is_running(const char *name)
 {
     char path[PATH_MAX];
     (void)snprintf(path, sizeof path, "%s/%s", buses_folder(), name);
-    return buses_listener(path) != BUSES_NOBODY;
+    const pid_t listener = buses_listener(path);
+    return listener != BUSES_NOBODY && (listener != BUSES_CLOSED || with_closed);
 }
 
 static int is_bus(const struct dirent *file)
@@ -70,11 +79,13 @@ static int is_bus(const struct dirent *file)
            is_plain(name, length - end) && is_running(name);
 }
 
-size_t buses_find(char *names[], size_t most)
+size_t buses_find(char *names[], size_t most, bool closed)
 {
     struct dirent **files;
     size_t count = 0;
+    with_closed = closed;
     const int found = scandir(buses_folder(), &files, is_bus, alphasort);
+    error_of_folder = found < 0 && errno != ENOENT ? errno : 0;
     for (int i = 0; i < found; i++) {
         const char *name = files[i]->d_name;
         char *copy = count < most ? strndup(name, strlen(name) - strlen(SUFFIX)) : NULL;
@@ -85,4 +96,9 @@ size_t buses_find(char *names[], size_t most)
     if (found >= 0)
         free(files);
     return count;
+}
+
+int buses_error(void)
+{
+    return error_of_folder;
 }

@@ -47,6 +47,9 @@ static int64_t wait_began; /* 0: not yet */
 static bool pass_over;     /* sockets of another type, without a message ... */
 static bool passed_over;   /* ... and the last one was such */
 static int64_t all_until;  /* the end of asking several buses at once; 0: of one */
+static int failure;        /* errno of the last bus that could not be asked */
+static char silent[NAMES_BYTES]; /* sockets whose buses have not even said their names ... */
+static char closed[NAMES_BYTES]; /* ... and those for other users, at the last look for a name */
 
 void client_set_teller(void (*tell)(const char *text))
 {
@@ -129,24 +132,38 @@ bool client_has_socket(const char *bus)
     return find_socket(&address, bus) && is_socket(address.sun_path);
 }
 
+/* Adds a name to a list. One without room leaves "...". */
+static void add_name(char list[NAMES_BYTES], const char *name)
+{
+    const size_t used = strlen(list), more = strlen(name) + strlen(", ");
+    if (used + more + sizeof ", " ELLIPSIS <= NAMES_BYTES)
+        (void)sprintf(list + used, "%s%s", used > 0 ? ", " : "", name);
+    else if (used < strlen(ELLIPSIS) || strcmp(list + used - strlen(ELLIPSIS), ELLIPSIS) != 0)
+        strcpy(list + used, ", " ELLIPSIS);
+}
+
 /* Names the buses that there are: it may have another name than its file or its unit. */
 static void complain_of_absence(const client *c, const char *unit)
 {
     char *names[BUSES_MAX];
     char text[NAMES_BYTES] = "";
-    const size_t count = is_path(c->bus) ? 0 : buses_find(names, BUSES_MAX);
-    size_t used = 0;
+    const size_t count = is_path(c->bus) ? 0 : buses_find(names, BUSES_MAX, true);
+    const int error = is_path(c->bus) ? 0 : buses_error();
     for (size_t i = 0; i < count; i++) {
-        if (used < sizeof text)
-            used += (size_t)snprintf(text + used, sizeof text - used, "%s%s", i ? ", " : "",
-                                     names[i]);
+        add_name(text, names[i]);
         free(names[i]);
     }
     if (strchr(c->bus, '.') && !is_path(c->bus))
         client_complain(c, "no such bus or socket: a bus has a name, or the path of its socket");
     else if (count > 0)
-        client_complain(c, "no such bus; those in %s: %s%s", buses_folder(), text,
-                        used < sizeof text ? "" : ELLIPSIS);
+        client_complain(c, "%s; those in %s: %s%s%s%s%s%s",
+                        *silent || *closed ? "not found" : "no such bus", buses_folder(), text,
+                        *silent ? "; it may be one that does not answer: " : "", silent,
+                        *closed ? "; it may be one of other users (are you in the group "
+                                  "canwire?): " : "", closed, *closed ? ": Permission denied" : "");
+    else if (error != 0)
+        client_complain(c, "%s: %s (are you in the group canwire?)", buses_folder(),
+                        strerror(error));
     else
         client_complain(c, "no such bus (is %s running?)", unit);
 }
@@ -154,6 +171,7 @@ static void complain_of_absence(const client *c, const char *unit)
 static void complain_unreachable(const client *c, const char *path, int error)
 {
     char unit[64] = "canwired";
+    failure = error;
     if (!is_path(c->bus))
         (void)snprintf(unit, sizeof unit, "canwired@%.40s", c->bus);
     if (error == ENOENT)
@@ -188,14 +206,15 @@ static void set_patience(int fd)
 
 /* ---- By the name of the bus ------------------------------------------------------------------ */
 
-typedef enum named { NAMED_NONE, NAMED_ONE, NAMED_SEVERAL } named;
+typedef enum named { NAMED_NONE, NAMED_ONE, NAMED_DOUBTFUL } named;
 
 static void say_nothing(const char *text)
 {
     (void)text;
 }
 
-/* Returns true when the bus whose control socket is at a path has that name. It says nothing. */
+/* Returns true when the bus whose control socket is at a path has that name. It says nothing, and
+ * leaves in `failure` why it does not know. */
 static bool has_name(const char *path, const char *bus)
 {
     void (*const before)(const char *text) = teller;
@@ -204,6 +223,7 @@ static bool has_name(const char *path, const char *bus)
     teller = say_nothing;
     reply_patience_s = NAME_PATIENCE_S;
     wait_ns = 0;
+    failure = 0;
     json_t *reply = client_ask_once(path, client_request("status"));
     teller = before;
     reply_patience_s = patience_s;
@@ -222,37 +242,55 @@ static bool is_link(const char *path)
     return lstat(path, &found) == 0 && S_ISLNK(found.st_mode);
 }
 
+/* One of several, or one beside a bus that hangs and may be the one that is meant. */
 static void complain_of_several(const char *bus, const char *sockets)
 {
     const client c = {.bus = bus};
-    client_complain(&c, "several buses have this name; take one of their sockets in %s: %s",
-                    buses_folder(), sockets);
+    if (strchr(sockets, ','))
+        client_complain(&c, "several buses have this name; take one of their sockets in %s: %s",
+                        buses_folder(), sockets);
+    else
+        client_complain(&c, "%s has this name, and maybe one that does not answer; take one of "
+                        "their sockets in %s: %s, %s", sockets, buses_folder(), sockets, silent);
+}
+
+/* Looks if the bus at a socket has a name. */
+static bool is_named(const char *path, const char *name, const char *bus)
+{
+    const bool same = has_name(path, bus);
+    if (failure == EAGAIN)
+        add_name(silent, name);
+    if (failure == EACCES)
+        add_name(closed, name);
+    return same;
 }
 
 /* Finds the bus that runs with that name, when no socket has it: a unit and its bus may have
- * different names. Complains of several. */
+ * different names. Complains of several, and when another bus may have it, too. */
 static named find_named(struct sockaddr_un *address, const char *bus)
 {
     char *names[BUSES_MAX];
     char text[NAMES_BYTES] = "";
-    named result = NAMED_NONE;
-    const size_t count = is_path(bus) || client_has_socket(bus) ? 0 : buses_find(names, BUSES_MAX);
+    if (is_path(bus) || client_has_socket(bus))
+        return NAMED_NONE;
+    silent[0] = closed[0] = '\0';
+    const size_t count = buses_find(names, BUSES_MAX, true);
     for (size_t i = 0; i < count; i++) {
         char *path = buses_path(names[i]);
         if (path && strlen(path) < sizeof address->sun_path && !is_link(path) &&
-            has_name(path, bus)) {
-            const size_t used = strlen(text);
-            (void)snprintf(text + used, sizeof text - used, "%s%s", used > 0 ? ", " : "",
-                           names[i]);
-            result = result == NAMED_NONE ? NAMED_ONE : NAMED_SEVERAL;
+            is_named(path, names[i], bus)) {
+            add_name(text, names[i]);
             memcpy(address->sun_path, path, strlen(path) + 1);
         }
         free(path);
         free(names[i]);
     }
-    if (result == NAMED_SEVERAL)
-        complain_of_several(bus, text);
-    return result;
+    if (!*text)
+        return NAMED_NONE;
+    if (!strchr(text, ',') && !*silent)
+        return NAMED_ONE;
+    complain_of_several(bus, text);
+    return NAMED_DOUBTFUL;
 }
 
 static int client_connect_to(client *c, const struct sockaddr_un *address)
@@ -281,13 +319,13 @@ bool client_open(client *c, const char *bus)
         return false;
     }
     const named found = find_named(&address, bus);
-    if (found == NAMED_SEVERAL)
+    if (found == NAMED_DOUBTFUL)
         return false;
     int error = client_connect(c, &address);
     if (error == ENOENT) { /* it may have started meanwhile */
         client_close(c);
         const named later = find_named(&address, bus);
-        if (later == NAMED_SEVERAL)
+        if (later == NAMED_DOUBTFUL)
             return false;
         error = later == NAMED_ONE ? client_connect(c, &address) : error;
     }
@@ -324,8 +362,9 @@ static bool send_all(const client *c, const char *text, size_t length, int64_t u
         if (count < 0 && errno == EPIPE)
             return true;
         if (count < 0 && errno != EINTR && errno != EAGAIN) {
+            failure = errno == ETIMEDOUT ? EAGAIN : errno;
             client_complain(c, "%s",
-                            errno == ETIMEDOUT ? "it does not take requests" : strerror(errno));
+                            failure == EAGAIN ? "it does not take requests" : strerror(failure));
             return false;
         }
         sent += count > 0 ? (size_t)count : 0;
@@ -443,8 +482,9 @@ static const char *why_no_reply(int number)
 static json_t *read_reply(client *c, int64_t until)
 {
     const char *line = lines_next(&c->in, c->fd, until);
-    int number = errno;
+    const int number = errno;
     json_error_t error = {.text = ""};
+    failure = line ? 0 : number;
     json_t *reply = line ? json_loads(line, 0, &error) : NULL;
     if (!c->exact || !json_is_true(json_object_get(reply, "ok")))
         clean(reply);
@@ -504,21 +544,22 @@ static bool begin_to_ask(client *c, const char *path, const json_t *request)
     return false;
 }
 
-void client_ask_all(char *const *paths, size_t count, json_t *request, client_take *take,
+bool client_ask_all(char *const *paths, size_t count, json_t *request, client_take *take,
                     void *user)
 {
     client *all = calloc(count + 1, sizeof *all);
-    if (!all)
+    const bool good = all;
+    if (!good)
         teller("canwire: out of memory");
     all_until = end_of_patience();
     pass_over = true;
-    for (size_t i = 0; all && i < count; i++) {
+    for (size_t i = 0; good && i < count; i++) {
         passed_over = false;
         if (!begin_to_ask(&all[i], paths[i], request) && !passed_over)
             take(user, paths[i], NULL);
     }
     pass_over = false;
-    for (size_t i = 0; all && i < count; i++) {
+    for (size_t i = 0; good && i < count; i++) {
         if (all[i].fd >= 0)
             take(user, paths[i], read_reply(&all[i], end_of_patience()));
         client_close(&all[i]);
@@ -526,6 +567,7 @@ void client_ask_all(char *const *paths, size_t count, json_t *request, client_ta
     all_until = 0;
     free(all);
     json_decref(request);
+    return good;
 }
 
 int client_report(const char *bus, json_t *request)

@@ -61,7 +61,7 @@ typedef struct request {
 static int show_interfaces(void)
 {
     char *names[BUSES_MAX];
-    const size_t count = buses_find(names, BUSES_MAX);
+    const size_t count = buses_find(names, BUSES_MAX, false);
     printf("extcap {version=%s}{display=canwire}\n", CANWIRE_VERSION);
     for (size_t i = 0; i < count; i++) {
         printf("interface {value=" PREFIX "%s}{display=CAN bus %s}\n", names[i], names[i]);

@@ -177,7 +177,7 @@ static size_t find_process(char *paths[BUSES_MAX], const target *t)
 {
     char *names[BUSES_MAX];
     size_t found = 0;
-    const size_t count = t->pid != 0 ? buses_find(names, BUSES_MAX) : 0;
+    const size_t count = t->pid != 0 ? buses_find(names, BUSES_MAX, false) : 0;
     for (size_t i = 0; i < count; i++) {
         char *path = buses_path(names[i]);
         free(names[i]);

@@ -10,11 +10,13 @@
 #include "cli/status_check.h"
 #include "serve/status.h"
 
+#include <errno.h>
 #include <glob.h>
 #include <string.h>
 
 #define SUFFIX ".sock"
 #define PATTERN_MAX 4096
+#define WHY_BYTES 512
 
 static const char help[] = "Shows per node what `ip -details -statistics link show` shows for a "
                            "CAN device, and more: its\n"
@@ -78,14 +80,31 @@ static int show_one(const char *bus, bool json)
     return CLI_OK;
 }
 
-/* Finds all sockets in the folder of buses. They may be left by a canwired that has been killed. */
-static void find_sockets(glob_t *found)
+static int folder_error; /* errno of the folder of buses */
+
+/* Without a folder there is no bus. */
+static int on_folder_error(const char *path, int error)
+{
+    (void)path;
+    folder_error = error;
+    return error != ENOENT;
+}
+
+/* Finds all sockets in the folder of buses. They may be left by a canwired that has been killed.
+ * Returns false after printing why it does not know. */
+static bool find_sockets(glob_t *found, char why[WHY_BYTES])
 {
     char pattern[PATTERN_MAX];
     *found = (glob_t){.gl_pathc = 0};
+    folder_error = ENOMEM;
     (void)snprintf(pattern, sizeof pattern, "%s/*" SUFFIX, buses_folder());
-    (void)glob(pattern, 0, NULL, found);
+    const int result = glob(pattern, 0, on_folder_error, found);
     client_set_wait(0);
+    if (result == 0 || result == GLOB_NOMATCH)
+        return true;
+    (void)snprintf(why, WHY_BYTES, "%s: %s%s", buses_folder(), strerror(folder_error),
+                   folder_error == EACCES ? " (are you in the group canwire?)" : "");
+    return false;
 }
 
 typedef struct answers {
@@ -105,27 +124,34 @@ static void take_answer(void *user, const char *path, json_t *reply)
     json_decref(status);
 }
 
-static void print_all(const json_t *list)
+static void print_all(const json_t *list, bool good)
 {
     for (size_t i = 0; i < json_array_size(list); i++) {
         if (i > 0)
             putchar('\n');
         status_print(stdout, json_array_get(list, i));
     }
-    if (json_array_size(list) == 0)
+    if (json_array_size(list) == 0 && good)
         plain_print(stderr, "canwire: no bus in %s\n", buses_folder());
 }
 
 static int show_all(bool json)
 {
     glob_t found;
+    char why[WHY_BYTES];
     answers all = {.list = json_array(), .good = true};
-    find_sockets(&found);
-    client_ask_all(found.gl_pathv, found.gl_pathc, client_request("status"), take_answer, &all);
+    if (!find_sockets(&found, why)) {
+        json_decref(all.list);
+        plain_print(stderr, "canwire: %s\n", why);
+        return CLI_BAD_INPUT;
+    }
+    if (!client_ask_all(found.gl_pathv, found.gl_pathc, client_request("status"), take_answer,
+                        &all))
+        all.good = false;
     if (json)
         put_out(stdout, all.list);
     else
-        print_all(all.list);
+        print_all(all.list, all.good);
     globfree(&found);
     json_decref(all.list);
     return all.good ? CLI_OK : CLI_BAD_INPUT;
@@ -134,7 +160,6 @@ static int show_all(bool json)
 /* ---- For monitoring -------------------------------------------------------------------------- */
 
 #define CHECK_PATIENCE_S 10
-#define WHY_BYTES 512
 
 static char last_message[WHY_BYTES];
 
@@ -162,12 +187,14 @@ static void check_all(check *c)
 {
     glob_t found;
     check_list all = {.result = c};
-    find_sockets(&found);
-    client_ask_all(found.gl_pathv, found.gl_pathc, client_request("status"), check_answer, &all);
+    bool known = find_sockets(&found, last_message);
+    known = known && client_ask_all(found.gl_pathv, found.gl_pathc, client_request("status"),
+                                    check_answer, &all);
     globfree(&found);
     if (all.count > 0)
         return;
-    (void)snprintf(last_message, sizeof last_message, "no bus runs in %s", buses_folder());
+    if (known)
+        (void)snprintf(last_message, sizeof last_message, "no bus runs in %s", buses_folder());
     check_bus(c, "", NULL, last_message);
 }
 

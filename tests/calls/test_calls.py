@@ -361,3 +361,16 @@ def test_clients(programs, real, words, outputs):
     finally:
         for each in buses:
             each.close()
+
+
+@pytest.mark.parametrize("words", [["status"], ["status", "--json"]])
+def test_all_buses_of_a_folder(programs, real, words, monkeypatch):
+    monkeypatch.setenv("CANWIRE_RUN", ".")
+    some = programs([CANWIRE, *words])
+    buses = [Bus(each.folder, real) for each in some]
+    try:
+        good, sites = fail_each(some)
+        assert good.status == 0 and len(sites) > 10, good.messages
+    finally:
+        for each in buses:
+            each.close()

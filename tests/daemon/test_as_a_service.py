@@ -3,6 +3,8 @@
 
 import contextlib
 import os
+import shutil
+import signal
 import socket
 import subprocess
 
@@ -265,3 +267,60 @@ def test_a_bus_is_found_by_its_own_name_too(service, tmp_path):
     with running(tmp_path / "c", GOOD.replace("name: day", "name: else") +
                  f"control: {tmp_path}/run/day.sock\n", None):
         assert one.canwire("status", "day").startswith("else: "), "a socket goes first"
+
+
+@contextlib.contextmanager
+def stopped(pid):
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(pid, signal.SIGCONT)
+
+
+def test_a_bus_that_hangs_may_have_the_name(service, tmp_path):
+    one = service(GOOD + "control: run/unit.sock\n")
+    other = GOOD.replace("name: day", "name: else") + f"control: {tmp_path}/run/other.sock\n"
+    with running(tmp_path / "b", other, None) as (_, pid):
+        with stopped(pid):
+            told = one.canwire("inject", "day", NO_RULES, status=1)
+            assert told == ("canwire: bus day: unit has this name, and maybe one that does not "
+                            f"answer; take one of their sockets in {tmp_path}/run: unit, other\n")
+            one.canwire("inject", "unit", NO_RULES)
+        one.canwire("inject", "day", NO_RULES)
+        with stopped(one.process.pid):
+            told = one.canwire("inject", "day", NO_RULES, status=1)
+            assert told == (f"canwire: bus day: not found; those in {tmp_path}/run: other, unit; it "
+                            "may be one that does not answer: unit\n")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root is somebody else")
+def test_what_is_for_other_users_is_no_bus_that_is_not_there(service, tmp_path):
+    one = service(GOOD + "control: run/unit.sock\n")
+    (tmp_path / "run").chmod(0o755)
+    for folder in tmp_path, *tmp_path.parents:
+        if folder.stat().st_uid == os.geteuid() and not folder.stat().st_mode & 0o001:
+            folder.chmod(0o755)
+    tool = shutil.copy(CANWIRE, tmp_path / "canwire")
+
+    def nobody(*words, status=1):
+        done = subprocess.run([tool, *words], env=one.environment, capture_output=True, text=True,
+                              user=65534, group=65534, extra_groups=[], timeout=TIMEOUT_S,
+                              check=False)
+        assert done.returncode == status, done.stderr
+        return done.stdout + done.stderr
+
+    denied = "Permission denied"
+    assert nobody("faults", "day") == (
+        f"canwire: bus day: not found; those in {tmp_path}/run: unit; it may be one of other users "
+        f"(are you in the group canwire?): unit: {denied}\n")
+    assert denied in nobody("faults", "unit")
+    for words, status in ((["status"], 1), (["status", "--check"], 2), (["top", "--once"], 1)):
+        told = nobody(*words, status=status)
+        assert denied in told and "no bus" not in told
+    for mode in 0o711, 0o700:
+        (tmp_path / "run").chmod(mode)
+        for words in ["faults", "day"], ["status"], ["status", "--json"], ["top", "--once"]:
+            told = nobody(*words)
+            assert denied in told and "no such bus" not in told and "no bus" not in told
+        assert denied in nobody("status", "--check", status=2)

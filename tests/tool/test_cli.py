@@ -405,7 +405,7 @@ def test_why_a_bus_cannot_be_reached(call, tmp_path, bus, message):
 
 
 def test_the_buses_that_there_are_are_named(tmp_path):
-    """A bus may have another name than its file, its unit or its rig."""
+    """A bus may have another name than its file, its unit or its rig. These do not say theirs."""
     env = os.environ | {"CANWIRE_RUN": str(tmp_path)}
     with contextlib.ExitStack() as stack:
         for name in ("powertrain", "body", "gone"):
@@ -418,7 +418,8 @@ def test_the_buses_that_there_are_are_named(tmp_path):
             result = subprocess.run([CANWIRE, *words, *at_once], env=env, capture_output=True,
                                     text=True, timeout=TIMEOUT_S, check=False)
             assert (result.returncode, result.stderr) == (
-                1, f"canwire: bus engine: no such bus; those in {tmp_path}: body, powertrain\n")
+                1, f"canwire: bus engine: not found; those in {tmp_path}: body, powertrain; it may "
+                   "be one that does not answer: body, powertrain\n")
 
 
 def test_no_bus_at_all(tmp_path):

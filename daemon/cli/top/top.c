@@ -378,7 +378,9 @@ static bool top_begin(top *t, char **names, unsigned count)
 static int run_with(top *t, char **names, size_t count)
 {
     int status = CLI_BAD_INPUT;
-    if (count == 0)
+    if (count == 0 && buses_error() != 0)
+        plain_print(stderr, "canwire top: %s: %s\n", buses_folder(), strerror(buses_error()));
+    else if (count == 0)
         plain_print(stderr, "canwire top: no bus runs in %s\n", buses_folder());
     else if (count > TOP_BUSES_MAX)
         plain_print(stderr, "canwire top: up to %u buses\n", TOP_BUSES_MAX);
@@ -407,7 +409,9 @@ int cli_top(int argc, char **argv)
     if (first < argc)
         return run_with(&t, argv + first, (size_t)(argc - first));
     char *found[TOP_BUSES_MAX];
-    size_t count = buses_find(found, TOP_BUSES_MAX);
+    size_t count = buses_find(found, TOP_BUSES_MAX, false);
+    if (count == 0) /* then each says that it is closed */
+        count = buses_find(found, TOP_BUSES_MAX, true);
     status = run_with(&t, found, count);
     for (size_t i = 0; i < count; i++)
         free(found[i]);
