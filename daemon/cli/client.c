@@ -584,3 +584,21 @@ json_t *client_request(const char *name)
     put_text(request, "request", name);
     return request;
 }
+
+char *client_path_in(const char *folder, const char *file)
+{
+    char *path = NULL;
+    while (strncmp(file, "./", 2) == 0)
+        file += 2;
+    const int length = *file == '/' ? asprintf(&path, "%s", file)
+                       : folder     ? asprintf(&path, "%s/%s", folder, file)
+                                    : -1;
+    return length < 0 ? NULL : path;
+}
+
+char *client_file_of(const json_t *status, const char *key)
+{
+    const char *file = json_string_value(json_object_get(status, key));
+    const char *folder = json_string_value(json_object_get(status, "directory"));
+    return file ? client_path_in(folder, file) : NULL;
+}

@@ -79,4 +79,10 @@ int client_report(const char *bus, json_t *request);
 /* Makes a request of that name. */
 json_t *client_request(const char *name);
 
+/* Returns the path of a file that a folder may be in front of, to be freed, or NULL. */
+char *client_path_in(const char *folder, const char *file);
+
+/* Returns the path of a file, `file` or `rig`, that a status names, to be freed; NULL for none. */
+char *client_file_of(const json_t *status, const char *key);
+
 #endif

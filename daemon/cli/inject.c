@@ -114,13 +114,7 @@ static bool looks_like_file(const char *word)
 static char *file_of_bus(const char *bus)
 {
     json_t *reply = client_ask_once(bus, client_request("status"));
-    const json_t *status = json_object_get(reply, "status");
-    const char *file = json_string_value(json_object_get(status, "file"));
-    const char *folder = json_string_value(json_object_get(status, "directory"));
-    char *path = NULL;
-    if (file && (*file == '/' || folder) &&
-        asprintf(&path, "%s%s%s", *file == '/' ? "" : folder, *file == '/' ? "" : "/", file) < 0)
-        path = NULL;
+    char *path = client_file_of(json_object_get(reply, "status"), "file");
     json_decref(reply);
     return path;
 }

@@ -19,6 +19,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/un.h>
 #include <unistd.h>
 
@@ -76,12 +77,59 @@ static bool is_process(const client *c, pid_t pid)
     return false;
 }
 
-static int ask(const char *control, pid_t pid)
+/* Returns true for one file by two names. */
+static bool is_same_file(const char *a, const char *b)
+{
+    struct stat of_a, of_b;
+    return strcmp(a, b) == 0 || (stat(a, &of_a) == 0 && stat(b, &of_b) == 0 &&
+                                 of_a.st_dev == of_b.st_dev && of_a.st_ino == of_b.st_ino);
+}
+
+/* Returns true when the bus of a status, or its rig, has that file. A canwired of an earlier version
+ * does not name its rig. */
+static bool has_file(const json_t *status, const char *file)
+{
+    static const char *const keys[] = {"file", "rig"};
+    char *here = getcwd(NULL, 0);
+    char *wanted = client_path_in(here, file);
+    bool same = !json_object_get(status, "rig") && rig_is_rig(file);
+    for (size_t i = 0; wanted && i < 2 && !same; i++) {
+        char *own = client_file_of(status, keys[i]);
+        same = own && is_same_file(own, wanted);
+        free(own);
+    }
+    free(wanted);
+    free(here);
+    return same;
+}
+
+/* Returns true for the bus of the file: a wrong process would reload another configuration. */
+static bool is_of_file(client *c, const char *file)
+{
+    if (!file)
+        return true;
+    c->exact = true;
+    json_t *reply = client_ask(c, client_request("status"));
+    c->exact = false;
+    const json_t *status = json_object_get(reply, "status");
+    const bool same = has_file(status, file);
+    const char *rig_file = json_string_value(json_object_get(status, "rig"));
+    const char *own = json_string_value(json_object_get(status, "file"));
+    if (reply && !same)
+        plain_print(stderr, "canwire: bus %s: it runs with %s, not with %s\n", c->bus,
+                    rig_file ? rig_file : own ? own : "another file", file);
+    json_decref(reply);
+    return reply && same;
+}
+
+/* file: NULL for any */
+static int ask(const char *control, const char *file, pid_t pid)
 {
     client c;
     if (!client_open(&c, control))
         return CLI_BAD_INPUT;
-    json_t *reply = is_process(&c, pid) ? client_ask(&c, client_request("reload")) : NULL;
+    const bool good = is_process(&c, pid) && is_of_file(&c, file);
+    json_t *reply = good ? client_ask(&c, client_request("reload")) : NULL;
     int status = reply ? CLI_OK : CLI_BAD_INPUT;
     json_decref(reply);
     client_close(&c);
@@ -152,7 +200,7 @@ static int ask_buses(const target *t, cfg *const *buses, size_t count)
     for (size_t i = 0; i < count; i++) {
         print_control(path, buses[i]);
         lost = lost || buses_listener(path) == BUSES_NOBODY;
-        if (ask(path, t->pid) != CLI_OK)
+        if (ask(path, t->file, t->pid) != CLI_OK)
             status = CLI_BAD_INPUT;
     }
     if (t->pid != 0 && lost)
@@ -198,7 +246,7 @@ static bool ask_process(int *status, const target *t, size_t expected)
     const bool good = found > 0 && found >= expected;
     *status = CLI_OK;
     for (size_t i = 0; i < found; i++) {
-        if (good && ask(paths[i], t->pid) != CLI_OK)
+        if (good && ask(paths[i], t->file, t->pid) != CLI_OK)
             *status = CLI_BAD_INPUT;
         free(paths[i]);
     }
@@ -262,5 +310,5 @@ int cli_reload(int argc, char **argv)
         plain_print(stderr, "usage: %s\n", usage);
         return CLI_USAGE;
     }
-    return named ? ask(argv[first], 0) : reload_by_file(&t);
+    return named ? ask(argv[first], NULL, 0) : reload_by_file(&t);
 }

@@ -292,6 +292,7 @@ static void put_more(void *user, json_t *status)
 {
     const service *s = user;
     const sink_list all = all_sinks(s);
+    put_text(status, "rig", s->host->rig ? s->host->rig->file : NULL);
     put(status, "recordings", recordings_json(s->recordings));
     if (s->host->journal)
         put(status, "journal", journal_to_json(s->host->journal));

@@ -245,6 +245,21 @@ def test_a_bus_that_its_file_does_not_lead_to_gets_a_signal(service, text, why):
     one.wait_for_status(lambda told: REFUSED in told)
 
 
+@pytest.mark.parametrize("text", [IN_RUN, BAD, "bus: {", IN_RUN + "control: none/x.sock\n"],
+                         ids=["the same socket", "bad", "YAML", "another socket"])
+def test_a_file_of_another_bus_reloads_nothing(service, tmp_path, text):
+    one = service(IN_RUN)
+    (tmp_path / "other.yaml").write_text(text)
+    told = one.canwire("reload", "--config", "other.yaml", "--pid", str(one.process.pid), status=1)
+    assert told.endswith(f"run/day.sock: it runs with bus.yaml, not with other.yaml\n"), told
+    assert "reload" not in one.log.read_text() and "refused" not in one.canwire("status", "day")
+    (tmp_path / "link.yaml").symlink_to("bus.yaml")
+    for name in "./bus.yaml", "././bus.yaml", tmp_path / "bus.yaml", "run/../bus.yaml", "link.yaml":
+        one.canwire("reload", "--config", str(name), "--pid", str(one.process.pid))
+    (tmp_path / "bus.yaml").unlink()
+    assert "No such file" in one.reload(status=1)
+
+
 NO_RULES = "{faults: []}"
 
 

@@ -227,6 +227,10 @@ def test_a_reload_keeps_gateways_by_the_names_of_their_nodes(rig, tmp_path):
     assert "body: body: configuration reloaded, 2 nodes" in r.log.read_text()
     assert "rig.yaml: 2 buses, 1 gateway\n" in r.log.read_text()
     r.run("reload", "--config", "rig.yaml", "--pid", r.process.pid)
+    assert r.status("body")["rig"] == "rig.yaml"
+    (tmp_path / "other.yaml").write_text((tmp_path / "rig.yaml").read_text())
+    told = r.run("reload", "--config", "other.yaml", "--pid", r.process.pid, status=1).stderr
+    assert told.count("it runs with rig.yaml, not with other.yaml\n") == 2
     r.stop()
 
 
