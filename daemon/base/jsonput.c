@@ -52,6 +52,14 @@ void put_text_last(json_t *array, const char *text)
     put_last(array, text_to_json(text, strlen(text)));
 }
 
+bool json_has_text(const json_t *array, const char *text)
+{
+    bool found = false;
+    for (size_t i = 0; i < json_array_size(array) && !found; i++)
+        found = strcmp(json_string_value(json_array_get(array, i)), text) == 0;
+    return found;
+}
+
 json_t *text_to_json(const char *text, size_t length)
 {
     json_t *value = json_stringn(text, length);

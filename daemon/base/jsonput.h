@@ -46,6 +46,9 @@ void put_text(json_t *object, const char *key, const char *text);
 /* Appends a text. */
 void put_text_last(json_t *array, const char *text);
 
+/* Returns true for one of an array of texts. */
+bool json_has_text(const json_t *array, const char *text);
+
 /* Makes a string from any bytes; '?' replaces non-ASCII bytes that are no UTF-8. */
 json_t *text_to_json(const char *text, size_t length);
 

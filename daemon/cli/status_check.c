@@ -195,10 +195,15 @@ static void check_sink(check *c, const json_t *sink)
 static void check_rules(check *c, const json_t *status)
 {
     const char *lost = status_check_text_of(json_object_get(status, "lost_rules"), "note");
+    const char *unread = status_check_text_of(status, "unread_rules");
     const char *refused = status_check_text_of(status, "reload_refused");
     const json_t *kept = json_object_get(status, "kept_rules");
     if (*lost) {
         status_check_add(&c->text, ", %s", lost);
+        raise_to(c, CHECK_WARNING);
+    }
+    if (*unread) {
+        status_check_add(&c->text, ", %s", unread);
         raise_to(c, CHECK_WARNING);
     }
     if (*refused) {

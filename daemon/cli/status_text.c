@@ -525,9 +525,12 @@ void status_print(FILE *out, const json_t *status)
     for (size_t i = 0; i < json_array_size(sinks); i++)
         print_sink(out, json_array_get(sinks, i));
     const char *lost = text(json_object_get(status, "lost_rules"), "note");
+    const char *unread = text(status, "unread_rules");
     const char *refused = text(status, "reload_refused");
     if (*lost)
         fprintf(out, "%s\n", lost);
+    if (*unread)
+        fprintf(out, "%s\n", unread);
     if (*refused)
         fprintf(out, "reload refused: %s\n", refused);
     print_kept(out, json_object_get(status, "kept_rules"));

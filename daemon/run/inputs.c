@@ -106,11 +106,18 @@ static bool copy_names(injection *j)
     return true;
 }
 
-static bool add_rule(injection *j, size_t i)
+/* Returns a rule whose `after` is an index of the bus. */
+static cw_rule rule_of_bus(const injection *j, size_t i)
 {
     cw_rule rule = j->rules->rules[i];
     if (rule.has_after && rule.after >= j->base)
         rule.after = (uint16_t)j->index[rule.after - j->base];
+    return rule;
+}
+
+static bool add_rule(injection *j, size_t i)
+{
+    const cw_rule rule = rule_of_bus(j, i);
     cw_status status = cw_bus_add_rule(j->in->bus, &j->index[i], &rule);
     if (status == CW_FULL)
         fprintf(j->errors, "rule %s: no more room, a bus has at most %d rules\n", rule.name,
@@ -139,8 +146,10 @@ static void take_back(injection *j)
 
 static void name_rules(injection *j)
 {
-    for (size_t i = 0; i < j->added; i++)
-        live_put(j->in->config, j->index[i], &j->rules->rules[i], j->names[i]);
+    for (size_t i = 0; i < j->added; i++) {
+        const cw_rule rule = rule_of_bus(j, i);
+        live_put(j->in->config, j->index[i], &rule, j->names[i]);
+    }
 }
 
 cfg_rules *inputs_inject(inputs *in, const char *text, size_t size, const char *name, FILE *errors)

@@ -139,6 +139,8 @@ void live_remove(live *l, unsigned index)
     l->injected[index] = NULL;
     l->names[index] = NULL;
     l->rules[index] = (cw_rule){.name = NULL};
+    for (size_t i = 0; i < l->now.rule_count; i++) /* another rule may have the index later */
+        l->rules[i].has_after = l->rules[i].has_after && l->rules[i].after != index;
     while (l->now.rule_count > 0 && !l->names[l->now.rule_count - 1])
         l->now.rule_count--;
 }

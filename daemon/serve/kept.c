@@ -39,6 +39,9 @@ struct kept {
     json_t *lost;     /* names, or NULL */
     char crashed[DATE_BYTES];
     char note[KEPT_NOTE_BYTES];
+    char unread[KEPT_NOTE_BYTES]; /* why those of an earlier file are not injected, or "" */
+    char told_of[2 * KEPT_NOTE_BYTES + 2]; /* both */
+    uint64_t forgets; /* the save with which these losses are over; 0: none */
 };
 
 /* ---- The file -------------------------------------------------------------------------------- */
@@ -50,10 +53,12 @@ static json_t *state_of(const kept *k)
     put_text(state, "bus", k->bus);
     put(state, "kept", json_incref(k->entries));
     put(state, "passing", json_incref(k->passing));
-    if (k->lost) {
+    if (k->lost && !k->forgets) {
         put(state, "lost", json_incref(k->lost));
         put_text(state, "crashed", k->crashed);
     }
+    if (*k->unread && !k->forgets)
+        put_text(state, "unread", k->unread);
     return state;
 }
 
@@ -77,8 +82,8 @@ static uint64_t put_state(kept *k, bool empty)
 /* Without rules that are to be remembered there is no file. */
 uint64_t kept_save(kept *k)
 {
-    const bool empty =
-        json_array_size(k->entries) + json_array_size(k->passing) + json_array_size(k->lost) == 0;
+    const bool losses = (k->lost || *k->unread) && !k->forgets;
+    const bool empty = json_array_size(k->entries) + json_array_size(k->passing) == 0 && !losses;
     if (empty && !k->there)
         return 0;
     const uint64_t number = put_state(k, empty);
@@ -94,9 +99,28 @@ const char *kept_explain(int error)
     return error == ETIMEDOUT ? "the disk does not answer" : strerror(error);
 }
 
+static void join_notes(kept *k)
+{
+    (void)snprintf(k->told_of, sizeof k->told_of, "%s%s%s", k->note,
+                   *k->note && *k->unread ? "; " : "", k->unread);
+}
+
+static void forget_losses(kept *k)
+{
+    json_decref(k->lost);
+    k->lost = NULL;
+    k->note[0] = k->unread[0] = '\0';
+    k->forgets = 0;
+    join_notes(k);
+}
+
 static void on_written(void *user, uint64_t number, int error)
 {
     kept *k = user;
+    if (k->forgets && number >= k->forgets && error == 0)
+        forget_losses(k);
+    if (error != 0)
+        k->forgets = 0;
     if (error != 0) {
         k->there = true; /* maybe: the next save tries again */
         complain_unwritten(k, error);
@@ -123,7 +147,10 @@ static bool is_entry(const json_t *entry)
 /* Returns true also for a state that names no rules that an earlier crash has lost. */
 static bool has_good_losses(const json_t *state)
 {
-    const json_t *lost = json_object_get(state, "lost");
+    const json_t *lost = json_object_get(state, "lost"),
+                 *unread = json_object_get(state, "unread");
+    if (unread && !json_is_string(unread))
+        return false;
     return !lost || (all_texts(lost) && json_is_string(json_object_get(state, "crashed")));
 }
 
@@ -142,11 +169,16 @@ static const char *find_fault(const kept *k, const json_t *state)
     return strcmp(bus, k->bus) == 0 ? NULL : "it is of another bus";
 }
 
-static void move_away(const kept *k, const char *why)
+/* Tells of it until rules are injected or cleared, or canwired is stopped. */
+static void move_away(kept *k, const char *why)
 {
     const bool moved = renameat(k->folder.fd, k->name, k->folder.fd, k->bad) == 0;
-    log_error("rules %s: %s; the rules in it are not injected, %s%s", k->path, why,
-              moved ? "it is now " : "and it stays: ", moved ? k->bad : strerror(errno));
+    (void)snprintf(k->unread, sizeof k->unread,
+                   "rules %.100s: %s; the rules in it are not injected, %s%.100s", k->path, why,
+                   moved ? "it is now " : "and it stays: ", moved ? k->bad : strerror(errno));
+    log_error("%s", k->unread);
+    if (moved)
+        (void)kept_save(k);
 }
 
 /* ---- A crash --------------------------------------------------------------------------------- */
@@ -185,11 +217,13 @@ static void note_crash(kept *k, const json_t *state, const struct stat *file)
     log_warning("%s", k->note);
 }
 
-static void forget_crash(kept *k)
+/* An earlier start has found it. */
+static void note_unread(kept *k, const json_t *state)
 {
-    json_decref(k->lost);
-    k->lost = NULL;
-    k->note[0] = '\0';
+    const char *unread = json_string_value(json_object_get(state, "unread"));
+    (void)snprintf(k->unread, sizeof k->unread, "%s", unread ? unread : "");
+    if (*k->unread)
+        log_warning("%s", k->unread);
 }
 
 static void kept_read_file(kept *k)
@@ -214,8 +248,10 @@ static void kept_read_file(kept *k)
         json_decref(k->entries);
         k->entries = json_incref(json_object_get(state, "kept"));
         note_crash(k, state, &file);
+        note_unread(k, state);
         (void)kept_save(k);
     }
+    join_notes(k);
     json_decref(state);
 }
 
@@ -291,8 +327,12 @@ uint64_t kept_note(kept *k, const json_t *text, const char *name, const json_t *
     }
     for (size_t i = 0; !keep && i < json_array_size(rules); i++)
         put_text_last(k->passing, json_string_value(json_array_get(rules, i)));
-    forget_crash(k);
-    return kept_save(k);
+    if (!keep)
+        forget_losses(k);
+    k->forgets = keep; /* in the file; here when that is written */
+    const uint64_t save = kept_save(k);
+    k->forgets = keep ? save : 0;
+    return save;
 }
 
 /* Clears a rule of an entry that the bus has refused, or of one that it has not. */
@@ -312,18 +352,42 @@ static bool clear_entry(kept *k, const char *rule, bool refused)
 }
 
 /* Those on the bus go first: a refused entry may have a rule of the same name. */
+bool kept_take_back(kept *k, const char *rule)
+{
+    return remove_text(k->passing, rule) || clear_entry(k, rule, false) ||
+           clear_entry(k, rule, true);
+}
+
 bool kept_clear(kept *k, const char *rule)
 {
-    if (!remove_text(k->passing, rule) && !clear_entry(k, rule, false) &&
-        !clear_entry(k, rule, true))
+    if (!kept_take_back(k, rule))
         return false;
-    forget_crash(k);
+    forget_losses(k);
     return true;
+}
+
+size_t kept_find(const kept *k, const char *rule)
+{
+    for (size_t i = 0; i < json_array_size(k->entries); i++) {
+        const json_t *entry = json_array_get(k->entries, i);
+        if (!json_is_true(json_object_get(entry, "refused")) &&
+            json_has_text(json_object_get(entry, "rules"), rule))
+            return i + 1;
+    }
+    return 0;
+}
+
+size_t kept_bytes(const kept *k)
+{
+    size_t sum = 0;
+    for (size_t i = 0; i < json_array_size(k->entries); i++)
+        sum += json_string_length(json_object_get(json_array_get(k->entries, i), "text"));
+    return sum;
 }
 
 void kept_clear_all(kept *k)
 {
-    forget_crash(k);
+    forget_losses(k);
     (void)json_array_clear(k->entries);
     (void)json_array_clear(k->passing);
 }
@@ -402,7 +466,7 @@ void kept_live(kept *k)
 
 const char *kept_lost(const kept *k)
 {
-    return k->note;
+    return k->told_of;
 }
 
 static json_t *kept_json(const json_t *entry)
@@ -420,6 +484,8 @@ void kept_put(const kept *k, json_t *status)
     for (size_t i = 0; i < json_array_size(k->entries); i++)
         put_last(array, kept_json(json_array_get(k->entries, i)));
     put(status, "kept_rules", array);
+    if (*k->unread)
+        put_text(status, "unread_rules", k->unread);
     if (!k->lost)
         return;
     json_t *lost = json_object();
@@ -433,8 +499,8 @@ void kept_close(kept *k)
 {
     if (!k)
         return;
-    if (json_array_size(k->passing) > 0 || k->lost) {
-        forget_crash(k);
+    if (json_array_size(k->passing) > 0 || k->lost || *k->unread) {
+        forget_losses(k);
         (void)json_array_clear(k->passing);
         (void)kept_save(k);
     }

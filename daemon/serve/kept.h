@@ -20,6 +20,7 @@
 #include <stdint.h>
 
 #define KEPT_NOTE_BYTES 300
+#define KEPT_BYTES_MAX (1u << 20) /* of all texts that are kept: each save prints them in the loop */
 
 typedef struct kept kept;
 
@@ -37,12 +38,23 @@ kept *kept_open(struct ev_loop *loop, const char *control, const char *bus, kept
  * It logs those that the bus refuses; they stay for another configuration. */
 void kept_apply(kept *k, inputs *in);
 
-/* Notes that rules have been injected with a text; keep: they are to be kept. Returns the number of
- * the save, see kept_save(). */
+/* Notes that rules have been injected with a text; keep: they are to be kept. Then what is known of
+ * losses is forgotten when they are in the file. Returns the number of the save, see
+ * kept_save(). */
 uint64_t kept_note(kept *k, const json_t *text, const char *name, const json_t *rules, bool keep);
 
 /* Notes that a rule has been cleared. Returns false for one that it does not know. */
 bool kept_clear(kept *k, const char *rule);
+
+/* Takes a rule out of what is remembered, since it could not be saved. */
+bool kept_take_back(kept *k, const char *rule);
+
+/* Returns the number, from 1, of the text that the rule is kept with and that is on the bus; 0 for a
+ * rule that is not kept. */
+size_t kept_find(const kept *k, const char *rule);
+
+/* Returns the length of all texts that are kept. */
+size_t kept_bytes(const kept *k);
 
 /* Notes that all injected rules have been cleared, also those that the bus has refused. */
 void kept_clear_all(kept *k);
@@ -58,11 +70,12 @@ const char *kept_explain(int error);
 /* Says in the time of the file that the process lives; call it about once a second. */
 void kept_live(kept *k);
 
-/* Returns "2 injected rules were lost with the crash at T: a, b", or "". It stays, also over
- * further crashes, until rules are injected or cleared or canwired is stopped. */
+/* Returns "2 injected rules were lost with the crash at T: a, b" and which file was of no use, or
+ * "". It stays, also over further crashes, until rules are injected or cleared or canwired is
+ * stopped. */
 const char *kept_lost(const kept *k);
 
-/* Puts `kept_rules` and `lost_rules` of canwire-control(7). */
+/* Puts `kept_rules`, `lost_rules` and `unread_rules` of canwire-control(7). */
 void kept_put(const kept *k, json_t *status);
 
 /* Ends without a crash. NULL is allowed. */

@@ -213,20 +213,45 @@ static json_t *names_of(const cfg_rules *rules)
     return names;
 }
 
-/* Takes rules back that cannot be kept. Returns false. */
-static bool refuse_kept(request *r, const char *why)
+/* Takes rules back that cannot be kept; noted: but are known as such. Returns false. */
+static bool refuse_kept(request *r, bool noted, const char *why)
 {
     json_t *rules = json_incref(json_object_get(r->reply, "rules"));
     (void)json_object_del(r->reply, "rules");
     for (size_t i = 0; i < json_array_size(rules); i++) {
         const char *name = json_string_value(json_array_get(rules, i));
         unsigned index;
-        (void)kept_clear(r->world->kept, name);
+        if (noted)
+            (void)kept_take_back(r->world->kept, name);
         if (live_find(r->world->config, &index, name))
             inputs_clear(r->inputs, index);
     }
     json_decref(rules);
     return requests_refuse(r, "the rules cannot be remembered, and are not injected: %s", why);
+}
+
+/* Refuses to keep a rule that comes after an injected one which is not kept: no start would take
+ * it. */
+static bool check_after(request *r)
+{
+    const live *l = r->world->config;
+    const json_t *rules = json_object_get(r->reply, "rules");
+    for (size_t i = 0; i < json_array_size(rules); i++) {
+        const char *name = json_string_value(json_array_get(rules, i));
+        unsigned index;
+        if (!live_find(l, &index, name) || !live_config(l)->rules[index].has_after)
+            continue;
+        const unsigned after = live_config(l)->rules[index].after;
+        const char *other = live_config(l)->rules[after].name;
+        if (!live_is_injected(l, after) || kept_find(r->world->kept, other) > 0 ||
+            json_has_text(rules, other))
+            continue;
+        char why[ERROR_TEXT_MAX];
+        (void)snprintf(why, sizeof why, "'%.80s' comes after '%.80s', which is not kept", name,
+                       other);
+        return refuse_kept(r, false, why);
+    }
+    return true;
 }
 
 /* Remembers the rules beyond a crash. */
@@ -235,10 +260,12 @@ static bool note_injected(request *r, const char *name, bool keep)
     kept *k = r->world->kept;
     if (!k)
         return true;
+    if (keep && !check_after(r))
+        return false;
     r->result->keep = keep;
     r->result->save = kept_note(k, json_object_get(r->asked, "text"), name,
                                 json_object_get(r->reply, "rules"), keep);
-    return r->result->save > 0 || !keep || refuse_kept(r, "see the log");
+    return r->result->save > 0 || !keep || refuse_kept(r, true, "see the log");
 }
 
 void request_not_cleared(json_t *reply, int error)
@@ -253,9 +280,21 @@ void request_not_kept(const request_world *world, json_t *reply, int error)
 {
     request r = {.world = world, .inputs = engine_change(world->engine), .reply = reply};
     put_bool(reply, "ok", false);
-    (void)refuse_kept(&r, kept_explain(error));
+    (void)refuse_kept(&r, true, kept_explain(error));
     (void)kept_save(world->kept);
     engine_update(world->engine);
+}
+
+static bool can_keep(request *r, const json_t *text)
+{
+    if (!r->world->kept)
+        return requests_refuse(r,
+                               "keep: there is no control socket beside which they could be kept");
+    const size_t bytes = kept_bytes(r->world->kept) + json_string_length(text);
+    return bytes <= KEPT_BYTES_MAX ||
+           requests_refuse(r, "keep: the texts that are kept would have %zu bytes, and at most %u "
+                           "are possible: clear rules of others, see `canwire status`", bytes,
+                           KEPT_BYTES_MAX);
 }
 
 static bool run_inject(request *r)
@@ -263,9 +302,8 @@ static bool run_inject(request *r)
     const char *name = requests_text_of(r, "name") ? requests_text_of(r, "name") : "inject";
     const json_t *text = json_object_get(r->asked, "text");
     const bool keep = json_is_true(json_object_get(r->asked, "keep"));
-    if (keep && !r->world->kept)
-        return requests_refuse(r,
-                               "keep: there is no control socket beside which they could be kept");
+    if (keep && !can_keep(r, text))
+        return false;
     char *errors = NULL;
     size_t length = 0;
     FILE *stream = open_memstream(&errors, &length);
@@ -312,6 +350,25 @@ static bool clear_refused(request *r)
     return true;
 }
 
+/* Refuses to clear a kept rule that another one, kept with another text, comes after: no start would
+ * take that one. */
+static bool is_needed(request *r, unsigned rule)
+{
+    const cfg *config = live_config(r->world->config);
+    const kept *k = r->world->kept;
+    const size_t own = k ? kept_find(k, config->rules[rule].name) : 0;
+    for (size_t i = 0; own > 0 && i < config->rule_count; i++) {
+        const cw_rule *one = &config->rules[i];
+        const size_t other = one->name && one->has_after && one->after == rule
+                                 ? kept_find(k, one->name) : 0;
+        if (other > 0 && other != own)
+            return !requests_refuse(r, "rule %.80s: '%.80s', which is kept, comes after it, and no "
+                                    "start would take that alone: clear '%.80s' first",
+                                    config->rules[rule].name, one->name, one->name);
+    }
+    return false;
+}
+
 /* Clears one rule, or all, or all injected ones. */
 static bool run_clear(request *r)
 {
@@ -323,7 +380,7 @@ static bool run_clear(request *r)
         return requests_refuse(r, "either rule or injected");
     if (one && !live_find(config, &only, requests_text_of(r, "rule")) && clear_refused(r))
         return true;
-    if (one && !requests_find_rule(r, &only))
+    if (one && (!requests_find_rule(r, &only) || is_needed(r, only)))
         return false;
     json_t *cleared = json_array();
     for (unsigned i = 0; i < live_config(config)->rule_count; i++)

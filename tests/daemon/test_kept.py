@@ -12,7 +12,7 @@ import subprocess
 
 import pytest
 
-from simtool import CANWIRED, answer, kill_all, stop_canwired
+from simtool import CANWIRED, answer, canwire, kill_all, stop_canwired
 from test_record import wait_until
 
 PATIENCE_S = 60
@@ -183,7 +183,16 @@ def test_a_file_that_is_of_no_use_is_moved_away(bus, content, why):
     bus.start()
     assert re.search(rf"error: rules .*{why}; .* it is now .*{bus.bad.name}", bus.log.read_text())
     assert bus.bad.read_text() == content
+    for _ in range(2):
+        told = bus.status()["unread_rules"]
+        assert why in told and told.endswith(f"it is now {bus.bad.name}")
+        assert f"\n{told}\n" in bus.canwire("status", "./day.sock")
+        done = canwire("status", "--check", "./day.sock", status=1, cwd=bus.folder)
+        assert told in done.stdout
+        bus.crash()
+        assert f"warning: {told}\n" in bus.log.read_text()
     bus.inject("a", "--keep")
+    assert "unread_rules" not in bus.status()
 
 
 def test_rules_that_cannot_be_remembered_are_refused(bus):
@@ -243,3 +252,73 @@ def test_the_rule_on_the_bus_is_cleared_and_not_a_refused_one(bus):
     bus.canwire("clear", "./day.sock", "x")
     bus.canwire("reload", "./day.sock")
     assert bus.present() == set()
+
+
+def test_the_note_of_losses_outlives_an_injection_that_fails(bus):
+    bus.inject("a")
+    bus.crash()
+    lost = bus.status()["lost_rules"]
+    blocked = bus.rules.with_name("day.sock.rules.new")
+    blocked.mkdir()
+    bus.canwire("inject", "--keep", "./day.sock", RULE.format("b"), status=1)
+    assert bus.status()["lost_rules"] == lost and bus.present() == set()
+    os.rmdir(blocked)
+    bus.crash()
+    assert bus.status()["lost_rules"] == lost
+    bus.inject("b", "--keep")
+    assert "lost_rules" not in bus.status()
+    bus.crash()
+    assert "lost_rules" not in bus.status() and bus.present() == {"b"}
+
+
+LATER = '{{name: {}, when: {{after: {{rule: {}}}, frame: "7FF"}}, do: {{flip: "crc[3]"}}}}'
+
+
+def test_a_rule_that_another_kept_one_comes_after_stays(bus):
+    bus.inject("x", "--keep")
+    bus.canwire("inject", "--keep", "./day.sock", LATER.format("z", "x"))
+    told = bus.canwire("clear", "./day.sock", "x", status=1)
+    assert "rule x: 'z', which is kept, comes after it" in told and "clear 'z' first" in told
+    for again in (bus.crash, lambda: (bus.stop(), bus.start())):
+        again()
+        assert bus.present() == {"x", "z"}
+        bus.canwire("clear", "./day.sock", "x", status=1)
+    bus.canwire("clear", "./day.sock", "z")
+    bus.canwire("clear", "./day.sock", "x")
+    bus.inject("y", "--keep")  # it has the index of x
+    bus.canwire("clear", "./day.sock", "y")
+    assert not bus.rules.exists()
+
+
+def test_a_rule_of_the_same_text_or_of_no_next_start_does_not_hold_another(bus):
+    bus.canwire("inject", "--keep", "./day.sock",
+                f"[{RULE.format('x')}, {LATER.format('z', 'x')}]")
+    bus.canwire("inject", "./day.sock", LATER.format("passing", "x"))
+    bus.canwire("clear", "./day.sock", "x")
+    bus.crash()
+    assert bus.present() == {"z"}
+
+
+def test_a_rule_after_one_that_is_not_kept_is_not_kept(bus):
+    bus.inject("x")
+    told = bus.canwire("inject", "--keep", "./day.sock", LATER.format("z", "x"), status=1)
+    assert "'z' comes after 'x', which is not kept" in told
+    assert bus.present() == {"x"} and bus.status()["kept_rules"] == []
+    bus.canwire("inject", "./day.sock", LATER.format("z", "x"))
+
+
+def test_the_texts_that_are_kept_have_a_limit(bus):
+    """Each save prints all of them, in the time of the bus."""
+    for name in "abcde":
+        (bus.folder / f"{name}.yaml").write_text(RULE.format(name) + " #" + "x" * 220000)
+    for name in "abcd":
+        bus.canwire("inject", "--keep", "./day.sock", f"{name}.yaml")
+    told = bus.canwire("inject", "--keep", "./day.sock", "e.yaml", status=1)
+    assert "keep: the texts that are kept would have 1100" in told
+    assert "at most 1048576 are possible" in told and bus.present() == set("abcd")
+    bus.canwire("inject", "./day.sock", "e.yaml")
+    for name in "ae":
+        bus.canwire("clear", "./day.sock", name)
+    bus.canwire("inject", "--keep", "./day.sock", "e.yaml")
+    bus.crash()
+    assert bus.present() == set("bcde")
