@@ -190,13 +190,21 @@ bool pathsocket_probe(const char *path, char error[PATHSOCKET_ERROR_MAX])
     return good;
 }
 
+/* Returns true where no start will make a socket: something else is there, or the file system takes
+ * none. */
+static bool takes_no_socket(const pathsocket *s, int number)
+{
+    return number == ENXIO || number == EOPNOTSUPP ||
+           (number == EADDRINUSE && !is_socket(&s->folder));
+}
+
 bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, const char *what,
                      char error[PATHSOCKET_ERROR_MAX])
 {
     *s = (pathsocket)PATHSOCKET_NONE;
     s->path = strdup(path);
     const int number = open_path(s, type, backlog, what);
-    unit_blame(number);
+    unit_blame(takes_no_socket(s, number) ? ENOTSOCK : number);
     return pathsocket_judge(s, number, error);
 }
 

@@ -50,7 +50,7 @@ void unit_blame(int number)
 {
     /* EINVAL and ELOOP: something that is no regular file is there */
     static const int lasting[] = {EROFS,  EACCES,       ENOENT, ENOTDIR,
-                                  EISDIR, ENAMETOOLONG, EINVAL, ELOOP};
+                                  EISDIR, ENAMETOOLONG, EINVAL, ELOOP, ENOTSOCK};
     for (size_t i = 0; i < sizeof lasting / sizeof lasting[0] && !is_started; i++)
         bad_path = bad_path || number == lasting[i];
 }

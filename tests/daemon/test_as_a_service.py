@@ -54,11 +54,15 @@ def test_how_it_ends_says_if_another_start_helps(tmp_path, instance):
     (GOOD + "record: [ { file: bus.yaml/a.log } ]\n", "Not a directory"),
     (GOOD + "record: [ { file: folder.log } ]\n", "that is no regular file"),
     (GOOD + "control: bus.yaml/day.sock\n", "Not a directory"),
+    (GOOD + "control: folder.log\n", "there is something that is no socket"),
+    (GOOD + "control: file.log\n", "there is something that is no socket"),
+    (GOOD.replace("name: a ", 'name: a, port: "unix:folder.log" '), "something that is no socket"),
     (GOOD + f"record: [ {{ file: {'x' * 300}.log }} ]\n", "File name too long"),
     (GOOD.replace("name: a ", 'name: a, port: "unix:none/a.port" '), "does not exist"),
 ])
 def test_a_path_that_cannot_be_is_a_bad_configuration(tmp_path, text, why):
     (tmp_path / "folder.log").mkdir()
+    (tmp_path / "file.log").touch()
     done, told = ended(tmp_path, text, "day")
     assert done.returncode == 1 and why in told
 
