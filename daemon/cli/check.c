@@ -77,6 +77,11 @@ static int check_named(const char *file, bool ports)
     const profilefile wanted = {.name = file, .beside = {""}};
     if (profilefile_find(path, &wanted))
         return rig_is_rig(path) ? check_rig(path, ports) : check_file(path, ports);
+    if (profilefile_is_name(file) && profilefile_is_there(file, true)) {
+        plain_print(stderr, "canwire check: %s: not a regular file; a pipe needs a path: ./%s\n",
+                    file, file);
+        return CLI_BAD_INPUT;
+    }
     if (!profilefile_is_name(file) || strchr(file, '.'))
         return check_file(file, ports);
     profilefile_list(folders, &wanted);

@@ -10,9 +10,13 @@
 #include "config/profilefile.h"
 
 #include <errno.h>
+#include <fcntl.h>
+#include <linux/magic.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/vfs.h>
+#include <unistd.h>
 
 #define TEXT_MAX (1u << 20)
 #define READ_BYTES 65536u
@@ -85,22 +89,47 @@ static bool inject_read_all(buffer *text, FILE *in)
     return false;
 }
 
+/* Returns true for a pipe that has a name: without a program at its other end it would hang, as one
+ * of the shell, <(...), does not. */
+static bool is_named_pipe(int fd)
+{
+    struct stat found;
+    struct statfs within;
+    return fstat(fd, &found) == 0 && S_ISFIFO(found.st_mode) && fstatfs(fd, &within) == 0 &&
+           within.f_type != PIPEFS_MAGIC;
+}
+
+/* Returns NULL with errno. */
+static FILE *inject_open_file(const char *file)
+{
+    const int fd = open(file, O_RDONLY | O_CLOEXEC | O_NOCTTY | O_NONBLOCK);
+    if (fd < 0)
+        return NULL;
+    const bool bad = is_named_pipe(fd);
+    FILE *stream = !bad && fcntl(fd, F_SETFL, 0) == 0 ? fdopen(fd, "r") : NULL;
+    const int error = bad ? ESPIPE : errno;
+    if (!stream)
+        (void)close(fd);
+    errno = error;
+    return stream;
+}
+
 static bool inject_read_file(injection *in, const char *file)
 {
     bool standard = strcmp(file, "-") == 0;
-    FILE *stream = standard ? stdin : fopen(file, "re");
+    FILE *stream = standard ? stdin : inject_open_file(file);
     bool good = stream && inject_read_all(&in->text, stream);
     if (!good)
-        plain_print(stderr, "canwire inject: %s: %s\n", file, strerror(errno));
+        plain_print(stderr, "canwire inject: %s: %s\n", file,
+                    errno == ESPIPE ? "not a regular file" : strerror(errno));
     if (stream && !standard)
         (void)fclose(stream);
     return good;
 }
 
-static bool file_exists(const char *word)
+static bool file_exists(const char *word, bool any)
 {
-    struct stat found;
-    return strcmp(word, "-") == 0 || stat(word, &found) == 0;
+    return strcmp(word, "-") == 0 || profilefile_is_there(word, any);
 }
 
 /* Returns true for the name of a file: a word without any character of rules in YAML. */
@@ -119,7 +148,8 @@ static char *file_of_bus(const char *bus)
     return path;
 }
 
-/* Finds a profile by its name. Returns false after a message. */
+/* Finds a profile by its name. Returns false after a message; the caller has one for what is no file
+ * and has that name. */
 static bool find_profile(injection *in, const char *bus, const char *name)
 {
     char folders[PROFILEFILE_LIST_BYTES];
@@ -127,7 +157,7 @@ static bool find_profile(injection *in, const char *bus, const char *name)
     const profilefile wanted = {.name = name, .beside = {"", file}};
     const bool found = file && profilefile_find(in->file, &wanted);
     profilefile_list(folders, &wanted);
-    if (file && !found)
+    if (file && !found && !file_exists(name, true))
         plain_print(stderr, "canwire inject: there is no %s in %s\n", name, folders);
     free(file);
     return found;
@@ -135,11 +165,12 @@ static bool find_profile(injection *in, const char *bus, const char *name)
 
 static bool inject_read_text(injection *in, const char *bus, const char *word)
 {
-    const bool is_file = file_exists(word) || looks_like_file(word);
-    if (is_file && !file_exists(word) && profilefile_is_name(word)) {
-        if (!find_profile(in, bus, word))
+    const bool is_file = file_exists(word, true) || looks_like_file(word);
+    if (is_file && !file_exists(word, false) && profilefile_is_name(word)) {
+        if (find_profile(in, bus, word))
+            word = in->file;
+        else if (!file_exists(word, true))
             return false;
-        word = in->file;
     }
     in->name = !is_file ? "inject" : strcmp(word, "-") == 0 ? "stdin" : word;
     if (is_file ? !inject_read_file(in, word) : !append(&in->text, word, strlen(word)))

@@ -183,14 +183,16 @@ void cfg_free_rules(cfg_rules *rules)
     free(owner);
 }
 
-/* Finds the file of a profile. Returns the path beside the configuration when there is none. */
+/* Finds the file of a profile, or what is in its place. Returns the path beside the configuration
+ * when there is none. */
 static const char *find_profile(schema *self, const profilefile *wanted)
 {
     char path[PATH_MAX];
 
-    for (unsigned i = 0; profilefile_place(path, wanted, i); i++)
-        if (cfg_has_file(self, path))
-            return schema_copy(self, path);
+    for (int any = 0; any < 2; any++)
+        for (unsigned i = 0; profilefile_place(path, wanted, i); i++)
+            if (cfg_has_file(self, path, any))
+                return schema_copy(self, path);
     return cfg_resolve_path(self, wanted->beside[0], wanted->name);
 }
 
@@ -211,7 +213,7 @@ static void read_file_name(schema *self, const schema_key *key, yaml_node_t *val
         return;
     const profilefile file = {.name = text, .beside = {cfg_of(self)->file}};
     wanted->file = find_profile(self, &file);
-    if (wanted->file && profilefile_is_name(text) && !cfg_has_file(self, wanted->file)) {
+    if (wanted->file && profilefile_is_name(text) && !cfg_has_file(self, wanted->file, true)) {
         complain_absent(self, value, &file);
         wanted->file = NULL;
     }

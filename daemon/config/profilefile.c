@@ -7,6 +7,7 @@
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define FOLDER "profiles/"
@@ -97,10 +98,16 @@ bool profilefile_place(char out[PATH_MAX], const profilefile *wanted, unsigned n
     return true;
 }
 
+bool profilefile_is_there(const char *path, bool any)
+{
+    struct stat found;
+    return fstatat(AT_FDCWD, path, &found, 0) == 0 && (any || S_ISREG(found.st_mode));
+}
+
 bool profilefile_find(char out[PATH_MAX], const profilefile *wanted)
 {
     for (unsigned i = 0; profilefile_place(out, wanted, i); i++)
-        if (faccessat(AT_FDCWD, out, F_OK, 0) == 0)
+        if (profilefile_is_there(out, false))
             return true;
     return false;
 }

@@ -24,7 +24,10 @@ typedef struct profilefile {
  * false when there are no more. A path that is too long is "". */
 bool profilefile_place(char out[PATH_MAX], const profilefile *wanted, unsigned number);
 
-/* Finds the first of these places where there is a file. Returns false when there is none. */
+/* Returns true when there is a regular file at a path, or anything at all. */
+bool profilefile_is_there(const char *path, bool any);
+
+/* Finds the first of these places where there is a regular file. Returns false when there is none. */
 bool profilefile_find(char out[PATH_MAX], const profilefile *wanted);
 
 /* Writes the folders of all these places, "a, b and c". */

@@ -5,11 +5,10 @@
 #include "config/source.h"
 
 #include "base/yamlfile.h"
+#include "config/profilefile.h"
 
-#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 char *cfg_resolve_path(schema *self, const char *file, const char *path)
 {
@@ -51,25 +50,27 @@ static const cfg_file *keep_file(schema *self, const char *name, const char *tex
     return &files[config->file_count++];
 }
 
+/* Reads a file. A pipe in place of a profile would hang. */
 static const cfg_file *read_new_file(schema *self, const char *name)
 {
     const cfg_walk *walk = self->user;
+    const bool profile = walk->config->file_count > 0;
     size_t size;
-    char *text = yaml_file_read(&size, name, walk->regular, self->errors);
+    char *text = yaml_file_read(&size, name, walk->regular || profile, self->errors);
     const cfg_file *kept = text ? keep_file(self, name, text, size) : NULL;
 
     free(text);
     return kept;
 }
 
-bool cfg_has_file(const schema *self, const char *file)
+bool cfg_has_file(const schema *self, const char *file, bool any)
 {
     const cfg_walk *walk = self->user;
     const cfg *config = walk->config;
 
     return find_file(config->files, config->file_count, file) ||
            find_file(walk->given, walk->given_count, file) ||
-           (cfg_reads_files(self) && faccessat(AT_FDCWD, file, F_OK, 0) == 0);
+           (cfg_reads_files(self) && profilefile_is_there(file, any));
 }
 
 bool cfg_load_file(schema *self, yaml_document_t *document, const char *file)

@@ -11,8 +11,8 @@
  * complaint. */
 char *cfg_resolve_path(schema *self, const char *file, const char *path);
 
-/* Returns true when a file is there to be loaded. */
-bool cfg_has_file(const schema *self, const char *file);
+/* Returns true when a regular file is there to be loaded; any: or something else. */
+bool cfg_has_file(const schema *self, const char *file, bool any);
 
 /* Loads the document of a file and keeps its text in the configuration. Returns false after a
  * complaint. */

@@ -2,8 +2,10 @@
 """Profiles are found by their names."""
 
 import json
+import os
 import shutil
 import subprocess
+from pathlib import Path
 
 from simtool import CANWIRE, CANWIRED, TIMEOUT_S, canwire, kill_all, stop_canwired
 from test_journal import NONE
@@ -64,6 +66,38 @@ def test_a_journal_knows_the_profile_that_was_found(tmp_path):
     assert '"rule":"x"' in done.stdout, done.stderr
 
 
+def other_things_hide_no_profile(tool, folder, profile, inject):
+    """A folder or a pipe here that has the name of the profile."""
+    here = folder / "here"
+    (here / "wobble.yaml").unlink()
+    profile("share/canwire/profiles", "behind")
+    (folder / "etc/wobble.yaml").unlink()
+    (folder / "etc/profiles/wobble.yaml").unlink()
+    (here / "bus.yaml").write_text((NAMED % "wobble").replace("engine", "a"))
+    for make, name in ((Path.mkdir, "wobble"), (os.mkfifo, "wobble.yaml")):
+        make(here / name)
+        assert inject() == "behind\n"
+        tool("clear", folder / "etc/x.sock", "behind")
+        assert tool("check", "wobble").endswith(": ok (fault profile, 1 rule)\n")
+        assert "1 rule" in tool("check", "bus.yaml")
+    (folder / "share/canwire/profiles/wobble.yaml").unlink()
+    for command in "check", "sim":
+        told = tool(command, "bus.yaml", status=1)
+        assert "\nwobble: not a regular file" in told
+    assert "wobble: Is a directory\n" in inject(status=1)
+    assert "wobble: not a regular file" in tool("check", "wobble", status=1)
+    (here / "wobble").rmdir()
+    for words in (["wobble.yaml"], ["./wobble.yaml"]):
+        told = tool("inject", folder / "etc/x.sock", *words, status=1)
+        assert told == f"canwire inject: {words[0]}: not a regular file\n"
+    assert "wobble.yaml: not a regular file" in tool("check", "wobble.yaml", status=1)
+    rule = "{ name: piped, when: { manual: yes }, do: { error-flag: a } }"
+    done = subprocess.run(["bash", "-c", f"'{CANWIRE}' inject '{folder}/etc/x.sock' "
+                           f"<(sleep 0.1; echo '{rule}')"],
+                          capture_output=True, text=True, timeout=TIMEOUT_S, check=True)
+    assert done.stdout == "piped\n"
+
+
 def test_commands_find_profiles_by_name(tmp_path):
     """check and inject look here first; inject then looks beside the configuration of the bus."""
     program, here = tmp_path / "bin/canwire", tmp_path / "here"
@@ -108,6 +142,7 @@ def test_commands_find_profiles_by_name(tmp_path):
             if folder in (share, "here"):
                 found = "wobble.yaml" if folder == "here" else path
                 assert tool("check", "wobble") == f"{found}: ok (fault profile, 1 rule)\n"
+        other_things_hide_no_profile(tool, tmp_path, profile, inject)
         stop_canwired(daemon, log)
     finally:
         kill_all([daemon])
