@@ -132,6 +132,13 @@ bool client_has_socket(const char *bus)
     return find_socket(&address, bus) && is_socket(address.sun_path);
 }
 
+bool client_has_listener(const char *bus)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    return find_socket(&address, bus) && is_socket(address.sun_path) &&
+           buses_listener(address.sun_path) != BUSES_NOBODY;
+}
+
 /* Adds a name to a list. One without room leaves "...". */
 static void add_name(char list[NAMES_BYTES], const char *name)
 {
@@ -291,6 +298,16 @@ static named find_named(struct sockaddr_un *address, const char *bus)
         return NAMED_ONE;
     complain_of_several(bus, text);
     return NAMED_DOUBTFUL;
+}
+
+bool client_is_named(const char *bus)
+{
+    void (*const before)(const char *text) = teller;
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    teller = say_nothing;
+    const named found = find_named(&address, bus);
+    teller = before;
+    return found != NAMED_NONE;
 }
 
 static int client_connect_to(client *c, const struct sockaddr_un *address)

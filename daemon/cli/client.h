@@ -45,6 +45,12 @@ bool client_wait(int error);
 /* Returns true for a bus that has a socket; it need not run. */
 bool client_has_socket(const char *bus);
 
+/* Returns true for a socket at which a bus listens, and not a port. */
+bool client_has_listener(const char *bus);
+
+/* Returns true for the own name of a bus that runs, which has another socket. It says nothing. */
+bool client_is_named(const char *bus);
+
 /* Connects to a bus. That is the path of a socket, which contains a '/' or is a file in the current
  * folder, or the name of a socket. Without one it is the name of the bus itself. The name must live
  * longer. Returns false after a message. */

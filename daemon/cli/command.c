@@ -78,11 +78,14 @@ static bool is_no_bus(const char *word)
     return strpbrk(word, "{[\n") || (stat(word, &found) == 0 && S_ISREG(found.st_mode));
 }
 
-/* Returns true when the second word is the bus and the first one is not. */
+/* Returns true when the second word is the bus and the first one is not. A node may have the name of
+ * a port's socket, and of another bus. */
 static bool is_swapped(const char *first, const char *second)
 {
-    return !client_has_socket(first) &&
-           (client_has_socket(second) || (is_no_bus(first) && !is_no_bus(second)));
+    if (client_has_socket(first))
+        return false;
+    return (client_has_listener(second) && !client_is_named(first)) ||
+           (is_no_bus(first) && !is_no_bus(second));
 }
 
 int command_parse(const command *c, int *first, int argc, char **argv)

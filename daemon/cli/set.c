@@ -72,15 +72,25 @@ static bool put_setting(json_t *settings, char *word)
         return false;
     }
     *equals = '\0';
-    put_text(settings, word, equals + 1);
+    const bool twice = json_object_get(settings, word);
+    if (twice)
+        plain_print(stderr, "canwire set: %s is given twice\n", word);
+    else
+        put_text(settings, word, equals + 1);
     *equals = '=';
-    return true;
+    return !twice;
 }
 
-/* Returns true for a setting in the place of a node, as in NODE KEY=VALUE BUS. */
-static bool is_swapped(const char *node)
+/* Refuses a setting in the place of a node, as in NODE KEY=VALUE BUS. */
+static int refuse_order(const char *first, const char *setting, const char *last)
 {
-    return strchr(node, '=') != NULL;
+    if (!client_has_listener(first) && client_has_listener(last))
+        plain_print(stderr, "canwire set: the bus comes first, and that is %s\nusage: %s\n", last,
+                    usage);
+    else
+        plain_print(stderr, "canwire set: %s: a bus and one of its nodes come before it\n"
+                    "usage: %s\n", setting, usage);
+    return CLI_USAGE;
 }
 
 int cli_set(int argc, char **argv)
@@ -92,11 +102,8 @@ int cli_set(int argc, char **argv)
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;
-    if (is_swapped(argv[first + 1])) {
-        plain_print(stderr, "canwire set: the bus comes first, and that is %s\nusage: %s\n",
-                    argv[argc - 1], usage);
-        return CLI_USAGE;
-    }
+    if (strchr(argv[first + 1], '='))
+        return refuse_order(argv[first], argv[first + 1], argv[argc - 1]);
     json_t *settings = json_object();
     for (int i = first + 2; i < argc; i++) {
         if (!put_setting(settings, argv[i])) {

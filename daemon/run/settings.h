@@ -11,7 +11,7 @@
 
 #include <jansson.h>
 
-#define SETTINGS_ERROR_MAX 640
+#define SETTINGS_ERROR_MAX 720
 
 /* Reads an object; values may be texts as in KEY=VALUE. An error returns false and leaves *out and
  * *time unchanged; `error` then names the problem and the allowed values. */

@@ -17,7 +17,7 @@
 #include <string.h>
 
 #define KEYS_MAX 3
-#define ERROR_TEXT_MAX 400
+#define ERROR_TEXT_MAX SETTINGS_ERROR_MAX /* the longest ones name all settings */
 #define BUS_KINDS (((1u << CW_EVENT_COUNT) - 1u) & ~(1u << CW_EVENT_TOLERATED))
 #define EVERY_KIND (BUS_KINDS | REQUEST_WATCH_RECORD)
 #define USUAL_KINDS (EVERY_KIND & ~(1u << CW_EVENT_SYNC) & ~(1u << CW_EVENT_CAPTURE))

@@ -286,6 +286,9 @@ def test_a_bus_is_found_by_its_own_name_too(service, tmp_path):
     with running(tmp_path / "c", GOOD.replace("name: day", "name: else") +
                  f"control: {tmp_path}/run/day.sock\n", None):
         assert one.canwire("status", "day").startswith("else: "), "a socket goes first"
+    with running(tmp_path / "d", GOOD.replace("name: day", "name: else") +
+                 f"control: {tmp_path}/run/a.sock\n", None):
+        one.canwire("set", "day", "a", "restart-ms=7")  # a node of that name
 
 
 @contextlib.contextmanager

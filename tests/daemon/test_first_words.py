@@ -3,6 +3,7 @@
 
 import contextlib
 import os
+import re
 import socket
 import subprocess
 
@@ -76,6 +77,34 @@ def test_swapped_arguments_of_inject_without_a_bus(tmp_path):
     done = subprocess.run([CANWIRE, "restart", "engine", "day"], cwd=tmp_path, text=True,
                           capture_output=True, check=False)
     assert done.returncode == 1 and "no such bus" in done.stderr
+
+
+def test_a_node_is_not_taken_for_the_bus(tmp_path):
+    """Its ECU's socket, or another bus, may have its name."""
+    with running(tmp_path), socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as port:
+        port.bind(str(tmp_path / "engine"))
+        port.listen()
+        for words in (["day.sock", "queue=2", "engine"], ["engine", "queue=2", "ppm=3"]):
+            error = answer(tmp_path, "set", *words, status=2)
+            assert error.startswith("canwire set: queue=2: a bus and one of its nodes come before")
+        assert "bus nosuch: no such bus" in answer(tmp_path, "set", "nosuch", "engine", "queue=2",
+                                                   status=1)
+
+
+def test_a_setting_is_given_once(tmp_path):
+    with running(tmp_path):
+        for key in "sample-point", "queue":
+            error = answer(tmp_path, "set", "day.sock", "engine", f"{key}=1", "ppm=0", f"{key}=2",
+                           status=2)
+            assert error == f"canwire set: {key} is given twice\n"
+
+
+def test_the_list_of_settings_is_whole(tmp_path):
+    with running(tmp_path):
+        error = answer(tmp_path, "set", "day.sock", "engine", "zzzzzzzzz=1", status=1)
+        known = answer(tmp_path, "set", "--help").splitlines()
+        keys = [line.split()[0] for line in known if re.match("  [a-z]", line)]
+        assert error.rstrip().split("there are ")[1].split(", ") == keys and len(keys) > 30
 
 
 def test_clients_are_told_where_that_is_asked_for(tmp_path):
