@@ -41,6 +41,8 @@ static const schema_choice missing_ports[] = {
     {.name = NULL},
 };
 
+#define IS_VIRTUAL "{'required': ['pacing'], 'properties': {'pacing': {'const': 'virtual'}}}"
+
 /* The keys in the order of reading. Nodes need the bus, vxcan and their defaults. Faults need the
  * nodes and may name the rules of profiles. Expectations may name all rules. */
 const schema_key cfg_file_keys[] = {
@@ -97,7 +99,10 @@ const schema_key cfg_file_keys[] = {
              "that time and says so."},
     {.name = NULL,
      .type = "{'required': ['bus'], 'if': {'not': " TYPE_NEEDS("guests") "}, 'then': "
-             "{'required': ['nodes'], 'properties': {'nodes': {'minItems': 1}}}}"},
+             "{'required': ['nodes'], 'properties': {'nodes': {'minItems': 1}}}, 'allOf': ["
+             TYPE_IF(IS_VIRTUAL, TYPE_ANY(TYPE_NEEDS("control") ", {'required': ['virtual'], "
+                     "'properties': {'virtual': " TYPE_NEEDS("socket") "}}")) ", "
+             TYPE_IF(TYPE_NEEDS("virtual"), IS_VIRTUAL) "]}"},
 };
 
 /* The files that a caller accepts. */

@@ -249,6 +249,68 @@ static void add_subjects(json_t *expectation)
     json_object_set_new(expectation, "dependentSchemas", conditions);
 }
 
+/* ---- Numbers --------------------------------------------------------------------------------- */
+
+/* Prints a pattern of the numbers of a range: those with the same digits in front, one digit of a
+ * few, and then any digits. */
+static void print_numbers(FILE *out, uint64_t from, uint64_t to)
+{
+    const char *between = "^(?:";
+    for (bool more = true; more; between = "|") {
+        uint64_t size = 1; /* of what the digits behind the one of a few can be */
+        unsigned behind = 0;
+        while (from > 0 && from % (size * 10) == 0 && to - from >= size * 10 - 1) {
+            size *= 10;
+            behind++;
+        }
+        const unsigned digit = (unsigned)(from / size % 10);
+        const uint64_t fitting = (to - from - (size - 1)) / size; /* steps of the digit */
+        const unsigned last = fitting < 9 - digit ? digit + (unsigned)fitting : 9;
+        (void)fputs(between, out);
+        if (from / size >= 10)
+            (void)fprintf(out, "%" PRIu64, from / size / 10);
+        (void)fprintf(out, last > digit ? "[%u-%u]" : "%u", digit, last);
+        if (behind > 0)
+            (void)fprintf(out, "[0-9]{%u}", behind);
+        const uint64_t end = from + (last - digit) * size + (size - 1);
+        more = end < to;
+        from = end + 1;
+    }
+    (void)fputs(")$", out);
+}
+
+static uint64_t limit_of(const json_t *type, const char *key)
+{
+    const json_t *limit = json_object_get(type, key);
+    return json_is_string(limit) ? strtoull(json_string_value(limit) + 1, NULL, 10)
+                                 : (uint64_t)json_integer_value(limit);
+}
+
+/* The readers ignore quotes: a whole number may be a text. */
+static void allow_text(json_t *type)
+{
+    char *pattern = NULL;
+    size_t size = 0;
+    FILE *out = open_memstream(&pattern, &size);
+    print_numbers(out, limit_of(type, "minimum"), limit_of(type, "maximum"));
+    (void)fclose(out);
+    json_object_set_new(type, "type", json_pack("[s, s]", "integer", "string"));
+    json_object_set_new(type, "pattern", json_string(pattern));
+    free(pattern);
+}
+
+/* Lists are in maps, no deeper than the schema. NOLINTNEXTLINE(misc-no-recursion) */
+static void allow_texts(json_t *value)
+{
+    const char *type = json_string_value(json_object_get(value, "type"));
+    if (type && strcmp(type, "integer") == 0 && json_object_get(value, "maximum"))
+        allow_text(value);
+    for (void *i = json_object_iter(value); i; i = json_object_iter_next(value, i))
+        allow_texts(json_object_iter_value(i));
+    for (size_t i = 0; i < json_array_size(value); i++)
+        allow_texts(json_array_get(value, i));
+}
+
 /* ---- Files ----------------------------------------------------------------------------------- */
 
 static maker make_begin(void)
@@ -265,6 +327,7 @@ static void make_end(maker *self, json_t *root, const char *folder, const char *
     define_types(self, defined);
     json_decref(defined);
     json_object_set_new(root, "$defs", self->definitions);
+    allow_texts(root);
     (void)snprintf(path, sizeof path, "%s/%s.schema.json", folder, name);
     char *text = json_dumps(root, JSON_INDENT(1));
     FILE *out = fopen(path, "w");

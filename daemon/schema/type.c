@@ -58,6 +58,13 @@
 
 /* A text with this pattern, and further words of JSON schema. */
 #define TEXT(pattern) "{'type': ['string', 'number'], 'pattern': '^(?:" pattern ")$'"
+/* The same where each number needs a unit, but 0 does not; where no number is one; and for numbers
+ * of a range. */
+#define QUANTITY(pattern) TEXT(pattern) ", 'minimum': 0, 'maximum': 0"
+#define WORD(pattern) "{'type': 'string', 'pattern': '^(?:" pattern ")$'"
+#define RANGE(min, max, pattern) TEXT(pattern) ", 'minimum': " #min ", 'maximum': " #max
+/* A name may look like anything. */
+#define NAME "{'type': ['string', 'number', 'boolean'], 'pattern': '^[A-Za-z0-9_.-]{1,32}$'"
 #define HELP(text) ", 'description': '" text "'"
 #define EXAMPLES(list) ", 'examples': [" list "]"
 
@@ -67,17 +74,16 @@ static const struct {
 } types[] = {
     {"parameter", "{'type': 'string', 'pattern': '\\$'"
      HELP("In profiles: $NAME or ${NAME}, a parameter.") "}"},
-    {"boolean", "{'enum': [true, false, 'on', 'off', 'yes', 'no']}"},
-    {"text", TYPE_TEXT(".")},
-    {"name", TEXT("[A-Za-z0-9_.-]{1,32}")
-     HELP("1 to 32 letters, digits, ''_'', ''.'' or ''-''.") "}"},
-    {"node", TEXT("[A-Za-z0-9_.-]{1,32}") HELP("The name of a node.") "}"},
-    {"time", TEXT(TIME) HELP("A time with unit: ns us ms s min h bit.")
+    {"boolean", "{'enum': [true, false, 'true', 'false', 'on', 'off', 'yes', 'no']}"},
+    {"text", "{'type': ['string', 'number', 'boolean'], 'pattern': '.'}"},
+    {"name", NAME HELP("1 to 32 letters, digits, ''_'', ''.'' or ''-''.") "}"},
+    {"node", NAME HELP("The name of a node.") "}"},
+    {"time", QUANTITY(TIME) HELP("A time with unit: ns us ms s min h bit.")
      EXAMPLES("'10ms', '100bit'") "}"},
-    {"span", TEXT("(?![0.]+(?:[a-z]|$))" TIME) HELP("A time with unit, more than 0.")
+    {"span", WORD("(?![0.]+(?:[a-z]|$))" TIME) HELP("A time with unit, more than 0.")
      EXAMPLES("'10ms', '100bit'") "}"},
-    {"window", TEXT(WINDOW) "}"},
-    {"frame", TEXT(FRAME)
+    {"window", QUANTITY(WINDOW) "}"},
+    {"frame", WORD(FRAME)
      HELP("A frame as can-utils write it: 123#DEADBEEF, 12345678#, 123#R4, "
           "123#1122334455667788_F; 123##1DEADBEEF is a CAN FD frame, 1 BRS and 2 ESI.") "}"},
     {"filter", TEXT(FILTERS "|#(?![02468ACEace]0{7}$)(?!0+$)" HEX "{1,8}")
@@ -86,30 +92,30 @@ static const struct {
     {"frameFilter", TEXT(FILTERS) HELP(FILTER_HELP ".") "}"},
     {"wakeOn", TYPE_ANY(TYPE_REF("nodeFilter") ", {'enum': ['off', false]}, "
                         TYPE_LIST(1, 8, TYPE_REF("nodeFilter")))},
-    {"position", TEXT(POSITION)
+    {"position", WORD(POSITION)
      HELP("A bit of the transmitter''s frame; index 0 is on the wire first.")
      EXAMPLES("'crc[3]', 'data[2.7]', 'stuff[1]', 'bit[17]', 'ack-slot', 'brs', 'fixed-stuff[0]'")
      "}"},
     {"positions", "{'type': 'string', 'pattern': '^" FIELDS
      "(?:\\[[0-9]+(?:\\.[0-9]+)?\\]|\\[[0-9]+\\.\\.[0-9]+\\](?:\\.\\*)?|\\.\\*)?$'}"},
-    {"fraction", TEXT("0(?:\\.[0-9]+)?|1(?:\\.0+)?|" DECIMAL "[eE][+-]?[0-9]{1,3}")
+    {"fraction", RANGE(0, 1, "0(?:\\.[0-9]+)?|1(?:\\.0+)?|" DECIMAL "[eE][+-]?[0-9]{1,3}")
      HELP("A decimal fraction from 0 to 1.") EXAMPLES("0.05, '1e-5'") "}"},
-    {"samplePoint", TEXT("[1-9][0-9](?:\\.[0-9]0*)?%|0\\.[1-9][0-9]{0,2}") "}"},
-    {"length", TEXT("0|" DECIMAL "(?:mm|cm|m|km)") HELP("A length with unit, up to 10km.")
+    {"samplePoint", RANGE(0.1, 0.999, "[1-9][0-9](?:\\.[0-9]0*)?%|0\\.[1-9][0-9]{0,2}") "}"},
+    {"length", QUANTITY("0|" DECIMAL "(?:mm|cm|m|km)") HELP("A length with unit, up to 10km.")
      EXAMPLES("'12m'") "}"},
-    {"percent", TEXT("(?!0(?:\\.0+)?%)(?:100(?:\\.0+)?|[1-9]?[0-9](?:\\.[0-9]0*)?)%")
+    {"percent", WORD("(?!0(?:\\.0+)?%)(?:100(?:\\.0+)?|[1-9]?[0-9](?:\\.[0-9]0*)?)%")
      EXAMPLES("'60%'") "}"},
     {"data", TEXT("[0-9A-Fa-f.xX]{2}(?: *[0-9A-Fa-f.xX]{2}){0,63}") "}"},
     {"bytes", TEXT(BYTE "(?: *" BYTE "){0,63}") "}"},
     {"id", TEXT(ID) "}"},
-    {"line", TEXT("wire|[A-Za-z0-9_.-]+\\.(?:tx|rx)") ", 'default': 'wire'}"},
+    {"line", WORD("wire|[A-Za-z0-9_.-]+\\.(?:tx|rx)") ", 'default': 'wire'}"},
     {"interface", TYPE_TEXT("^(?!\\.{1,2}$)[^/:%\\s]{1,15}$")},
     {"netns", TYPE_TEXT("^(?!\\.)[^/\\s]{1,64}$")},
     {"unixPort", TYPE_TEXT("^" UNIX "$")},
     {"port", TYPE_TEXT("^" PORT "$")},
-    {"clock", TEXT(DECIMAL "(?:|Hz|kHz|MHz|GHz)") EXAMPLES("'16MHz'") "}"},
+    {"clock", TEXT(DECIMAL "(?:|Hz|kHz|MHz|GHz)") ", 'minimum': 0" EXAMPLES("'16MHz'") "}"},
     {"ppm", "{'type': ['integer', 'number', 'string'], "
-     "'pattern': '^-?(?:0|[1-9][0-9]{0,4}|100000)$'}"},
+     "'minimum': -100000, 'maximum': 100000, 'pattern': '^-?(?:0|[1-9][0-9]{0,4}|100000)$'}"},
     {"rawBits", TEXT(" *[01](?: *[01]){0,191} *")
      HELP("Wire bits, at most 192, from the first on: 0 is dominant, 1 recessive.") "}"},
     {"rules", TYPE_LIST_UP_TO(1024, TYPE_REF("rule"))},
@@ -117,7 +123,7 @@ static const struct {
      "'propertyNames': {'pattern': '^[A-Za-z][A-Za-z0-9_-]{0,31}$'}, 'additionalProperties': "
      "{'type': ['string', 'number', 'boolean', 'null'], 'minLength': 1, 'maxLength': 256}}"},
     {"nodeSet", TYPE_ANY(TYPE_REF("node") ", " TYPE_SET(64, TYPE_OPEN(TYPE_REF("node"))))},
-    {"realTime", "{'type': ['string', 'integer'], "
+    {"realTime", "{'type': ['string', 'integer'], 'minimum': 0, 'maximum': 0, "
      "'pattern': '^(0|[0-9]+(\\.[0-9]+)?(ns|us|ms|s|min|h))$'}"},
     {"number", "{'type': ['string', 'integer', 'number'], "
      "'pattern': '^-?[0-9]+(\\.[0-9]+)?[A-Za-z%/]{0,7}$'}"},

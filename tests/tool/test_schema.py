@@ -184,6 +184,68 @@ def test_examples_of_the_reference_are_good(tmp_path):
     VALIDATOR.validate(convert(compose(path.read_text())))
 
 
+PLAIN = jsonschema.Draft202012Validator(SCHEMA)  # as an editor has it
+
+
+def editor_accepts(text):
+    return PLAIN.is_valid(json.loads(json.dumps(yaml.safe_load(text))))
+
+
+@pytest.mark.parametrize("node, good", [
+    ("queue: 16", True), ("queue: '16'", True), ("queue: '016'", False), ("queue: '0x10'", False),
+    ("queue: '16.0'", False), ("queue: '0'", False), ("queue: '4096'", True),
+    ("queue: 16.5", False), ("queue: '4097'", False), ("queue: 4097", False),
+    ("one-shot: 'true'", True),
+    ("traffic: [ { send: 123#11, every: 10 } ]", False), ("ppm: 100001", False),
+    ("traffic: [ { send: 123#11, every: 10ms } ]", True),
+    ("traffic: [ { send: 123#11, every: 10ms, offset: 0 } ]", True),
+    ("sample-point: 0.875", True), ("sample-point: 87.5", False), ("ppm: -5", True),
+])
+def test_an_editor_judges_as_the_loader_does(tmp_path, node, good):
+    """It knows the value and not how it is written: 0x10 and 16.0 are 16 there, and only the loader
+    refuses them."""
+    text = f"bus: {{ bitrate: 500000 }}\nnodes: [ {{ name: a, {node} }}, {{ name: true }} ]\n"
+    (tmp_path / "bus.yaml").write_text(text)
+    errors = loader_errors(tmp_path / "bus.yaml")
+    assert (not errors) == good, errors
+    assert editor_accepts(text) == good
+
+
+@pytest.mark.parametrize("more, good", [
+    ("pacing: virtual", False), ("pacing: virtual\ncontrol: a.sock", True),
+    ("pacing: virtual\nvirtual: { socket: a.time }", True),
+    ("pacing: virtual\nvirtual: { programs: 2 }", False),
+    ("control: a.sock\nvirtual: { programs: 2 }", False),
+])
+def test_virtual_time_needs_a_socket(tmp_path, more, good):
+    text = f"bus: {{ bitrate: 500000 }}\nnodes: [ {{ name: a }} ]\n{more}\n"
+    (tmp_path / "bus.yaml").write_text(text)
+    assert (not loader_errors(tmp_path / "bus.yaml")) == good
+    assert editor_accepts(text) == good
+
+
+def test_patterns_of_whole_numbers():
+    """Those of all ranges of numbers, at and around their limits."""
+    found = 0
+    for low, high, pattern in number_ranges(SCHEMA):
+        found += 1
+        powers = [10 ** n + d for n in range(21) for d in (-1, 0, 1)]
+        around = [low, low + 1, high, high - 1, high + 1, (low + high) // 2, max(low - 1, 0)]
+        for number in (*powers, *around, *range(200)):
+            assert bool(re.search(pattern, str(number))) == (low <= number <= high), (number, pattern)
+    assert found > 50
+
+
+def number_ranges(schema):
+    if isinstance(schema, dict):
+        if schema.get("type") == ["integer", "string"]:
+            yield schema["minimum"], schema["maximum"], schema["pattern"]
+        schema = list(schema.values())
+    if isinstance(schema, list):
+        for each in schema:
+            yield from number_ranges(each)
+
+
 # ---- Files that differ in one place --------------------------------------------------------------
 
 REPLACEMENTS = ["", "-1", "x y", "0", "1.5", "0500", "99999999999999999999", "on", "dominant", "tx",
