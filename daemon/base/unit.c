@@ -4,6 +4,8 @@
  */
 #include "base/unit.h"
 
+#include "base/mounts.h"
+
 #include <errno.h>
 #include <pthread.h>
 #include <pwd.h>
@@ -58,6 +60,8 @@ void unit_blame(int number)
 void unit_started(void)
 {
     is_started = true;
+    if (unit_instance())
+        mounts_remember();
 }
 
 /* Returns FOLDERS for none. */

@@ -16,9 +16,9 @@
 /* Returns the folder of their sockets: /run/canwire, or $CANWIRE_RUN. */
 const char *buses_folder(void);
 
-/* Finds up to `most` buses whose sockets are in buses_folder() and have a listener, and perhaps also
- * sockets that are closed to this user. Returns their number, with the names in order, to be freed.
- * Names with characters that need quoting are left out. */
+/* Finds up to `most` buses whose sockets are in buses_folder() and have a listener; closed: or are
+ * closed to this user. Returns their number, with the names in order, to be freed. Names with
+ * characters that need quoting are left out. */
 size_t buses_find(char *names[], size_t most, bool closed);
 
 /* Returns the errno with which that could not read the folder, or 0; without a folder there is no

@@ -78,8 +78,8 @@ static bool is_no_bus(const char *word)
     return strpbrk(word, "{[\n") || (stat(word, &found) == 0 && S_ISREG(found.st_mode));
 }
 
-/* Returns true when the second word is the bus and the first one is not. A node may have the name of
- * a port's socket, and of another bus. */
+/* Returns true when the second word is the bus and the first one is not. A node may have the name
+ * of a port's socket, and of another bus. */
 static bool is_swapped(const char *first, const char *second)
 {
     if (client_has_socket(first))

@@ -89,8 +89,8 @@ static bool inject_read_all(buffer *text, FILE *in)
     return false;
 }
 
-/* Returns true for a pipe that has a name: without a program at its other end it would hang, as one
- * of the shell, <(...), does not. */
+/* Returns true for a pipe that has a name. It may have no program at its other end, and would hang
+ * then. One of the shell, <(...), has. */
 static bool is_named_pipe(int fd)
 {
     struct stat found;
@@ -148,8 +148,8 @@ static char *file_of_bus(const char *bus)
     return path;
 }
 
-/* Finds a profile by its name. Returns false after a message; the caller has one for what is no file
- * and has that name. */
+/* Finds a profile by its name. Returns false after a message; the caller has one for what is there
+ * and no file. */
 static bool find_profile(injection *in, const char *bus, const char *name)
 {
     char folders[PROFILEFILE_LIST_BYTES];

@@ -85,8 +85,8 @@ static bool is_same_file(const char *a, const char *b)
                                  of_a.st_dev == of_b.st_dev && of_a.st_ino == of_b.st_ino);
 }
 
-/* Returns true when the bus of a status, or its rig, has that file. A canwired of an earlier version
- * does not name its rig. */
+/* Returns true when the bus of a status, or its rig, has that file. A canwired of an earlier
+ * version does not name its rig. */
 static bool has_file(const json_t *status, const char *file)
 {
     static const char *const keys[] = {"file", "rig"};

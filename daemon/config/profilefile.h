@@ -27,7 +27,7 @@ bool profilefile_place(char out[PATH_MAX], const profilefile *wanted, unsigned n
 /* Returns true when there is a regular file at a path, or anything at all. */
 bool profilefile_is_there(const char *path, bool any);
 
-/* Finds the first of these places where there is a regular file. Returns false when there is none. */
+/* Finds the first of these places where there is a regular file. Returns false without one. */
 bool profilefile_find(char out[PATH_MAX], const profilefile *wanted);
 
 /* Writes the folders of all these places, "a, b and c". */

@@ -5,6 +5,7 @@
 #include "engine/reload.h"
 
 #include "base/log.h"
+#include "base/mounts.h"
 #include "base/pathsocket.h"
 #include "base/spool.h"
 #include "base/unit.h"
@@ -218,7 +219,9 @@ static bool check_records(const cfg *config, FILE *errors)
     bool good = true;
     for (size_t i = 0; i < config->record_count; i++) {
         const cfg_record *what = &config->records[i];
-        const int error = spool_probe(what->file, what->files);
+        int error = spool_probe(what->file, what->files);
+        if (error == 0)
+            error = mounts_forecast(what->file);
         if (error == 0 || spool_may_wait(error))
             continue;
         print_place(errors, config, what->place);

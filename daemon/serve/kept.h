@@ -20,7 +20,7 @@
 #include <stdint.h>
 
 #define KEPT_NOTE_BYTES 300
-#define KEPT_BYTES_MAX (1u << 20) /* of all texts that are kept: each save prints them in the loop */
+#define KEPT_BYTES_MAX (1u << 20) /* of all kept texts: each save prints them in the loop */
 
 typedef struct kept kept;
 
@@ -49,8 +49,7 @@ bool kept_clear(kept *k, const char *rule);
 /* Takes a rule out of what is remembered, since it could not be saved. */
 bool kept_take_back(kept *k, const char *rule);
 
-/* Returns the number, from 1, of the text that the rule is kept with and that is on the bus; 0 for a
- * rule that is not kept. */
+/* Returns the number, from 1, of the text that a rule of the bus is kept with; 0: it is not kept. */
 size_t kept_find(const kept *k, const char *rule);
 
 /* Returns the length of all texts that are kept. */

@@ -350,8 +350,8 @@ static bool clear_refused(request *r)
     return true;
 }
 
-/* Refuses to clear a kept rule that another one, kept with another text, comes after: no start would
- * take that one. */
+/* Refuses to clear a kept rule that another one, kept with another text, comes after: no start
+ * would take that one. */
 static bool is_needed(request *r, unsigned rule)
 {
     const cfg *config = live_config(r->world->config);

@@ -312,8 +312,8 @@ def test_a_bus_that_hangs_may_have_the_name(service, tmp_path):
         one.canwire("inject", "day", NO_RULES)
         with stopped(one.process.pid):
             told = one.canwire("inject", "day", NO_RULES, status=1)
-            assert told == (f"canwire: bus day: not found; those in {tmp_path}/run: other, unit; it "
-                            "may be one that does not answer: unit\n")
+            assert told == (f"canwire: bus day: not found; those in {tmp_path}/run: other, unit; "
+                            "it may be one that does not answer: unit\n")
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root is somebody else")
@@ -334,8 +334,8 @@ def test_what_is_for_other_users_is_no_bus_that_is_not_there(service, tmp_path):
 
     denied = "Permission denied"
     assert nobody("faults", "day") == (
-        f"canwire: bus day: not found; those in {tmp_path}/run: unit; it may be one of other users "
-        f"(are you in the group canwire?): unit: {denied}\n")
+        f"canwire: bus day: not found; those in {tmp_path}/run: unit; it may be one of other "
+        f"users (are you in the group canwire?): unit: {denied}\n")
     assert denied in nobody("faults", "unit")
     for words, status in ((["status"], 1), (["status", "--check"], 2), (["top", "--once"], 1)):
         told = nobody(*words, status=status)

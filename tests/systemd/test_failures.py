@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Failures of the service as an administrator sees them, and its shipped examples."""
 
+import contextlib
 import json
 import re
 import shutil
@@ -68,6 +69,32 @@ def test_a_path_that_can_never_be_made_fails_at_once(new):
     assert bus.show("ExecMainStatus") == "1"
     assert bus.show("ActiveState") == "failed" and bus.unit in failed_units()
     assert "Read-only file system" in bus.show("StatusText")
+
+
+@contextlib.contextmanager
+def mounted(folder):
+    run("mount", "-t", "tmpfs", "-o", "mode=777", "tmpfs", folder)
+    try:
+        yield
+    finally:
+        run("umount", "--lazy", folder)
+
+
+@pytest.mark.parametrize("folder, good", [("/var/lib/canwire/disk", True), ("/srv/disk", False)])
+def test_a_reload_judges_a_disk_that_is_mounted_meanwhile_as_a_start_does(new, folder, good):
+    """The sandbox makes all others read-only at the next start."""
+    bus, folder = new("disk"), Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    run("mount", "--make-rshared", "/")  # as systemd has it on a machine, though not in the guest
+    bus.start()
+    with mounted(folder):
+        bus.config.write_text(PAIR.format("disk") + f"record: [ {{ file: {folder}/a.log }} ]\n")
+        for action in "reload", "restart":
+            systemctl(action, bus.unit, status=int(not good))
+            wait_until(lambda: good or "Read-only file system" in bus.show("StatusText"),
+                       "the refusal")
+            assert (folder / "a.log").exists() == good
+        systemctl("stop", bus.unit)
 
 
 @pytest.mark.deep
