@@ -17,6 +17,8 @@
 #ifndef CANWIRE_H
 #define CANWIRE_H
 
+#include "canwire_counters.h"
+
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -1674,35 +1676,9 @@ uint64_t cw_delay_bucket_ticks(unsigned bucket);
  * most the maximum). Returns 0 when there are no delays. permille 500 is the median. */
 uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille);
 
+/* The members are the rows of the tables of canwire_counters.h; those below are no counters. */
 typedef struct cw_node_stats {
-    uint64_t handed_in;      /* frames by cw_node_send() that have become due */
-    uint64_t made_by_rules;  /* frames that its schedule (L5) or rules made for it to send: SEND,
-                                BABBLE, LOAD, REPLY, DUPLICATE; and the replies of its mailboxes */
-    uint64_t stored;         /* frames that went into mailboxes with replies */
-    uint64_t tx_frames;
-    uint64_t tx_bytes;
-    uint64_t tx_bits;        /* wire bits of successful frames, SOF to EOF */
-    uint64_t rx_frames;      /* given to its host */
-    uint64_t rx_bytes;
-    uint64_t rx_accepted;    /* frames that its controller received and its filters let pass */
-    uint64_t rx_made_by_rules; /* DUPLICATE on the RX side */
-    uint64_t dropped[CW_DROP_COUNT];    /* on their way onto the bus */
-    uint64_t rx_dropped[CW_DROP_COUNT]; /* on the way to the host; QUEUE_FULL: by overruns, by newer
-                                           frames in mailboxes, or by the event ring */
-    uint64_t arbitration_lost;
-    uint64_t retransmissions; /* attempts after the first one of a frame */
-    uint64_t errors[CW_ERROR_COUNT];
-    uint64_t overloads;
-    uint32_t error_warning;  /* upward transitions, as in ip -details -statistics link show */
-    uint32_t error_passive;
-    uint32_t bus_off;
-    uint32_t restarts;
-    uint64_t undetected_errors; /* frames accepted with content that no node sent */
-    uint32_t inbox;          /* frames by cw_node_send() that are not due yet */
-    uint16_t queue;          /* frames waiting or being sent now */
-    uint16_t queue_peak;
-    uint32_t held;           /* frames that rules hold back on their way onto the bus now ... */
-    uint32_t rx_held;        /* ... and on their way to the host, or its buffers hold */
+    CW_NODE_COUNTERS(CW_MEMBER)
     uint16_t tec;
     uint16_t rec;
     cw_state state;
@@ -1710,24 +1686,7 @@ typedef struct cw_node_stats {
 } cw_node_stats;
 
 typedef struct cw_bus_stats {
-    uint64_t ticks;        /* cw_bus_now() */
-    uint64_t bits;         /* bit times since tick 0 */
-    uint64_t busy_bits;    /* of these, SOF to third intermission bit, error and overload frames */
-    uint64_t busy_ticks;   /* the time that these last */
-    uint64_t data_bits;    /* of all bits, those that begin at the data rate (D10); as long as
-                              nominal ones where bits are not common to all nodes */
-    uint64_t data_ticks;   /* the time that these last */
-    uint64_t frames;       /* successful frames */
-    uint64_t fd_frames;    /* of these, FD frames */
-    uint64_t frame_bits;   /* their wire bits, SOF to EOF */
-    uint64_t error_frames; /* error signalling on the wire, superposed flags counted once */
-    uint64_t overload_frames;
-    uint64_t arbitration_lost;
-    uint64_t improper_arbitrations; /* CW_EVENT_IMPROPER */
-    uint64_t undetected_errors;
-    uint64_t faults;       /* hits of all rules */
-    uint64_t events_lost;  /* only when rules make more events in one bit than the ring holds */
-    uint32_t pending;      /* frames in all queues and those that rules hold back */
+    CW_BUS_COUNTERS(CW_MEMBER)
     uint16_t load_permille; /* busy time of the last second (as far as the bus has run) */
 } cw_bus_stats;
 
@@ -1741,22 +1700,16 @@ bool cw_node_stats_balance(const cw_node_stats *stats);
 /* CW_INVALID when there is no such node. */
 cw_status cw_node_get_stats(const cw_bus *bus, unsigned node, cw_node_stats *stats);
 
-/* Counts of what sits between one controller and its host. */
 typedef struct cw_host_stats {
-    uint64_t filtered; /* frames that its filters did not let pass, or no mailbox took */
-    uint64_t overruns; /* frames that found its receive buffers full; in rx_dropped, too */
-    uint64_t overwritten; /* frames in receive mailboxes that newer ones replaced; likewise */
-    uint64_t replies;  /* remote frames that its mailboxes answered; no host got them */
+    CW_HOST_COUNTERS(CW_MEMBER)
 } cw_host_stats;
 
 /* CW_INVALID: no such node. CW_REFUSED: no node of the bus has filters, buffers or
  * mailboxes. */
 cw_status cw_node_get_host_stats(const cw_bus *bus, unsigned node, cw_host_stats *stats);
 
-/* The sleep of one node. */
 typedef struct cw_sleep_stats {
-    uint64_t wake_ups;
-    uint64_t ticks; /* asleep up to now, until it integrates */
+    CW_SLEEP_COUNTERS(CW_MEMBER)
 } cw_sleep_stats;
 
 /* CW_INVALID: no such node. */

@@ -340,7 +340,7 @@ static char *put_tail(char *at, const cfg *config, const cw_event *event)
 /* ---- Statistics ------------------------------------------------------------------------------ */
 
 /* Returns the load of the whole run. */
-static unsigned load_permille(const cw_bus_stats *stats)
+static uint64_t load_permille(const cw_bus_stats *stats)
 {
     const cw_bus_stats start = {0};
 
@@ -357,22 +357,76 @@ static json_t *json_of_load(rate_load load)
     return object;
 }
 
-/* Puts what CAN FD adds. */
-static void put_fd(json_t *object, const cw_bus_stats *stats)
-{
-    const cw_bus_stats start = {0};
-
-    put_count(object, "fd_frames", stats->fd_frames);
-    put(object, "nominal", json_of_load(rate_load_nominal(&start, stats)));
-    put(object, "data", json_of_load(rate_load_data(&start, stats)));
-}
-
 bool output_has_fd(const cfg *config, const cw_bus *bus)
 {
     cw_bus_stats stats;
 
     cw_bus_get_stats(bus, &stats);
     return stats.fd_frames > 0 || cfg_has_fd(config);
+}
+
+static uint64_t second_permille(const cw_bus_stats *stats)
+{
+    return stats->load_permille;
+}
+
+/* Returns a counter of a bus that is worked out of others. */
+static uint64_t derived_value(const cw_stat *counter, const cw_bus_stats *stats)
+{
+    static const struct {
+        const char *name;
+        uint64_t (*value)(const cw_bus_stats *stats);
+    } all[] = {
+        {"load_permille", load_permille},
+        {"load_second_permille", second_permille},
+        {"error_rate_ppm", residual_error_ppm},
+        {"undetected_expected_ppt", residual_expected_ppt},
+    };
+    size_t i = 0;
+
+    while (strcmp(all[i].name, counter->name) != 0) {
+        i++;
+        assert(i < sizeof all / sizeof *all);
+    }
+    return all[i].value(stats);
+}
+
+/* Returns the values of a counter by their words. */
+static json_t *stats_by_words(const cw_stat *counter, const void *stats)
+{
+    json_t *object = json_object();
+
+    for (unsigned i = 0; i < counter->count; i++) {
+        put_count(object, cw_stat_word(counter, i), cw_stat_value(counter, stats, i));
+    }
+    return object;
+}
+
+void output_put_counters(json_t *object, const cw_stat *counters, cw_stat_shown shown,
+                         const void *stats)
+{
+    for (const cw_stat *c = counters; c->name; c++) {
+        if (c->shown != shown) {
+            continue;
+        }
+        if (c->form == CW_STAT_DROPS || c->form == CW_STAT_ERRORS) {
+            put(object, c->name, stats_by_words(c, stats));
+        } else if (c->form == CW_STAT_DERIVED) {
+            put_count(object, c->name, derived_value(c, stats));
+        } else {
+            put_count(object, c->name, cw_stat_sum(c, stats));
+        }
+    }
+}
+
+/* Puts what CAN FD adds. */
+static void put_fd(json_t *object, const cw_bus_stats *stats)
+{
+    const cw_bus_stats start = {0};
+
+    output_put_counters(object, cw_bus_counters, CW_STAT_FD, stats);
+    put(object, "nominal", json_of_load(rate_load_nominal(&start, stats)));
+    put(object, "data", json_of_load(rate_load_data(&start, stats)));
 }
 
 json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
@@ -384,55 +438,11 @@ json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
     put(object, "name", json_string(config->bus_name));
     put_count(object, "bitrate", config->bitrate_bps);
     put_ticks(object, "time_ns", stats.ticks);
-    put_count(object, "bits", stats.bits);
-    put_count(object, "busy_bits", stats.busy_bits);
-    put_count(object, "load_permille", load_permille(&stats));
-    put_count(object, "load_second_permille", stats.load_permille);
-    put_count(object, "frames", stats.frames);
-    put_count(object, "frame_bits", stats.frame_bits);
-    put_count(object, "error_frames", stats.error_frames);
-    put_count(object, "error_rate_ppm", residual_error_ppm(&stats));
-    put_count(object, "overload_frames", stats.overload_frames);
-    put_count(object, "arbitration_lost", stats.arbitration_lost);
-    put_count(object, "improper_arbitrations", stats.improper_arbitrations);
-    put_count(object, "undetected_errors", stats.undetected_errors);
-    put_count(object, "undetected_expected_ppt", residual_expected_ppt(&stats));
-    put_count(object, "faults", stats.faults);
-    put_count(object, "pending", stats.pending);
+    output_put_counters(object, cw_bus_counters, CW_STAT_USUAL, &stats);
     if (output_has_fd(config, bus)) {
         put_fd(object, &stats);
     }
     return object;
-}
-
-static json_t *stats_of_drops(const uint64_t dropped[CW_DROP_COUNT])
-{
-    json_t *object = json_object();
-
-    for (unsigned i = 0; i < CW_DROP_COUNT; i++) {
-        put_count(object, cw_drop_name((cw_drop)i), dropped[i]);
-    }
-    return object;
-}
-
-static json_t *stats_of_errors(const uint64_t errors[CW_ERROR_COUNT])
-{
-    json_t *object = json_object();
-
-    for (unsigned i = 0; i < CW_ERROR_COUNT; i++) {
-        put_count(object, cw_error_type_name((cw_error_type)i), errors[i]);
-    }
-    return object;
-}
-
-static uint64_t sum_of_errors(const cw_node_stats *stats)
-{
-    uint64_t sum = 0;
-
-    for (unsigned i = 0; i < CW_ERROR_COUNT; i++) {
-        sum += stats->errors[i];
-    }
-    return sum;
 }
 
 static json_t *stats_of_delay(const cw_delay *delay)
@@ -448,37 +458,6 @@ static json_t *stats_of_delay(const cw_delay *delay)
     return object;
 }
 
-/* Puts the counters of sent and received frames. */
-static void put_traffic(json_t *object, const cw_node_stats *stats)
-{
-    put_count(object, "handed_in", stats->handed_in);
-    put_count(object, "made_by_rules", stats->made_by_rules);
-    put_count(object, "tx_frames", stats->tx_frames);
-    put_count(object, "tx_bytes", stats->tx_bytes);
-    put_count(object, "tx_bits", stats->tx_bits);
-    put_count(object, "rx_frames", stats->rx_frames);
-    put_count(object, "rx_bytes", stats->rx_bytes);
-    put_count(object, "rx_accepted", stats->rx_accepted);
-    put_count(object, "rx_made_by_rules", stats->rx_made_by_rules);
-    put(object, "dropped", stats_of_drops(stats->dropped));
-    put(object, "rx_dropped", stats_of_drops(stats->rx_dropped));
-    put_count(object, "arbitration_lost", stats->arbitration_lost);
-    put_count(object, "retransmissions", stats->retransmissions);
-}
-
-/* Puts the counters of errors and losses. */
-static void put_troubles(json_t *object, const cw_node_stats *stats)
-{
-    put(object, "errors", stats_of_errors(stats->errors));
-    put_count(object, "bus_errors", sum_of_errors(stats));
-    put_count(object, "overloads", stats->overloads);
-    put_count(object, "error_warning", stats->error_warning);
-    put_count(object, "error_passive", stats->error_passive);
-    put_count(object, "bus_off", stats->bus_off);
-    put_count(object, "restarts", stats->restarts);
-    put_count(object, "undetected_errors", stats->undetected_errors);
-}
-
 json_t *output_node_stats(const cfg_node *node, const cw_node_stats *stats)
 {
     json_t *object = json_object();
@@ -488,13 +467,7 @@ json_t *output_node_stats(const cfg_node *node, const cw_node_stats *stats)
     put(object, "state", json_string(cw_state_name(stats->state)));
     put_count(object, "tec", stats->tec);
     put_count(object, "rec", stats->rec);
-    put_traffic(object, stats);
-    put_troubles(object, stats);
-    put_count(object, "inbox", stats->inbox);
-    put_count(object, "queue", stats->queue);
-    put_count(object, "queue_peak", stats->queue_peak);
-    put_count(object, "held", stats->held);
-    put_count(object, "rx_held", stats->rx_held);
+    output_put_counters(object, cw_node_counters, CW_STAT_USUAL, stats);
     put(object, "delay", stats_of_delay(&stats->delay));
     return object;
 }
@@ -531,11 +504,8 @@ static void put_host(json_t *object, const cw_bus *bus, unsigned node)
 
     if (cw_node_get_host_stats(bus, node, &stats) == CW_OK &&
         cw_node_get_stats(bus, node, &all) == CW_OK) {
-        put_count(object, "filtered", stats.filtered);
-        put_count(object, "overruns", stats.overruns);
-        put_count(object, "overwritten", stats.overwritten);
-        put_count(object, "replies", stats.replies);
-        put_count(object, "stored", all.stored);
+        output_put_counters(object, cw_host_counters, CW_STAT_HOST, &stats);
+        output_put_counters(object, cw_node_counters, CW_STAT_HOST, &all);
     }
 }
 
@@ -546,17 +516,19 @@ static void put_sleep(json_t *object, const cw_bus *bus, unsigned node)
 
     (void)cw_node_get_sleep_stats(bus, node, &stats);
     if (stats.wake_ups || stats.ticks) {
-        put_count(object, "wake_ups", stats.wake_ups);
+        output_put_counters(object, cw_sleep_counters, CW_STAT_SLEEP, &stats);
         put_ticks(object, "asleep_ns", stats.ticks);
     }
 }
 
 void output_put_more(json_t *object, const cw_bus *bus, unsigned node)
 {
+    static const cw_stat errors = {.form = CW_STAT_ERRORS,
+                                      CW_STAT_MEMBER_ERRORS(cw_data_stats, , errors)};
     cw_data_stats stats;
 
     if (cw_node_get_data_stats(bus, node, &stats) == CW_OK) {
-        put(object, "data_errors", stats_of_errors(stats.errors));
+        put(object, "data_errors", stats_by_words(&errors, &stats));
     }
     put_host(object, bus, node);
     put_sleep(object, bus, node);

@@ -40,6 +40,10 @@ json_t *output_bus_stats(const cfg *config, const cw_bus *bus);
 json_t *output_node_stats(const cfg_node *node, const cw_node_stats *stats);
 json_t *output_rule_stats(const cfg *config, const cw_bus *bus, unsigned rule);
 
+/* Puts the counters of a table that are shown there, with the values of such statistics. */
+void output_put_counters(json_t *object, const cw_stat *counters, cw_stat_shown shown,
+                         const void *stats);
+
 /* Returns true when there is anything to tell about CAN FD: some node knows it, or there were such
  * frames before a reload. */
 bool output_has_fd(const cfg *config, const cw_bus *bus);
