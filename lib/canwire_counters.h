@@ -31,7 +31,7 @@
     X(ONE, uint64_t, made_by_rules, FRAMES, USUAL, NONE, NOWHERE,                                  \
       "given to it by fault rules: `send`, `babble`, `load`, `reply`, `duplicate`; also by its "   \
       "`schedule`, and the replies of mailboxes")                                                  \
-    X(ONE, uint64_t, stored, FRAMES, HOST, LCM, AT(HOST, 4, "stored"),                             \
+    X(ONE, uint64_t, stored, FRAMES, HOST, NONE, AT(HOST, 4, "stored"),                            \
       "of the ECU, put into mailboxes with replies")                                               \
     X(ONE, uint64_t, tx_frames, FRAMES, USUAL, LCM_SIM, NOWHERE, "transmitted")                    \
     X(ONE, uint64_t, tx_bytes, BYTES, USUAL, LCM, NOWHERE, "data of these")                        \

@@ -50,10 +50,8 @@ static cw_bus_stats sum_of_buses(const scenario *s)
     for (size_t i = 0; i < s->count; i++) {
         cw_bus_stats one;
         cw_bus_get_stats(s->buses[i].run.bus, &one);
-        sum.frames += one.frames;
-        sum.error_frames += one.error_frames;
-        sum.faults += one.faults;
-        sum.undetected_errors += one.undetected_errors;
+#define ADD(name) sum.name += one.name;
+        OUTCOME_BUS_COUNTERS(ADD)
     }
     return sum;
 }
@@ -62,10 +60,8 @@ static void write_bus(rowtext *row, const scenario *s)
 {
     const cw_bus_stats sum = sum_of_buses(s);
     rowtext_seconds(row, "t", scenario_now(s));
-    rowtext_number(row, "frames", sum.frames);
-    rowtext_number(row, "error_frames", sum.error_frames);
-    rowtext_number(row, "undetected_errors", sum.undetected_errors);
-    rowtext_number(row, "faults", sum.faults);
+#define WRITE(name) rowtext_number(row, #name, sum.name);
+    OUTCOME_BUS_COUNTERS(WRITE)
 }
 
 /* ---- The first error ------------------------------------------------------------------------- */
@@ -148,13 +144,8 @@ static void write_first_error(rowtext *row, const scenario *s)
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
-static uint64_t sum_of(const uint64_t *counters, unsigned count)
-{
-    uint64_t sum = 0;
-    for (unsigned i = 0; i < count; i++)
-        sum += counters[i];
-    return sum;
-}
+#define NODE_ROW(key, member, count) {.name = #key, CW_STAT_VALUES(cw_node_stats, member, count)},
+static const cw_stat node_rows[] = {OUTCOME_NODE_COUNTERS(NODE_ROW)};
 
 static void write_counters(rowtext *row, const cw_node_stats *n, const observation *seen,
                            unsigned node)
@@ -165,16 +156,8 @@ static void write_counters(rowtext *row, const cw_node_stats *n, const observati
     rowtext_number(row, "rec", n->rec);
     rowtext_number(row, "tec_max", seen->tec_max[node]);
     rowtext_number(row, "rec_max", seen->rec_max[node]);
-    rowtext_number(row, "tx_frames", n->tx_frames);
-    rowtext_number(row, "rx_frames", n->rx_frames);
-    rowtext_number(row, "retransmissions", n->retransmissions);
-    rowtext_number(row, "bus_errors", sum_of(n->errors, CW_ERROR_COUNT));
-    rowtext_number(row, "undetected_errors", n->undetected_errors);
-    rowtext_number(row, "dropped", sum_of(n->dropped, CW_DROP_COUNT));
-    rowtext_number(row, "rx_dropped", sum_of(n->rx_dropped, CW_DROP_COUNT));
-    rowtext_number(row, "error_passive", n->error_passive);
-    rowtext_number(row, "bus_off", n->bus_off);
-    rowtext_number(row, "restarts", n->restarts);
+    for (size_t i = 0; i < sizeof node_rows / sizeof *node_rows; i++)
+        rowtext_number(row, node_rows[i].name, cw_stat_sum(&node_rows[i], n));
     rowtext_put(row, "}");
 }
 

@@ -19,6 +19,21 @@ typedef enum outcome {
     OUTCOME_COUNT
 } outcome;
 
+/* The counters of a row, in their order: those of all buses together, and of each node its key with
+ * the member of cw_node_stats, of an array the sum of its values. */
+#define OUTCOME_BUS_COUNTERS(X) X(frames) X(error_frames) X(undetected_errors) X(faults)
+#define OUTCOME_NODE_COUNTERS(X)                                                                   \
+    X(tx_frames, tx_frames, 1)                                                                     \
+    X(rx_frames, rx_frames, 1)                                                                     \
+    X(retransmissions, retransmissions, 1)                                                         \
+    X(bus_errors, errors, CW_ERROR_COUNT)                                                          \
+    X(undetected_errors, undetected_errors, 1)                                                     \
+    X(dropped, dropped, CW_DROP_COUNT)                                                             \
+    X(rx_dropped, rx_dropped, CW_DROP_COUNT)                                                       \
+    X(error_passive, error_passive, 1)                                                             \
+    X(bus_off, bus_off, 1)                                                                         \
+    X(restarts, restarts, 1)
+
 /* Returns the word of a row for it. */
 const char *outcome_name(outcome o);
 

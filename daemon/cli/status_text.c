@@ -21,9 +21,11 @@
 typedef struct column {
     const char *title;
     const char *key;
+    unsigned place;
 } column;
 
 #define TITLE_WIDTH 10
+#define COLUMNS_MAX 16
 #define COUNT_OF(array) (sizeof(array) / sizeof((array)[0]))
 
 static intmax_t number(const json_t *object, const char *key)
@@ -315,46 +317,70 @@ static void print_columns(FILE *out, const json_t *values, const column *columns
     fputc('\n', out);
 }
 
+/* Adds the counters of a table that have a column of a line, by their places. */
+static size_t add_columns(column columns[COLUMNS_MAX], size_t count, const cw_stat *counters,
+                          cw_stat_line line)
+{
+    for (const cw_stat *c = counters; c->name && count < COLUMNS_MAX; c++) {
+        size_t at = count;
+        if (c->line != line)
+            continue;
+        for (; at > 0 && columns[at - 1].place > c->place; at--)
+            columns[at] = columns[at - 1];
+        columns[at] = (column){.title = c->title, .key = c->name, .place = c->place};
+        count++;
+    }
+    return count;
+}
+
+static void print_line(FILE *out, const json_t *node, cw_stat_line line)
+{
+    column columns[COLUMNS_MAX];
+    size_t count = add_columns(columns, 0, cw_host_counters, line);
+    count = add_columns(columns, count, cw_node_counters, line);
+    print_columns(out, node, columns, count);
+}
+
+static void print_error_types(FILE *out, const json_t *errors)
+{
+    char titles[CW_ERROR_COUNT][UPPER_MAX];
+    column columns[CW_ERROR_COUNT];
+    for (unsigned i = 0; i < CW_ERROR_COUNT; i++) {
+        const char *type = cw_error_type_name((cw_error_type)i);
+        (void)snprintf(titles[i], sizeof titles[i], "%s-err", type);
+        columns[i] = (column){.title = titles[i], .key = type};
+    }
+    print_columns(out, errors, columns, CW_ERROR_COUNT);
+}
+
+/* Prints the reasons of a driver. A node that is printed has not been removed. */
+static void print_drops(FILE *out, const json_t *dropped)
+{
+    column columns[CW_DROP_COUNT];
+    size_t count = 0;
+    for (unsigned i = 0; i < CW_DROP_COUNT; i++) {
+        const char *why = cw_drop_name((cw_drop)i);
+        if (i != CW_DROP_REMOVED)
+            columns[count++] = (column){.title = why, .key = why};
+    }
+    print_columns(out, dropped, columns, count);
+}
+
 static void print_counters(FILE *out, const json_t *node)
 {
-    static const column controller[] = {
-        {"re-started", "restarts"},         {"bus-errors", "bus_errors"},
-        {"arbit-lost", "arbitration_lost"}, {"error-warn", "error_warning"},
-        {"error-pass", "error_passive"},    {"bus-off", "bus_off"},
-    };
-    static const column errors[] = {
-        {"bit-err", "bit"}, {"stuff-err", "stuff"}, {"form-err", "form"},
-        {"crc-err", "crc"}, {"ack-err", "ack"},
-    };
-    static const column more[] = {
-        {"queued", "queue"},
-        {"queue-peak", "queue_peak"},
-        {"re-sent", "retransmissions"},
-        {"overloads", "overloads"},
-        {"undetected", "undetected_errors"},
-    };
-    static const column host[] = {
-        {"filtered", "filtered"}, {"overruns", "overruns"}, {"overwritten", "overwritten"},
-        {"replies", "replies"},   {"stored", "stored"},     {"waiting", "rx_held"},
-    };
-    static const column drops[] = {
-        {"queue-full", "queue-full"},   {"one-shot", "one-shot"},   {"bus-off", "bus-off"},
-        {"listen-only", "listen-only"}, {"bad-frame", "bad-frame"}, {"fault", "fault"},
-        {"link-down", "link-down"},     {"slot-missed", "slot-missed"},
-    };
-    print_columns(out, node, controller, COUNT_OF(controller));
-    print_columns(out, json_object_get(node, "errors"), errors, COUNT_OF(errors));
+    print_line(out, node, CW_LINE_LINK);
+    print_error_types(out, json_object_get(node, "errors"));
     if (json_object_get(node, "data_errors")) {
         fputs("\t  at the data rate:\n", out);
-        print_columns(out, json_object_get(node, "data_errors"), errors, COUNT_OF(errors));
+        print_error_types(out, json_object_get(node, "data_errors"));
     }
-    print_columns(out, node, more, COUNT_OF(more));
-    if (json_object_get(node, "filtered")) {
+    print_line(out, node, CW_LINE_OWN);
+    if (json_object_get(node, cw_host_counters[0].name)) {
         fputs("\t  between controller and ECU:\n", out);
-        print_columns(out, node, host, COUNT_OF(host));
+        print_line(out, node, CW_LINE_HOST);
     }
     fputs("\t  dropped:\n", out);
-    print_columns(out, json_object_get(node, "dropped"), drops, COUNT_OF(drops));
+    print_drops(out, json_object_get(node, "dropped"));
 }
 
 /* Prints the link statistics of a driver. Frames that the ECU's interface lost on the way to the

@@ -143,6 +143,22 @@ char *canwire_sim_take_events(canwire_sim *sim, size_t *size)
 
 /* ---- Statistics ------------------------------------------------------------------------------ */
 
+/* Sets the member that has the name of a counter. */
+#define SET(form, type, name, unit, shown, also, column, sentence) SET_##also(name)
+#define SET_NONE(name)
+#define SET_LCM(name)
+#define SET_SIM(name) out->name = s->name;
+#define SET_LCM_SIM(name) SET_SIM(name)
+
+static void set_counters(canwire_sim_node *out, const cw_node_stats *s)
+{
+    CW_NODE_COUNTERS(SET)
+    for (unsigned i = 0; i < CW_DROP_COUNT; i++) {
+        out->dropped += s->dropped[i];
+        out->rx_dropped += s->rx_dropped[i];
+    }
+}
+
 int canwire_sim_get_node(const canwire_sim *sim, int node, canwire_sim_node *out)
 {
     cw_node_stats s;
@@ -154,30 +170,18 @@ int canwire_sim_get_node(const canwire_sim *sim, int node, canwire_sim_node *out
     const unsigned number = (unsigned)(node - b->first_node);
     (void)cw_node_get_stats(b->run.bus, number, &s);
     (void)cw_node_get_settings(b->run.bus, number, &settings);
-    *out = (canwire_sim_node){.tx_frames = s.tx_frames,
-                              .rx_frames = s.rx_frames,
-                              .arbitration_lost = s.arbitration_lost,
-                              .retransmissions = s.retransmissions,
-                              .bit_errors = s.errors[CW_ERROR_BIT],
+    *out = (canwire_sim_node){.bit_errors = s.errors[CW_ERROR_BIT],
                               .stuff_errors = s.errors[CW_ERROR_STUFF],
                               .form_errors = s.errors[CW_ERROR_FORM],
                               .crc_errors = s.errors[CW_ERROR_CRC],
                               .ack_errors = s.errors[CW_ERROR_ACK],
-                              .overloads = s.overloads,
-                              .bus_off = s.bus_off,
-                              .restarts = s.restarts,
-                              .queue = s.queue,
-                              .inbox = s.inbox,
                               .tec = s.tec,
                               .rec = s.rec,
                               .state = (uint8_t)s.state,
                               .attached = cw_node_attached(b->run.bus, number),
                               .fd = cfg_knows_fd(b->config, &b->config->nodes[number]),
                               .listen_only = (settings.modes & CW_MODE_LISTEN_ONLY) != 0};
-    for (unsigned i = 0; i < CW_DROP_COUNT; i++) {
-        out->dropped += s.dropped[i];
-        out->rx_dropped += s.rx_dropped[i];
-    }
+    set_counters(out, &s);
     return CANWIRE_SIM_OK;
 }
 

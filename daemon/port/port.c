@@ -16,6 +16,9 @@
 
 #define OVERFLOW_TICKS (CW_CLOCK_HZ / 10u) /* between two error frames about lost frames */
 
+#define PORT_ROW(...) CW_STAT_ROW(port_stats, __VA_ARGS__)
+const cw_stat port_counters[] = {PORT_COUNTERS(PORT_ROW){.name = NULL}};
+
 /* ---- Making and closing --------------------------------------------------------------------- */
 
 static void prepare_messages(port_messages *m)

@@ -86,34 +86,60 @@ typedef struct port_tunnel_info {
     uint64_t waited_max_ns;
 } port_tunnel_info;
 
-/* Counters, all of them uint64_t. */
+/* The counters between a node and its ECU, in rows as in canwire_counters.h; all of them are
+ * uint64_t. */
+#define PORT_COUNTERS(X)                                                                           \
+    X(ONE, uint64_t, read, FRAMES, USUAL, NONE, NOWHERE,                                           \
+      "written by the ECU and taken by the node")                                                  \
+    X(ONE, uint64_t, read_failed, TIMES, USUAL, NONE, NOWHERE,                                     \
+      "the kernel refused to read the port, but for a link that is down or an ECU that is gone")   \
+    X(ONE, uint64_t, written, FRAMES, USUAL, NONE, NOWHERE, "given to the ECU")                    \
+    X(ONE, uint64_t, write_failed, FRAMES, USUAL, NONE, NOWHERE, "not taken by the kernel")        \
+    X(ONE, uint64_t, unheard, FRAMES, USUAL, NONE, NOWHERE,                                        \
+      "received while no ECU was connected, or none that wants them (CAN FD frames, filters; "     \
+      "canwire-ports(7))")                                                                         \
+    X(ONE, uint64_t, kernel_dropped, FRAMES, USUAL, NONE, NOWHERE,                                 \
+      "of the ECU, lost by the kernel before they could be read")                                  \
+    X(ONE, uint64_t, errors_written, FRAMES, USUAL, NONE, NOWHERE, "error frames for it")          \
+    X(ONE, uint64_t, errors_failed, FRAMES, USUAL, NONE, NOWHERE,                                  \
+      "error frames not taken by the kernel")                                                      \
+    X(ONE, uint64_t, errors_left_out, FRAMES, USUAL, NONE, NOWHERE,                                \
+      "error frames not given to the ECU because there were too many")                             \
+    X(ONE, uint64_t, errors_unheard, FRAMES, USUAL, NONE, NOWHERE,                                 \
+      "error frames while no ECU was connected")                                                   \
+    X(ONE, uint64_t, errors_ignored, FRAMES, USUAL, NONE, NOWHERE,                                 \
+      "error frames written by the ECU itself; they never enter the bus, but other programs of "   \
+      "its node get them")                                                                         \
+    X(ONE, uint64_t, malformed, TIMES, USUAL, NONE, NOWHERE,                                       \
+      "a message of the ECU was no frame, or one of a client was wrong")                           \
+    X(ONE, uint64_t, connected, TIMES, USUAL, NONE, NOWHERE, "a program connected")                \
+    X(ONE, uint64_t, refused, TIMES, USUAL, NONE, NOWHERE,                                         \
+      "a program was refused since the places were taken")                                         \
+    X(ONE, uint64_t, gave_way, TIMES, USUAL, NONE, NOWHERE,                                        \
+      "a connection that had said nothing was ended for a new one when all places were taken")     \
+    X(ONE, uint64_t, pushed_back, TIMES, USUAL, NONE, NOWHERE,                                     \
+      "the port was not read for a while, since the node's queue was full (`when-full: wait`)")    \
+    X(ONE, uint64_t, loopless, FRAMES, USUAL, NONE, NOWHERE,                                       \
+      "sent by programs of the ECU without loopback (`CAN_RAW_LOOPBACK` 0, `cangen -x`): on a "    \
+      "vcan they reach nobody; looked at once a second")                                           \
+    X(ONE, uint64_t, rounded, FRAMES, USUAL, NONE, NOWHERE,                                        \
+      "CAN FD frames written by the ECU with a length that no DLC has: they go on the bus with "   \
+      "zeros behind the data")                                                                     \
+    X(ONE, uint64_t, echoed, FRAMES, USUAL, NONE, NOWHERE,                                         \
+      "of programs, given to the others at the port, or back to their client")                     \
+    X(ONE, uint64_t, clients_lost, TIMES, USUAL, NONE, NOWHERE,                                    \
+      "a client had no room for a message")                                                        \
+    X(ONE, uint64_t, unconfirmed, FRAMES, USUAL, NONE, NOWHERE,                                    \
+      "of clients, too many to be followed until the bus has sent them")                           \
+    X(ONE, uint64_t, missing, TIMES, CODE, NONE, NOWHERE, "a packet of a tunnel has not come")     \
+    X(ONE, uint64_t, strangers, TIMES, CODE, NONE, NOWHERE,                                        \
+      "a packet or a connection came from others than the peer of a tunnel")
+
 typedef struct port_stats {
-    uint64_t read;            /* frames that were read for the bus */
-    uint64_t read_failed;     /* reads that the kernel refused for reasons of its own */
-    uint64_t written;         /* frames given to the ECU's interface; error frames not counted */
-    uint64_t write_failed;    /* frames that the kernel did not take */
-    uint64_t unheard;         /* frames for an ECU that was not connected, or has not said that it
-                                 takes CAN FD frames; unix:PATH, fd:NUMBER */
-    uint64_t kernel_dropped;  /* frames lost in the kernel before they could be read */
-    uint64_t errors_written;  /* error frames given to the ECU's interface */
-    uint64_t errors_failed;   /* error frames that the kernel did not take */
-    uint64_t errors_left_out; /* error frames not written because there were too many */
-    uint64_t errors_unheard; /* error frames for an ECU that was not connected */
-    uint64_t errors_ignored; /* error frames that an ECU wrote itself; they never enter the bus.
-                                Other programs of the port get them */
-    uint64_t malformed;      /* messages of an ECU that are no frames */
-    uint64_t connected;      /* number of connections of an ECU */
-    uint64_t refused;        /* connections refused since an ECU was connected already */
-    uint64_t loopless;       /* frames that programs sent without loopback: on vcan they are lost */
-    uint64_t pushed_back;    /* number of times that reading paused: the node's queue was full */
-    uint64_t echoed;         /* frames of clients given to other programs of the port, or back */
-    uint64_t clients_lost;   /* messages that single clients had no room for */
-    uint64_t unconfirmed;    /* frames of clients of which it was not known when they were sent */
-    uint64_t missing;        /* packets of a tunnel that have not come */
-    uint64_t strangers;      /* packets and connections of others than its peer */
-    uint64_t gave_way;       /* connections that had said nothing, ended for new ones */
-    uint64_t rounded;        /* CAN FD frames read with a length that no DLC has: zeros fill them */
+    PORT_COUNTERS(CW_MEMBER)
 } port_stats;
+
+extern const cw_stat port_counters[];
 
 void port_close(port *p);
 

@@ -69,43 +69,10 @@ struct journal {
 
 /* ---- Counters -------------------------------------------------------------------------------- */
 
-static uint64_t read_frames(const cw_bus_stats *stats)
-{
-    return stats->frames;
-}
-
-static uint64_t read_error_frames(const cw_bus_stats *stats)
-{
-    return stats->error_frames;
-}
-
-static uint64_t read_overload_frames(const cw_bus_stats *stats)
-{
-    return stats->overload_frames;
-}
-
-static uint64_t read_arbitration_lost(const cw_bus_stats *stats)
-{
-    return stats->arbitration_lost;
-}
-
-static uint64_t read_faults(const cw_bus_stats *stats)
-{
-    return stats->faults;
-}
-
-static uint64_t read_pending(const cw_bus_stats *stats)
-{
-    return stats->pending;
-}
-
-const journal_counter journal_counters[JOURNAL_COUNTERS] = {
-    {"frames", read_frames},
-    {"error_frames", read_error_frames},
-    {"overload_frames", read_overload_frames},
-    {"arbitration_lost", read_arbitration_lost},
-    {"faults", read_faults},
-    {"pending", read_pending},
+#define COUNTER(name_) {.name = #name_, CW_STAT_VALUES(cw_bus_stats, name_, 1)}
+const cw_stat journal_counters[JOURNAL_COUNTERS] = {
+    COUNTER(frames),           COUNTER(error_frames), COUNTER(overload_frames),
+    COUNTER(arbitration_lost), COUNTER(faults),       COUNTER(pending),
 };
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
@@ -360,7 +327,8 @@ static void put_mark(journal_part *b, const char *key)
     spool_stamp(b->journal->spool, stats.ticks);
     json_t *line = begin_line(b, stats.ticks, b->in->advanced);
     for (size_t i = 0; i < JOURNAL_COUNTERS; i++)
-        put_count(counters, journal_counters[i].name, journal_counters[i].read(&stats));
+        put_count(counters, journal_counters[i].name,
+                  cw_stat_value(&journal_counters[i], &stats, 0));
     put(line, key, counters);
     put_object(b->journal, line);
     end_line(b, stats.ticks);

@@ -21,13 +21,8 @@
 #define JOURNAL_ERROR_MAX 300
 
 /* Counters of a bus that are noted from time to time, to check a run against them. */
-typedef struct journal_counter {
-    const char *name;
-    uint64_t (*read)(const cw_bus_stats *stats);
-} journal_counter;
-
 #define JOURNAL_COUNTERS 6
-extern const journal_counter journal_counters[JOURNAL_COUNTERS];
+extern const cw_stat journal_counters[JOURNAL_COUNTERS];
 
 typedef struct journal journal;
 typedef struct journal_part journal_part;

@@ -360,7 +360,7 @@ static void check_counters(journal_player *p)
     char how[80];
     cw_bus_get_stats(p->now->inputs.bus, &stats);
     for (size_t i = 0; i < JOURNAL_COUNTERS; i++) {
-        uint64_t now = journal_counters[i].read(&stats);
+        uint64_t now = cw_stat_value(&journal_counters[i], &stats, 0);
         if (now == p->entry.counters[i])
             continue;
         (void)snprintf(how, sizeof how, "%s is %" PRIu64 " and was %" PRIu64,

@@ -495,27 +495,35 @@ static int64_t ticks_to_ns(uint64_t ticks)
     return (int64_t)text_ticks_ns(ticks);
 }
 
+/* Sets the field of a message that has the name of a counter. */
+#define SET(form, type, name, unit, shown, also, column, sentence) SET_##also(name)
+#define SET_NONE(name)
+#define SET_SIM(name)
+#define SET_LCM(name) m->name = (__typeof__(m->name))s->name;
+#define SET_LCM_SIM(name) SET_LCM(name)
+
+static void set_bus_counters(canwire_bus_stats_t *m, const cw_bus_stats *s)
+{
+    CW_BUS_COUNTERS(SET)
+}
+
+static void set_host_counters(canwire_node_controller_t *m, const cw_host_stats *s)
+{
+    CW_HOST_COUNTERS(SET)
+}
+
 static void publish_bus(publisher *p, const cw_bus_stats *s)
 {
-    const canwire_bus_stats_t m = {
+    canwire_bus_stats_t m = {
         .utime_us = realtime_us(),
         .bus_time_ns = ticks_to_ns(s->ticks),
         .bus = p->config->bus_name,
         .bitrate_bps = (int32_t)p->config->bitrate_bps,
-        .bits = (int64_t)s->bits,
-        .busy_bits = (int64_t)s->busy_bits,
         .load_second_permille = s->load_permille,
         .load_period_permille = (int32_t)cw_load_permille(&p->last_bus, s),
-        .frames = (int64_t)s->frames,
-        .frame_bits = (int64_t)s->frame_bits,
-        .error_frames = (int64_t)s->error_frames,
-        .overload_frames = (int64_t)s->overload_frames,
-        .arbitration_lost = (int64_t)s->arbitration_lost,
-        .undetected_errors = (int64_t)s->undetected_errors,
-        .faults = (int64_t)s->faults,
-        .pending = (int32_t)s->pending,
         .events_dropped = (int64_t)p->dropped,
     };
+    set_bus_counters(&m, s);
     PUBLISH(p, p->channel_bus, canwire_bus_stats_t, &m);
 }
 
@@ -547,11 +555,6 @@ static void set_counters(canwire_node_stats_t *m, const cw_node_stats *s)
     m->tec = s->tec;
     m->rec = s->rec;
     m->handed_in = (int64_t)(s->handed_in + s->made_by_rules);
-    m->tx_frames = (int64_t)s->tx_frames;
-    m->tx_bytes = (int64_t)s->tx_bytes;
-    m->tx_bits = (int64_t)s->tx_bits;
-    m->rx_frames = (int64_t)s->rx_frames;
-    m->rx_bytes = (int64_t)s->rx_bytes;
     m->dropped_queue_full = (int64_t)s->dropped[CW_DROP_QUEUE_FULL];
     m->dropped_one_shot =
         (int64_t)(s->dropped[CW_DROP_ONE_SHOT] + s->dropped[CW_DROP_SLOT_MISSED]);
@@ -561,21 +564,12 @@ static void set_counters(canwire_node_stats_t *m, const cw_node_stats *s)
     m->dropped_fault = (int64_t)s->dropped[CW_DROP_FAULT];
     for (unsigned why = 0; why < CW_DROP_COUNT; why++)
         m->dropped_rx += (int64_t)s->rx_dropped[why];
-    m->arbitration_lost = (int64_t)s->arbitration_lost;
-    m->retransmissions = (int64_t)s->retransmissions;
     m->bit_errors = (int64_t)s->errors[CW_ERROR_BIT];
     m->stuff_errors = (int64_t)s->errors[CW_ERROR_STUFF];
     m->form_errors = (int64_t)s->errors[CW_ERROR_FORM];
     m->crc_errors = (int64_t)s->errors[CW_ERROR_CRC];
     m->ack_errors = (int64_t)s->errors[CW_ERROR_ACK];
-    m->overloads = (int64_t)s->overloads;
-    m->error_warning = (int64_t)s->error_warning;
-    m->error_passive = (int64_t)s->error_passive;
-    m->bus_off = (int64_t)s->bus_off;
-    m->restarts = (int64_t)s->restarts;
-    m->undetected_errors = (int64_t)s->undetected_errors;
-    m->queue = (int32_t)s->queue;
-    m->queue_peak = (int32_t)s->queue_peak;
+    CW_NODE_COUNTERS(SET)
 }
 
 static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_stats *s, unsigned i,
@@ -708,19 +702,16 @@ static void publish_controller(publisher *p, const cw_bus *bus, unsigned i,
     cw_host_stats s;
     if (cw_node_get_host_stats(bus, i, &s) != CW_OK)
         return;
-    const canwire_node_controller_t m = {
+    canwire_node_controller_t m = {
         .utime_us = realtime_us(),
         .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
         .bus = p->config->bus_name,
         .node = config->name,
         .model = (char *)(uintptr_t)cfg_model_name(config->controller.model), /* only read */
-        .filtered = (int64_t)s.filtered,
-        .overruns = (int64_t)s.overruns,
-        .overwritten = (int64_t)s.overwritten,
-        .replies = (int64_t)s.replies,
         .stored = (int64_t)node->stored,
         .waiting = (int32_t)node->rx_held,
     };
+    set_host_counters(&m, &s);
     PUBLISH(p, p->channel_controller, canwire_node_controller_t, &m);
 }
 

@@ -111,27 +111,7 @@ static void put_data_timing(json_t *node, const cfg *config, const cw_bus *bus, 
 static json_t *interface_json(const port_stats *stats)
 {
     json_t *object = json_object();
-    put_count(object, "read", stats->read);
-    put_count(object, "read_failed", stats->read_failed);
-    put_count(object, "written", stats->written);
-    put_count(object, "write_failed", stats->write_failed);
-    put_count(object, "unheard", stats->unheard);
-    put_count(object, "kernel_dropped", stats->kernel_dropped);
-    put_count(object, "errors_written", stats->errors_written);
-    put_count(object, "errors_failed", stats->errors_failed);
-    put_count(object, "errors_left_out", stats->errors_left_out);
-    put_count(object, "errors_unheard", stats->errors_unheard);
-    put_count(object, "errors_ignored", stats->errors_ignored);
-    put_count(object, "malformed", stats->malformed);
-    put_count(object, "connected", stats->connected);
-    put_count(object, "refused", stats->refused);
-    put_count(object, "gave_way", stats->gave_way);
-    put_count(object, "pushed_back", stats->pushed_back);
-    put_count(object, "loopless", stats->loopless);
-    put_count(object, "rounded", stats->rounded);
-    put_count(object, "echoed", stats->echoed);
-    put_count(object, "clients_lost", stats->clients_lost);
-    put_count(object, "unconfirmed", stats->unconfirmed);
+    output_put_counters(object, port_counters, CW_STAT_USUAL, stats);
     return object;
 }
 

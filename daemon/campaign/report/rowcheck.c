@@ -13,6 +13,8 @@ typedef struct wanted_key {
 } wanted_key;
 
 #define COUNTER(key) {key, "`" key "`: expected an integer, 0 or more"}
+#define COUNTER_OF_BUS(name) COUNTER(#name),
+#define COUNTER_OF_NODE(key, member, count) COUNTER(#key),
 #define WORD(key) {key, "`first_error`: `" key "`: expected a text"}
 
 static bool is_counter(const json_t *value)
@@ -48,9 +50,7 @@ static const char *rowcheck_check_node(const json_t *node)
 {
     static const wanted_key counters[] = {
         COUNTER("tec"), COUNTER("rec"), COUNTER("tec_max"), COUNTER("rec_max"),
-        COUNTER("tx_frames"), COUNTER("rx_frames"), COUNTER("retransmissions"),
-        COUNTER("bus_errors"), COUNTER("undetected_errors"), COUNTER("dropped"),
-        COUNTER("rx_dropped"), COUNTER("error_passive"), COUNTER("bus_off"), COUNTER("restarts"),
+        OUTCOME_NODE_COUNTERS(COUNTER_OF_NODE)
     };
     if (!is_state(json_string_value(json_object_get(node, "state"))))
         return "`nodes`: `state`: expected error-active, error-warning, error-passive, bus-off or "
@@ -136,8 +136,7 @@ static const char *check_losses(const json_t *lost)
 
 const char *rowcheck_result(const json_t *row, outcome o)
 {
-    static const wanted_key counters[] = {COUNTER("frames"), COUNTER("error_frames"),
-                                          COUNTER("undetected_errors"), COUNTER("faults")};
+    static const wanted_key counters[] = {OUTCOME_BUS_COUNTERS(COUNTER_OF_BUS)};
     const char *wrong = check_counters(row, counters, sizeof counters / sizeof *counters);
     if (!wrong)
         wrong = check_times(row);
