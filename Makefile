@@ -419,13 +419,14 @@ $(SIM) $(WHEEL_SIM): $(SIM_OBJECTS)
 $(USB): $(call objects,daemon/usb/main.c) $(PARTS) $(LIB)
 	$(call link,$(LINK_LTO)) -lsystemd $(TOOL_LIBS)
 
-# The JSON schemas of all files that people write, from the tables of their readers.
+# The JSON schemas of all files that people write, from the tables of their readers, and the tables
+# of counters.
 $(BUILD)/json-schema: $(call objects,$(wildcard daemon/schema/*.c)) $(PARTS) $(LIB)
 	$(call link,$(LINK_PLAIN)) $(TOOL_LIBS)
 
 $(SCHEMA): $(BUILD)/json-schema
 	@mkdir -p $(@D)
-	$(call tell,GEN,$(@D)) $< $(@D)
+	$(call tell,GEN,$(@D)) $< $(@D) $(BUILD)/counters.json
 
 $(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) $(USB) $(wildcard systemd/*.conf) \
   $(SCHEMA) $(wildcard config/*.yaml config/lcm/*.lcm)

@@ -81,20 +81,21 @@
 /* Of a bus (cw_bus_stats). */
 #define CW_BUS_COUNTERS(X)                                                                         \
     X(ONE, uint64_t, ticks, TICKS, CODE, NONE, NOWHERE, "cw_bus_now()")                            \
-    X(ONE, uint64_t, bits, BITS, USUAL, LCM, NOWHERE, "of bus time")                               \
+    X(ONE, uint64_t, bits, BITS, USUAL, LCM, NOWHERE, "bit times since the start of the bus")      \
     X(ONE, uint64_t, busy_bits, BITS, USUAL, LCM, NOWHERE,                                         \
-      "not idle: SOF to the third bit of intermission, error and overload frames")                 \
+      "that were not idle: SOF to third bit of intermission, error and overload frames")           \
     X(ONE, uint64_t, busy_ticks, TICKS, CODE, NONE, NOWHERE, "for which these last")               \
-    X(DERIVED, uint64_t, load_permille, PERMILLE, USUAL, NONE, NOWHERE, "of the time, not idle")   \
+    X(DERIVED, uint64_t, load_permille, PERMILLE, USUAL, NONE, NOWHERE,                            \
+      "of the time, in which the bus was not idle")                                                \
     X(DERIVED, uint64_t, load_second_permille, PERMILLE, USUAL, NONE, NOWHERE,                     \
       "the same of the last second")                                                               \
     X(ONE, uint64_t, data_bits, BITS, CODE, NONE, NOWHERE,                                         \
       "beginning at the data rate (D10); as long as nominal ones where bits are not common to "    \
       "all nodes")                                                                                 \
     X(ONE, uint64_t, data_ticks, TICKS, CODE, NONE, NOWHERE, "for which these last")               \
-    X(ONE, uint64_t, frames, FRAMES, USUAL, LCM, NOWHERE, "carried")                               \
-    X(ONE, uint64_t, fd_frames, FRAMES, FD, NONE, NOWHERE, "of these, in the format of CAN FD")    \
-    X(ONE, uint64_t, frame_bits, BITS, USUAL, LCM, NOWHERE, "of these on the wire, SOF to EOF")    \
+    X(ONE, uint64_t, frames, FRAMES, USUAL, LCM, NOWHERE, "carried by the bus")                    \
+    X(ONE, uint64_t, fd_frames, FRAMES, FD, NONE, NOWHERE, "of `frames`, those of CAN FD")         \
+    X(ONE, uint64_t, frame_bits, BITS, USUAL, LCM, NOWHERE, "of `frames` on the wire, SOF to EOF") \
     X(ONE, uint64_t, error_frames, TIMES, USUAL, LCM, NOWHERE,                                     \
       "an error was signalled on the wire; superposed flags count once")                           \
     X(DERIVED, uint64_t, error_rate_ppm, PPM, USUAL, NONE, NOWHERE,                                \

@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
  * main.c - writes the JSON schemas of the files that people write, from the tables of keys that
- *          their readers have (base/schema.h). The build runs it: json-schema FOLDER
+ *          their readers have (base/schema.h), and the tables of counters for scripts/man. The build
+ *          runs it: json-schema FOLDER COUNTERS
  */
 #include "campaign/campaign_owner.h"
 #include "config/parts.h"
 #include "config/rig.h"
+#include "port/port.h"
 #include "schema/type.h"
 
 #include <inttypes.h>
@@ -386,12 +388,46 @@ static void make_file(const char *folder, const char *name, const schema_key *ke
     make_end(&self, root, folder, name);
 }
 
+/* ---- Counters -------------------------------------------------------------------------------- */
+
+/* Returns the counters of a table that outputs have. */
+static json_t *counters_of(const cw_stat *table)
+{
+    static const char *const where[] = {
+        [CW_STAT_USUAL] = "",
+        [CW_STAT_FD] = "where there is CAN FD",
+        [CW_STAT_HOST] = "where a node has a `filter`, receive buffers or mailboxes",
+        [CW_STAT_SLEEP] = "where the node has slept",
+    };
+    json_t *list = json_array();
+    for (const cw_stat *c = table; c->name; c++)
+        if (c->shown != CW_STAT_CODE)
+            json_array_append_new(list, json_pack("{s:s, s:s, s:s, s:s}", "name", c->name, "unit",
+                                                  cw_unit_name(c->unit), "where", where[c->shown],
+                                                  "sentence", c->sentence));
+    return list;
+}
+
+static void write_counters(const char *path)
+{
+    json_t *root = json_pack(
+        "{s:o, s:o, s:o, s:o, s:o}", "bus", counters_of(cw_bus_counters), "node",
+        counters_of(cw_node_counters), "host", counters_of(cw_host_counters), "sleep",
+        counters_of(cw_sleep_counters), "interface", counters_of(port_counters));
+    if (json_dump_file(root, path, JSON_INDENT(1)) != 0) {
+        perror(path);
+        exit(EXIT_FAILURE);
+    }
+    json_decref(root);
+}
+
 int main(int argc, char **argv)
 {
-    if (argc != 2) {
-        (void)fprintf(stderr, "usage: json-schema FOLDER\n");
+    if (argc != 3) {
+        (void)fprintf(stderr, "usage: json-schema FOLDER COUNTERS\n");
         return 2;
     }
+    write_counters(argv[2]);
     make_configuration(argv[1]);
     make_file(argv[1], "canwire-rig", rig_file_keys, "canwire rig",
               "Several buses and the gateways between their nodes, for canwire sim and canwire "
