@@ -77,16 +77,17 @@ static void add_delay(const cw_delay *d)
         add(d->bucket[i]);
 }
 
+static void add_counters(const cw_stat *counters, const void *stats)
+{
+    for (const cw_stat *s = counters; s->name; s++)
+        for (unsigned i = 0; i < s->count; i++)
+            add(cw_stat_value(s, stats, i));
+}
+
 static void add_node(const cw_node_stats *s)
 {
-    ADD_ALL(s->handed_in, s->made_by_rules, s->tx_frames, s->tx_bytes, s->tx_bits, s->rx_frames,
-            s->rx_bytes, s->rx_accepted, s->rx_made_by_rules, s->arbitration_lost,
-            s->retransmissions, s->overloads, s->error_warning, s->error_passive, s->bus_off,
-            s->restarts, s->undetected_errors, s->inbox, s->queue, s->queue_peak, s->held,
-            s->rx_held, s->tec, s->rec, s->state);
-    add_array(s->dropped, CW_DROP_COUNT);
-    add_array(s->rx_dropped, CW_DROP_COUNT);
-    add_array(s->errors, CW_ERROR_COUNT);
+    add_counters(cw_node_counters, s);
+    ADD_ALL(s->tec, s->rec, s->state);
     add_delay(&s->delay);
 }
 
@@ -96,10 +97,8 @@ static void add_bus(const cw_bus *bus, unsigned rules)
     cw_node_stats node;
     cw_rule_stats rule;
     cw_bus_get_stats(bus, &s);
-    ADD_ALL(cw_bus_now(bus), s.ticks, s.bits, s.busy_bits, s.busy_ticks, s.data_bits,
-            s.data_ticks, s.frames, s.frame_bits, s.error_frames,
-            s.overload_frames, s.arbitration_lost, s.undetected_errors, s.faults, s.events_lost,
-            s.pending, s.load_permille, cw_bus_pending(bus), cw_bus_recessive_bits(bus),
+    add_counters(cw_bus_counters, &s);
+    ADD_ALL(cw_bus_now(bus), s.load_permille, cw_bus_pending(bus), cw_bus_recessive_bits(bus),
             cw_bus_idle(bus), cw_bus_next(bus));
     for (unsigned i = 0; cw_node_get_stats(bus, i, &node) == CW_OK; i++)
         add_node(&node);

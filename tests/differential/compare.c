@@ -66,6 +66,14 @@ bool diff_same_event(const cw_event *a, const cw_event *b)
 
 /* ---- Statistics ------------------------------------------------------------------------------ */
 
+/* Compares all counters of a table. */
+static void compare_counters(comparison *c, const cw_stat *counters, const void *a, const void *b)
+{
+    for (const cw_stat *s = counters; s->name; s++)
+        for (unsigned i = 0; i < s->count; i++)
+            same(c, s->name, cw_stat_value(s, a, i), cw_stat_value(s, b, i));
+}
+
 static void compare_bus_stats(comparison *c, const cw_bus *fast, const cw_bus *reference)
 {
     cw_bus_stats fast_stats;
@@ -74,23 +82,7 @@ static void compare_bus_stats(comparison *c, const cw_bus *fast, const cw_bus *r
     cw_bus_get_stats(reference, &reference_stats);
     const cw_bus_stats *a = &fast_stats;
     const cw_bus_stats *b = &reference_stats;
-    SAME(ticks);
-    SAME(bits);
-    SAME(busy_bits);
-    SAME(busy_ticks);
-    SAME(data_bits);
-    SAME(data_ticks);
-    SAME(fd_frames);
-    SAME(frames);
-    SAME(frame_bits);
-    SAME(error_frames);
-    SAME(overload_frames);
-    SAME(arbitration_lost);
-    SAME(improper_arbitrations);
-    SAME(undetected_errors);
-    SAME(faults);
-    SAME(events_lost);
-    SAME(pending);
+    compare_counters(c, cw_bus_counters, a, b);
     SAME(load_permille);
 }
 
@@ -106,34 +98,7 @@ static void compare_delays(comparison *c, const cw_delay *a, const cw_delay *b)
 
 static void compare_node_stats(comparison *c, const cw_node_stats *a, const cw_node_stats *b)
 {
-    SAME(handed_in);
-    SAME(made_by_rules);
-    SAME(tx_frames);
-    SAME(tx_bytes);
-    SAME(tx_bits);
-    SAME(rx_frames);
-    SAME(rx_bytes);
-    SAME(rx_accepted);
-    SAME(rx_made_by_rules);
-    for (unsigned i = 0; i < CW_DROP_COUNT; i++)
-        SAME(dropped[i]);
-    for (unsigned i = 0; i < CW_DROP_COUNT; i++)
-        SAME(rx_dropped[i]);
-    SAME(arbitration_lost);
-    SAME(retransmissions);
-    for (unsigned i = 0; i < CW_ERROR_COUNT; i++)
-        SAME(errors[i]);
-    SAME(overloads);
-    SAME(error_warning);
-    SAME(error_passive);
-    SAME(bus_off);
-    SAME(restarts);
-    SAME(undetected_errors);
-    SAME(inbox);
-    SAME(queue);
-    SAME(queue_peak);
-    SAME(held);
-    SAME(rx_held);
+    compare_counters(c, cw_node_counters, a, b);
     SAME(tec);
     SAME(rec);
     SAME(state);
@@ -154,20 +119,6 @@ static void compare_data(comparison *c, const cw_data_stats *a, const cw_data_st
     SAME(tdcv);
     for (unsigned i = 0; i < CW_ERROR_COUNT; i++)
         SAME(errors[i]);
-}
-
-static void compare_host(comparison *c, const cw_host_stats *a, const cw_host_stats *b)
-{
-    SAME(filtered);
-    SAME(overruns);
-    SAME(overwritten);
-    SAME(replies);
-}
-
-static void compare_sleep(comparison *c, const cw_sleep_stats *a, const cw_sleep_stats *b)
-{
-    same(c, "wake-ups", a->wake_ups, b->wake_ups);
-    same(c, "ticks asleep", a->ticks, b->ticks);
 }
 
 static void compare_times(comparison *c, const cw_node_time *a, const cw_node_time *b)
@@ -248,10 +199,10 @@ static bool compare_node(comparison *c, const cw_bus *fast, const cw_bus *refere
     status = cw_node_get_host_stats(fast, c->number, &hosts[0]);
     same(c, "status", status, cw_node_get_host_stats(reference, c->number, &hosts[1]));
     if (status == CW_OK)
-        compare_host(c, &hosts[0], &hosts[1]);
+        compare_counters(c, cw_host_counters, &hosts[0], &hosts[1]);
     (void)cw_node_get_sleep_stats(fast, c->number, &sleeps[0]);
     (void)cw_node_get_sleep_stats(reference, c->number, &sleeps[1]);
-    compare_sleep(c, &sleeps[0], &sleeps[1]);
+    compare_counters(c, cw_sleep_counters, &sleeps[0], &sleeps[1]);
     status = cw_node_get_sync_stats(fast, c->number, &syncs[0]);
     same(c, "status", status, cw_node_get_sync_stats(reference, c->number, &syncs[1]));
     if (status == CW_OK)

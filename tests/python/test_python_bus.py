@@ -566,6 +566,8 @@ def test_structures_are_those_of_the_header(tmp_path):
     expected += [f"{name} {getattr(_library, name)}" for name in constants]
     expected += [f"{name} {i}" for i, name in enumerate(canwire.bus.STATES)]
     assert found.splitlines() == expected
+    members = {member for member, _ in _library.STRUCTURES["canwire_sim_node"]._fields_}
+    assert members == set(canwire.NodeStatus._fields)
 
 
 def test_only_the_functions_of_the_header_are_visible():

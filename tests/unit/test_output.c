@@ -339,6 +339,21 @@ static void assert_keys(const json_t *object, const char *const *keys)
     assert_null(*keys);
 }
 
+/* New keys may stand between them. */
+static void assert_keys_in_order(const json_t *object, const char *const *keys)
+{
+    const char *key;
+    json_t *value;
+
+    json_object_foreach((json_t *)(uintptr_t)object, key, value)
+    {
+        keys += *keys && strcmp(key, *keys) == 0;
+    }
+    if (*keys) {
+        fail_msg("%s is not there, or not in its place", *keys);
+    }
+}
+
 static json_int_t number(const json_t *object, const char *key)
 {
     const json_t *value = json_object_get(object, key);
@@ -423,8 +438,8 @@ static void stats_keys_are_in_order(void **state)
 
     (void)state;
     assert_keys(root, root_keys);
-    assert_keys(json_object_get(root, "bus"), bus_keys);
-    assert_keys(node, node_keys);
+    assert_keys_in_order(json_object_get(root, "bus"), bus_keys);
+    assert_keys_in_order(node, node_keys);
     assert_keys(json_object_get(node, "dropped"), drop_keys);
     assert_keys(json_object_get(node, "errors"), error_keys);
     assert_keys(json_object_get(node, "delay"), delay_keys);
