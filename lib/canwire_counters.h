@@ -150,6 +150,7 @@ typedef enum cw_unit {
     CW_UNIT_ERRORS,
     CW_UNIT_TIMES,
     CW_UNIT_TICKS,
+    CW_UNIT_NS,
     CW_UNIT_PERMILLE,
     CW_UNIT_PPM,
     CW_UNIT_PPT, /* 10^-12 */

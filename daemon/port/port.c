@@ -17,6 +17,8 @@
 #define OVERFLOW_TICKS (CW_CLOCK_HZ / 10u) /* between two error frames about lost frames */
 
 #define PORT_ROW(...) CW_STAT_ROW(port_stats, __VA_ARGS__)
+#define TUNNEL_ROW(...) CW_STAT_ROW(port_tunnel_info, __VA_ARGS__)
+const cw_stat port_tunnel_counters[] = {PORT_TUNNEL_COUNTERS(TUNNEL_ROW){.name = NULL}};
 const cw_stat port_counters[] = {PORT_COUNTERS(PORT_ROW){.name = NULL}};
 
 /* ---- Making and closing --------------------------------------------------------------------- */

@@ -69,22 +69,33 @@ typedef struct port_client_info {
     uint64_t lost;
 } port_client_info;
 
-/* The end of a tunnel. Times in ns. */
+/* The end of a tunnel: its counters, in rows as in canwire_counters.h; all of them are uint64_t. */
+#define PORT_TUNNEL_COUNTERS(X)                                                                    \
+    X(ONE, uint64_t, packets_read, TIMES, USUAL, LCM, NOWHERE, "a packet of the peer was read")    \
+    X(ONE, uint64_t, packets_written, TIMES, USUAL, LCM, NOWHERE, "a packet was sent to it")       \
+    X(ONE, uint64_t, missing, TIMES, USUAL, LCM, NOWHERE,                                          \
+      "a packet has not come, by gaps of the sequence numbers; also those that are late")          \
+    X(ONE, uint64_t, late, TIMES, USUAL, LCM, NOWHERE,                                             \
+      "a packet has come after others, and counts as missing")                                     \
+    X(ONE, uint64_t, duplicate, TIMES, USUAL, LCM, NOWHERE, "a packet has come twice; dropped")    \
+    X(ONE, uint64_t, restarts, TIMES, USUAL, LCM, NOWHERE,                                         \
+      "the sequence numbers of the peer have begun anew")                                          \
+    X(ONE, uint64_t, malformed, TIMES, USUAL, LCM, NOWHERE, "a packet was wrong; dropped")         \
+    X(ONE, uint64_t, strangers, TIMES, USUAL, LCM, NOWHERE,                                        \
+      "a packet came from another than the peer; dropped")                                         \
+    X(ONE, uint64_t, held_last_ns, NS, USUAL, LCM, NOWHERE,                                        \
+      "for which the first frame of the last packet was held here for others")                     \
+    X(ONE, uint64_t, held_max_ns, NS, USUAL, LCM, NOWHERE, "the longest of these")                 \
+    X(ONE, uint64_t, waited_last_ns, NS, USUAL, LCM, NOWHERE,                                      \
+      "for which the last packet waited in the kernel until it was read")                          \
+    X(ONE, uint64_t, waited_max_ns, NS, USUAL, LCM, NOWHERE, "the longest of these")
+
 typedef struct port_tunnel_info {
     const char *state; /* "up", "waiting" or "connecting" */
-    uint64_t packets_read;
-    uint64_t packets_written;
-    uint64_t missing;    /* by gaps of the sequence numbers; also those that are late */
-    uint64_t late;       /* that have come after others, and count as missing */
-    uint64_t duplicate;  /* that have come twice; dropped */
-    uint64_t restarts;   /* of the peer's sequence numbers */
-    uint64_t malformed;  /* dropped */
-    uint64_t strangers;  /* of others than the peer; dropped */
-    uint64_t held_last_ns; /* for which the first frame of a packet has waited for others */
-    uint64_t held_max_ns;
-    uint64_t waited_last_ns; /* for which a packet has waited in the kernel until it was read */
-    uint64_t waited_max_ns;
+    PORT_TUNNEL_COUNTERS(CW_MEMBER)
 } port_tunnel_info;
+
+extern const cw_stat port_tunnel_counters[];
 
 /* The counters between a node and its ECU, in rows as in canwire_counters.h; all of them are
  * uint64_t. */

@@ -411,9 +411,10 @@ static json_t *counters_of(const cw_stat *table)
 static void write_counters(const char *path)
 {
     json_t *root = json_pack(
-        "{s:o, s:o, s:o, s:o, s:o}", "bus", counters_of(cw_bus_counters), "node",
+        "{s:o, s:o, s:o, s:o, s:o, s:o}", "bus", counters_of(cw_bus_counters), "node",
         counters_of(cw_node_counters), "host", counters_of(cw_host_counters), "sleep",
-        counters_of(cw_sleep_counters), "interface", counters_of(port_counters));
+        counters_of(cw_sleep_counters), "interface", counters_of(port_counters), "tunnel",
+        counters_of(port_tunnel_counters));
     if (json_dump_file(root, path, JSON_INDENT(1)) != 0) {
         perror(path);
         exit(EXIT_FAILURE);

@@ -512,6 +512,11 @@ static void set_host_counters(canwire_node_controller_t *m, const cw_host_stats 
     CW_HOST_COUNTERS(SET)
 }
 
+static void set_tunnel_counters(canwire_tunnel_t *m, const port_tunnel_info *s)
+{
+    PORT_TUNNEL_COUNTERS(SET)
+}
+
 static void publish_bus(publisher *p, const cw_bus_stats *s)
 {
     canwire_bus_stats_t m = {
@@ -720,25 +725,14 @@ static void publish_tunnel(publisher *p, const cw_bus *bus, unsigned i, const po
     port_tunnel_info info;
     if (!own || !port_tunnel(own, &info))
         return;
-    const canwire_tunnel_t m = {
+    canwire_tunnel_t m = {
         .utime_us = realtime_us(),
         .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
         .bus = p->config->bus_name,
         .node = p->config->nodes[i].name,
         .state = (char *)(uintptr_t)info.state, /* only read when encoded */
-        .packets_read = (int64_t)info.packets_read,
-        .packets_written = (int64_t)info.packets_written,
-        .missing = (int64_t)info.missing,
-        .late = (int64_t)info.late,
-        .duplicate = (int64_t)info.duplicate,
-        .restarts = (int64_t)info.restarts,
-        .malformed = (int64_t)info.malformed,
-        .strangers = (int64_t)info.strangers,
-        .held_last_ns = (int64_t)info.held_last_ns,
-        .held_max_ns = (int64_t)info.held_max_ns,
-        .waited_last_ns = (int64_t)info.waited_last_ns,
-        .waited_max_ns = (int64_t)info.waited_max_ns,
     };
+    set_tunnel_counters(&m, &info);
     PUBLISH(p, p->channel_tunnel, canwire_tunnel_t, &m);
 }
 

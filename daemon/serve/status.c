@@ -146,18 +146,7 @@ static void put_tunnel(json_t *node, const port *p)
         return;
     json_t *object = json_object();
     put_text(object, "state", info.state);
-    put_count(object, "packets_read", info.packets_read);
-    put_count(object, "packets_written", info.packets_written);
-    put_count(object, "missing", info.missing);
-    put_count(object, "late", info.late);
-    put_count(object, "duplicate", info.duplicate);
-    put_count(object, "restarts", info.restarts);
-    put_count(object, "malformed", info.malformed);
-    put_count(object, "strangers", info.strangers);
-    put_count(object, "held_last_ns", info.held_last_ns);
-    put_count(object, "held_max_ns", info.held_max_ns);
-    put_count(object, "waited_last_ns", info.waited_last_ns);
-    put_count(object, "waited_max_ns", info.waited_max_ns);
+    output_put_counters(object, port_tunnel_counters, CW_STAT_USUAL, &info);
     put(node, "tunnel", object);
 }
 

@@ -23,6 +23,7 @@ const char *cw_unit_name(cw_unit unit)
         [CW_UNIT_FRAMES] = "frames", [CW_UNIT_BYTES] = "bytes",       [CW_UNIT_BITS] = "bits",
         [CW_UNIT_ERRORS] = "errors", [CW_UNIT_TIMES] = "times",       [CW_UNIT_TICKS] = "ticks",
         [CW_UNIT_PPM] = "10^-6",     [CW_UNIT_PERMILLE] = "permille", [CW_UNIT_PPT] = "10^-12",
+        [CW_UNIT_NS] = "ns",
     };
     assert(unit < CW_UNIT_COUNT);
     return names[unit];
