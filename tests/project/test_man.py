@@ -55,6 +55,15 @@ def heads(path):
     return [re.sub(r"\\f.|\\&", "", head).replace("\\-", "-") for head in found]
 
 
+def test_counters_of_a_campaign_are_those_of_its_rows():
+    text = (ROOT / "daemon/campaign/outcome.h").read_text()
+    told = (ROOT / "daemon/man/canwire-campaign.7.md").read_text()
+    found = {which: re.findall(r"X\((\w+)[,)]", rows) for which, rows in re.findall(
+        r"#define OUTCOME_(\w+)_COUNTERS\(X\)((?:[ X].*\n)+)", text)}
+    assert f"| {', '.join(f'`{name}`' for name in found['BUS'])} |" in told
+    assert f"`{' '.join(found['NODE'])}`" in told.replace("\n", " ")
+
+
 def test_all_pages_that_are_named_are_there():
     """In documents, comments, messages and units."""
     files = run("git", "ls-files", cwd=ROOT).splitlines() if (ROOT / ".git").exists() else []
