@@ -150,7 +150,7 @@ char *canwire_sim_take_events(canwire_sim *sim, size_t *size)
 #define SET_SIM(name) out->name = s->name;
 #define SET_LCM_SIM(name) SET_SIM(name)
 
-static void set_counters(canwire_sim_node *out, const cw_node_stats *s)
+static void set_sim_counters(canwire_sim_node *out, const cw_node_stats *s)
 {
     CW_NODE_COUNTERS(SET)
     for (unsigned i = 0; i < CW_DROP_COUNT; i++) {
@@ -181,7 +181,7 @@ int canwire_sim_get_node(const canwire_sim *sim, int node, canwire_sim_node *out
                               .attached = cw_node_attached(b->run.bus, number),
                               .fd = cfg_knows_fd(b->config, &b->config->nodes[number]),
                               .listen_only = (settings.modes & CW_MODE_LISTEN_ONLY) != 0};
-    set_counters(out, &s);
+    set_sim_counters(out, &s);
     return CANWIRE_SIM_OK;
 }
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
  * main.c - writes the JSON schemas of the files that people write, from the tables of keys that
- *          their readers have (base/schema.h), and the tables of counters for scripts/man. The build
- *          runs it: json-schema FOLDER COUNTERS
+ *          their readers have (base/schema.h), and the tables of counters for scripts/man. The
+ *          build runs it: json-schema FOLDER COUNTERS
  */
 #include "campaign/campaign_owner.h"
 #include "config/parts.h"

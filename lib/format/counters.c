@@ -38,7 +38,8 @@ const char *cw_stat_word(const cw_stat *counter, unsigned value)
 
 uint64_t cw_stat_value(const cw_stat *counter, const void *stats, unsigned value)
 {
-    const unsigned char *at = (const unsigned char *)stats + counter->offset + value * counter->size;
+    const size_t offset = counter->offset + value * counter->size;
+    const unsigned char *at = (const unsigned char *)stats + offset;
     uint16_t narrow;
     uint32_t middle;
     uint64_t wide;
