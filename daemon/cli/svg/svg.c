@@ -7,6 +7,7 @@
  */
 #include "cli/svg/svg.h"
 
+#include "base/xmltext.h"
 #include "cli/svg/svg_inside.h"
 #include "cli/svg/svg_layout.h"
 #include "cli/svg/svg_parts.h"
@@ -162,23 +163,11 @@ bool svg_bit(svg *self, const cw_bit_view *bit)
 
 /* ---- Elements -------------------------------------------------------------------------------- */
 
-static void put_escaped(FILE *out, const char *text)
-{
-    for (; *text; text++) {
-        if (*text == '<')
-            fputs("&lt;", out);
-        else if (*text == '&')
-            fputs("&amp;", out);
-        else
-            fputc(*text, out);
-    }
-}
-
 /* Writes a text. attributes: all but the place, beginning with a blank. */
 static void put_text(const pen *p, int x, int y, const char *attributes, const char *text)
 {
     fprintf(p->out, "<text x=\"%d\" y=\"%d\"%s>", x, y, attributes);
-    put_escaped(p->out, text);
+    xml_text(p->out, text);
     fputs("</text>\n", p->out);
 }
 
@@ -526,7 +515,7 @@ static void draw_label(const pen *p, unsigned node, size_t first, size_t end)
                 p->y + SVG_BAND / 2);
     else
         fprintf(p->out, " x=\"%d\" y=\"%d\">", middle, p->y + SVG_BAND - 5);
-    put_escaped(p->out, label);
+    xml_text(p->out, label);
     fputs("</text>\n", p->out);
 }
 
@@ -608,7 +597,7 @@ static void draw_note_text(const pen *p, const placed_note *n, int y)
     fprintf(p->out, "<text class=\"note\" font-size=\"9.5\" fill=\"%s\" x=\"%d\" y=\"%d\"%s>",
             note_colours[n->note->kind], n->before ? n->text + width : n->text, y,
             n->before ? " text-anchor=\"end\"" : "");
-    put_escaped(p->out, text);
+    xml_text(p->out, text);
     fputs("</text>\n", p->out);
 }
 
