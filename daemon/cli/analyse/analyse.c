@@ -4,6 +4,7 @@
  */
 #include "cli/cli.h"
 
+#include "base/jsonput.h"
 #include "base/plain.h"
 #include "cli/analyse/failure.h"
 #include "cli/analyse/report.h"
@@ -175,8 +176,7 @@ static void analyse_show(const wishes *w, const analysis *a)
 {
     if (w->json) {
         json_t *object = report_json(a);
-        (void)json_dumpf(object, stdout, JSON_INDENT(2));
-        putchar('\n');
+        put_out(stdout, object);
         json_decref(object);
     } else {
         report_print(stdout, a);

@@ -4,6 +4,7 @@
  */
 #include "cli/analyse/report.h"
 
+#include "base/jsonput.h"
 #include "cli/analyse/failure.h"
 #include "trace/frametext.h"
 
@@ -266,29 +267,27 @@ static json_t *json_of_message(const analysis *a, size_t i)
     frame[strcspn(frame, "#")] = '\0';
     json_t *object = json_pack("{s:s, s:s, s:i}", "node", s->node->name, "id", frame, "bits",
                                (int)s->bits);
-    json_object_set_new(object, "period_ns", json_of_ticks(s->every));
-    json_object_set_new(object, "jitter_ns", json_of_ticks(m->jitter));
-    json_object_set_new(object, "length_ns", json_of_ticks(m->length));
-    json_object_set_new(object, "blocking_ns", json_of_ticks(m->blocking));
-    json_object_set_new(object, "response_ns", json_of_ticks(m->response));
-    json_object_set_new(object, "exact", json_boolean(!m->fifo && !m->slot));
+    put(object, "period_ns", json_of_ticks(s->every));
+    put(object, "jitter_ns", json_of_ticks(m->jitter));
+    put(object, "length_ns", json_of_ticks(m->length));
+    put(object, "blocking_ns", json_of_ticks(m->blocking));
+    put(object, "response_ns", json_of_ticks(m->response));
+    put_bool(object, "exact", !m->fifo && !m->slot);
     if (s->trigger) {
-        json_object_set_new(object, "slot_ns", json_of_ticks(m->slot));
-        json_object_set_new(object, "window",
-                            json_string(s->arbitrating ? "arbitrating" : "exclusive"));
+        put(object, "slot_ns", json_of_ticks(m->slot));
+        put_text(object, "window", s->arbitrating ? "arbitrating" : "exclusive");
     }
-    json_object_set_new(object, "id_stuff_bits", json_integer(s->id_stuff));
-    json_object_set_new(object, "late", json_boolean(response_is_late(m)));
+    put_count(object, "id_stuff_bits", s->id_stuff);
+    put_bool(object, "late", response_is_late(m));
     if (a->simulated) {
-        json_object_set_new(object, "seen_ns",
-                            s->seen_count ? json_of_ticks(s->seen) : json_null());
-        json_object_set_new(object, "lost", json_integer((json_int_t)lost(a, i)));
+        put(object, "seen_ns", s->seen_count ? json_of_ticks(s->seen) : json_null());
+        put_count(object, "lost", lost(a, i));
         if (s->trigger)
-            json_object_set_new(object, "given_up", json_integer((json_int_t)s->given_up));
+            put_count(object, "given_up", s->given_up);
     }
     if (a->error_rate > 0) {
-        json_object_set_new(object, "errors_survived", json_integer(a->survived[i]));
-        json_object_set_new(object, "late_probability", json_real(probability_of_late(a, i)));
+        put(object, "errors_survived", json_integer(a->survived[i]));
+        put(object, "late_probability", json_real(probability_of_late(a, i)));
     }
     return object;
 }
@@ -303,9 +302,9 @@ static json_t *json_of_load(const sources *s, unsigned node)
 static void put_errors(json_t *object, const analysis *a)
 {
     const destroyed d = find_destroyed(a);
-    json_object_set_new(object, "bit_error_rate", json_real(a->error_rate));
-    json_object_set_new(object, "frame_error_rate", json_real(d.share));
-    json_object_set_new(object, "undetected_per_hour", json_real(d.undetected));
+    put(object, "bit_error_rate", json_real(a->error_rate));
+    put(object, "frame_error_rate", json_real(d.share));
+    put(object, "undetected_per_hour", json_real(d.undetected));
 }
 
 json_t *report_json(const analysis *a)
@@ -316,23 +315,23 @@ json_t *report_json(const analysis *a)
     const char *notes[NOTES_MAX];
     const unsigned count = find_notes(notes, s);
     for (unsigned i = 0; i < count; i++)
-        json_array_append_new(texts, json_string(notes[i]));
+        put_text_last(texts, notes[i]);
     for (size_t i = 0; i < s->count; i++)
-        json_array_append_new(messages, json_of_message(a, i));
+        put_last(messages, json_of_message(a, i));
     for (unsigned i = 0; i < s->config->node_count; i++) {
         json_t *node = json_of_load(s, i);
-        json_object_set_new(node, "name", json_string(s->config->nodes[i].name));
-        json_array_append_new(nodes, node);
+        put_text(node, "name", s->config->nodes[i].name);
+        put_last(nodes, node);
     }
-    json_object_set_new(object, "bus", json_string(s->config->bus_name));
-    json_object_set_new(object, "complete", json_boolean(count == 0));
-    json_object_set_new(object, "notes", texts);
-    json_object_set_new(object, "error_every_ns", json_of_ticks(a->error_every));
+    put_text(object, "bus", s->config->bus_name);
+    put_bool(object, "complete", count == 0);
+    put(object, "notes", texts);
+    put(object, "error_every_ns", json_of_ticks(a->error_every));
     if (a->simulated)
-        json_object_set_new(object, "simulated_ns", json_of_ticks(a->simulated));
+        put(object, "simulated_ns", json_of_ticks(a->simulated));
     if (a->error_rate > 0)
         put_errors(object, a);
-    json_object_set_new(object, "messages", messages);
-    json_object_set_new(object, "nodes", nodes);
+    put(object, "messages", messages);
+    put(object, "nodes", nodes);
     return object;
 }
