@@ -39,7 +39,7 @@ typedef struct scale_unit {
 
 #define NUMBER_MAX 32u /* bytes of a number that people write, and of its unit */
 #define UNIT_MAX 8u
-#define SIZE_DIGITS_MAX 9u /* so that nothing overflows */
+#define SIZE_DIGITS_MAX 9u
 static const char size_problem[] = "expected a size such as 64kB, 100MB, 2GB or 512MiB";
 
 static const char frequency_problem[] =
@@ -87,18 +87,60 @@ const char *text_parse_percent(uint16_t *permille, const char *text)
     return NULL;
 }
 
+bool text_take_digits(uint64_t *out, const char **text, uint64_t most)
+{
+    const char *at = *text;
+    uint64_t value = 0;
+
+    for (; *at >= '0' && *at <= '9'; at++)
+        if (!add_digit(&value, *at) || value > most)
+            return false;
+    if (at == *text)
+        return false;
+    *out = value;
+    *text = at;
+    return true;
+}
+
+bool text_take_uint(uint64_t *out, const char **text, uint64_t most)
+{
+    const bool padded = (*text)[0] == '0' && (*text)[1] >= '0' && (*text)[1] <= '9';
+
+    return !padded && text_take_digits(out, text, most);
+}
+
 const char *text_parse_uint(uint64_t *out, const char *text)
 {
     size_t digits = strspn(text, DECIMAL_DIGITS);
-    uint64_t value = 0;
 
     if (digits == 0 || text[digits] != '\0' || (digits > 1 && *text == '0'))
         return uint_problem;
-    for (; *text; text++)
-        if (!add_digit(&value, *text))
-            return "the number is too large";
-    *out = value;
-    return NULL;
+    return text_take_digits(out, &text, UINT64_MAX) ? NULL : "the number is too large";
+}
+
+unsigned text_hex_digit(char c)
+{
+    if (c >= '0' && c <= '9')
+        return (unsigned)(c - '0');
+    if (c >= 'A' && c <= 'F')
+        return (unsigned)(c - 'A') + 10;
+    return c >= 'a' && c <= 'f' ? (unsigned)(c - 'a') + 10 : 16;
+}
+
+bool text_parse_hex(uint32_t *value, const char *text, size_t length)
+{
+    uint32_t sum = 0;
+
+    for (size_t i = 0; i < length; i++) {
+        const unsigned digit = text_hex_digit(text[i]);
+        if (digit > 15)
+            return false;
+        sum = sum << 4 | digit;
+    }
+    if (length == 0 || length > 8)
+        return false;
+    *value = sum;
+    return true;
 }
 
 /* Copies a number without the separators of its digits. Returns where its unit begins, or NULL when
@@ -181,26 +223,15 @@ const char *text_parse_time(cfg_time *out, const char *text)
 
 const char *text_parse_size(uint64_t *bytes, const char *text)
 {
-    static const struct {
-        const char *name;
-        uint64_t bytes;
-    } units[] = {
+    static const scale_unit units[] = {
         {"", 1},          {"kB", 1000},     {"MB", 1000000},   {"GB", 1000000000},
-        {"KiB", 1 << 10}, {"MiB", 1 << 20}, {"GiB", 1 << 30},
+        {"KiB", 1 << 10}, {"MiB", 1 << 20}, {"GiB", 1 << 30},  {NULL, 0},
     };
-    size_t digits = strspn(text, "0123456789");
-    uint64_t number = 0;
+    const size_t digits = strspn(text, DECIMAL_DIGITS);
 
-    if (digits == 0 || digits > SIZE_DIGITS_MAX || (text[0] == '0' && digits > 1))
+    if (digits > SIZE_DIGITS_MAX || text[digits] == '.')
         return size_problem;
-    for (size_t i = 0; i < digits; i++)
-        number = number * 10 + (uint64_t)(text[i] - '0');
-    for (size_t i = 0; i < sizeof units / sizeof units[0]; i++)
-        if (strcmp(text + digits, units[i].name) == 0) {
-            *bytes = number * units[i].bytes;
-            return NULL;
-        }
-    return size_problem;
+    return parse_quantity(bytes, text, units) ? NULL : size_problem;
 }
 
 const char *text_parse_frequency(uint64_t *hz, const char *text)
@@ -364,14 +395,9 @@ static bool parse_fraction(decimal *number, const char **text)
 /* Reads DIGITS or DIGITS.DIGITS without sign, leading zeros or exponent. */
 static bool parse_decimal(decimal *out, const char **text)
 {
-    size_t digits = strspn(*text, DECIMAL_DIGITS);
-
     *out = (decimal){0};
-    if (digits == 0 || (digits > 1 && **text == '0'))
+    if (!text_take_uint(&out->whole, text, UINT64_MAX))
         return false;
-    for (size_t i = 0; i < digits; i++)
-        if (!add_digit(&out->whole, *(*text)++))
-            return false;
     if (**text != '.')
         return true;
     ++*text;

@@ -24,6 +24,19 @@ const char *text_parse_percent(uint16_t *permille, const char *text);
 /* Reads a decimal integer 0..2^64-1: digits only, no leading 0. */
 const char *text_parse_uint(uint64_t *out, const char *text);
 
+/* Reads the digits at the beginning of a text, and moves it behind them. Returns false, and leaves
+ * all as it is, for none, and for a number beyond `most`. */
+bool text_take_digits(uint64_t *out, const char **text, uint64_t most);
+
+/* Does the same with an integer without leading 0. */
+bool text_take_uint(uint64_t *out, const char **text, uint64_t most);
+
+/* Returns the value of a hexadecimal digit, or 16. */
+unsigned text_hex_digit(char c);
+
+/* Reads a hexadecimal number of exactly `length` digits, 1 to 8. Returns false for other text. */
+bool text_parse_hex(uint32_t *value, const char *text, size_t length);
+
 /* Reads what people write for such an integer: 500k, 0.5M, 500kbit/s, 500_000, "500 000", 500000.0.
  * Returns false for a text that is none of these. A message can then say what to write. */
 bool text_meant_uint(uint64_t *out, const char *text);

@@ -4,28 +4,14 @@
  */
 #include "campaign/number_text.h"
 
+#include "base/number.h"
+
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
 #define TIME_UNITS 4
 #define MANTISSA_MAX INT64_C(1000000000000000)
-
-static bool is_digit(char c)
-{
-    return c >= '0' && c <= '9';
-}
-
-/* Reads digits. Returns their end, NULL: too many. */
-static const char *read_digits(int64_t *mantissa, const char *at)
-{
-    for (; is_digit(*at); at++) {
-        *mantissa = *mantissa * 10 + (*at - '0');
-        if (*mantissa > MANTISSA_MAX)
-            return NULL;
-    }
-    return at;
-}
 
 static bool read_unit(char unit[NUMBER_TEXT_UNIT_MAX], const char *at)
 {
@@ -40,17 +26,22 @@ static bool read_unit(char unit[NUMBER_TEXT_UNIT_MAX], const char *at)
 bool number_text_parse(number_text *out, const char *text)
 {
     number_text n = {.mantissa = 0};
+    uint64_t whole, fraction = 0, one = 1;
     const bool minus = *text == '-';
-    const char *begin = text + minus;
-    const char *at = is_digit(*begin) ? read_digits(&n.mantissa, begin) : NULL;
-    if (at && at[0] == '.' && is_digit(at[1])) {
-        const char *point = at;
-        at = read_digits(&n.mantissa, at + 1);
-        n.decimals = at ? (unsigned)(at - point - 1) : 0;
-    }
-    if (!at || n.decimals > NUMBER_TEXT_DECIMALS_MAX || !read_unit(n.unit, at))
+    const char *at = text + minus;
+    if (!text_take_digits(&whole, &at, MANTISSA_MAX))
         return false;
-    n.mantissa = minus ? -n.mantissa : n.mantissa;
+    const char *behind = at + (*at == '.');
+    if (*at == '.' && text_take_digits(&fraction, &behind, MANTISSA_MAX)) {
+        n.decimals = (unsigned)(behind - at - 1);
+        at = behind;
+    }
+    for (unsigned i = 0; i < n.decimals && i < NUMBER_TEXT_DECIMALS_MAX; i++)
+        one *= 10;
+    if (n.decimals > NUMBER_TEXT_DECIMALS_MAX || whole > (MANTISSA_MAX - fraction) / one ||
+        !read_unit(n.unit, at))
+        return false;
+    n.mantissa = (int64_t)(whole * one + fraction) * (minus ? -1 : 1);
     *out = n;
     return true;
 }

@@ -4,9 +4,9 @@
  */
 #include "campaign/splice.h"
 
+#include "base/number.h"
 #include "campaign/valuepath.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #define NO_MEMORY "out of memory"
@@ -90,11 +90,10 @@ static yaml_node_t *find_named(schema *self, const yaml_node_t *list, const char
 
 static yaml_node_t *find_numbered(const schema *self, const yaml_node_t *list, const char *digits)
 {
-    char *end = NULL;
-    const unsigned long number = strtoul(digits, &end, 10);
+    uint64_t number;
     const size_t count =
         (size_t)(list->data.sequence.items.top - list->data.sequence.items.start);
-    if (end == digits || *end != '\0' || number >= count)
+    if (text_parse_uint(&number, digits) || number >= count)
         return NULL;
     return yaml_document_get_node(self->document, list->data.sequence.items.start[number]);
 }

@@ -76,24 +76,15 @@ void variant_text_without(rowtext *out, const campaign *c, const choice *choices
     put_bytes(out, c->text + at, c->size - at);
 }
 
-/* Reads digits, with or without quotes. */
-static uint64_t read_digits(const char *at)
-{
-    uint64_t value = 0;
-    for (; *at; at++)
-        if (*at >= '0' && *at <= '9')
-            value = value * 10 + (uint64_t)(*at - '0');
-    return value;
-}
-
 bool variant_seed(uint64_t *seed, const campaign *c, const choice *choices)
 {
     for (size_t i = 0; i < c->factor_count; i++) {
-        char text[NUMBER_TEXT_MAX];
+        char room[NUMBER_TEXT_MAX];
         if (!c->factors[i].is_seed)
             continue;
-        *seed = read_digits(sample_text(text, &c->factors[i], &choices[i]));
-        return true;
+        const char *text = sample_text(room, &c->factors[i], &choices[i]);
+        text += *text == '"';
+        return text_take_digits(seed, &text, UINT64_MAX);
     }
     return false;
 }

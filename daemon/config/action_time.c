@@ -261,15 +261,13 @@ void cfg_complete_retime(schema *self, yaml_node_t *map, cw_rule *rule)
 static const char *parse_ppm(int32_t *ppm, const char *text)
 {
     const bool negative = *text == '-';
-    int32_t number = 0;
+    uint64_t number;
 
     text += negative;
-    if (*text < '0' || *text > '9')
+    if (!text_take_digits(&number, &text, PPM_MAX))
         return NULL;
-    for (; *text >= '0' && *text <= '9' && number <= PPM_MAX; text++)
-        number = 10 * number + (*text - '0');
-    *ppm = negative ? -number : number;
-    return number <= PPM_MAX ? text : NULL;
+    *ppm = negative ? -(int32_t)number : (int32_t)number;
+    return text;
 }
 
 static void read_ppm_range(schema *self, const schema_key *key, yaml_node_t *value, void *object)

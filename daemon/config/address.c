@@ -4,13 +4,13 @@
  */
 #include "config/address.h"
 
+#include "base/number.h"
+
 #include <arpa/inet.h>
 #include <stdint.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
-#define PORT_DIGITS_MAX 5u
 #define LOOPBACK_BROADCAST 0x7FFFFFFFu /* 127.255.255.255 */
 
 /* Copies an address in numbers, in the one way in which it is printed. */
@@ -31,11 +31,12 @@ static bool take_host(char out[ADDRESS_HOST_BYTES], const char *text, size_t len
 
 static bool take_number(unsigned *out, const char *text, size_t length)
 {
-    if (length == 0 || length > PORT_DIGITS_MAX || strspn(text, "0123456789") < length ||
-        text[0] == '0')
+    const char *end = text;
+    uint64_t number = 0;
+    if (!text_take_uint(&number, &end, UINT16_MAX) || end != text + length || number == 0)
         return false;
-    *out = (unsigned)strtoul(text, NULL, 10);
-    return *out <= UINT16_MAX;
+    *out = (unsigned)number;
+    return true;
 }
 
 /* Returns the bytes before the colon of a port; all of them without one. */

@@ -4,16 +4,16 @@
  */
 #include "config/portname.h"
 
+#include "base/number.h"
 #include "base/plain.h"
 #include "config/tunnelname.h"
 
 #include <ctype.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define INTERFACE_NAME_MAX 15u /* IFNAMSIZ with its final 0 has 16 bytes */
-#define FD_DIGITS_MAX 6u
+#define FD_MAX 999999u
 #define NAME_CHARS                                                                                 \
     "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_."
 
@@ -49,10 +49,10 @@ static bool is_path(const char *path)
  * are in use. */
 static bool parse_fd(int *fd, const char *text)
 {
-    size_t digits = strspn(text, "0123456789");
-    if (digits == 0 || digits > FD_DIGITS_MAX || text[digits] || text[0] == '0')
+    uint64_t number = 0;
+    if (!text_take_uint(&number, &text, FD_MAX) || *text)
         return false;
-    *fd = atoi(text);
+    *fd = (int)number;
     return *fd > 2;
 }
 

@@ -174,30 +174,19 @@ void cfg_read_checksum(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-/* Reads a number up to a limit, without leading zeros. */
-static bool parse_decimal(unsigned *out, const char **text, unsigned most)
-{
-    const char *end = *text + strspn(*text, "0123456789");
-    const size_t length = (size_t)(end - *text);
-
-    if (length == 0 || length > 5 || (length > 1 && **text == '0'))
-        return false;
-    *out = (unsigned)strtoul(*text, NULL, 10);
-    *text = end;
-    return *out <= most;
-}
-
 /* Reads a number such as 291 or 0x123, with at most as many digits as the limit has. */
-static bool parse_number(unsigned *out, const char *text, unsigned most)
+static bool parse_number(uint16_t *out, const char *text, unsigned most)
 {
-    const size_t digits_max = most > UINT8_MAX ? 4 : 2;
+    const size_t digits = strlen(text) - 2, digits_max = most > UINT8_MAX ? 4 : 2;
+    uint64_t number = 0;
+    uint32_t hex = 0;
+    const bool is_hex = strncmp(text, "0x", 2) == 0;
+    const bool good = is_hex ? digits <= digits_max && text_parse_hex(&hex, text + 2, digits)
+                             : text_take_uint(&number, &text, most) && *text == '\0';
 
-    if (strncmp(text, "0x", 2) != 0)
-        return parse_decimal(out, &text, most) && *text == '\0';
-    const char *digits = text + 2;
-    const size_t length = strspn(digits, "0123456789abcdefABCDEF");
-    *out = length <= digits_max ? (unsigned)strtoul(digits, NULL, 16) : 0;
-    return length > 0 && length <= digits_max && digits[length] == '\0';
+    if (good)
+        *out = (uint16_t)(is_hex ? hex : number);
+    return good;
 }
 
 /* Reads BYTE.BIT, or BYTE for its first bit. */
@@ -206,14 +195,14 @@ static void read_place(schema *self, const schema_key *key, yaml_node_t *value, 
     static const char expected[] = "BYTE.BIT from 0.0 to 63.7, bit 0 is the most significant";
     const char *text = schema_text(self, key, value, expected);
     uint16_t *place = schema_member(key, object);
-    unsigned byte = 0, bit = 0;
+    uint64_t byte = 0, bit = 0;
 
     if (!text)
         return;
-    bool good = parse_decimal(&byte, &text, CW_FRAME_DATA_MAX - 1);
+    bool good = text_take_uint(&byte, &text, CW_FRAME_DATA_MAX - 1);
     if (good && *text == '.') {
         text++;
-        good = parse_decimal(&bit, &text, 7);
+        good = text_take_uint(&bit, &text, 7);
     }
     if (good && *text == '\0')
         *place = (uint16_t)(8 * byte + bit);
@@ -230,11 +219,8 @@ static void read_id_number(schema *self, const schema_key *key, const yaml_node_
     };
     const char *what = expected[most > UINT8_MAX];
     const char *text = schema_text(self, key, value, what);
-    unsigned number;
 
-    if (text && parse_number(&number, text, most))
-        *out = (uint16_t)number;
-    else if (text)
+    if (text && !parse_number(out, text, most))
         schema_expected(self, key, value, what);
 }
 

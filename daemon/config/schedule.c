@@ -8,7 +8,6 @@
 #include "trace/frametext.h"
 
 #include <inttypes.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define UNIT_DEFAULT (CW_TICK * (CW_CLOCK_HZ / 1000000)) /* 1 us */
@@ -132,9 +131,7 @@ static void read_units(schema *self, const schema_key *key, yaml_node_t *value, 
     uint64_t number = 0;
     if (!text)
         return;
-    if (strspn(text, "0123456789") == strlen(text) && (text[0] != '0' || text[1] == '\0')) {
-        number = strtoull(text, NULL, 10);
-    } else {
+    if (text_parse_uint(&number, text)) {
         const char *problem = text_parse_time(&time, text);
         schema_problem(self, key, value, problem);
         if (problem || local->bits == 0)

@@ -159,10 +159,10 @@ void cfg_read_fraction(schema *self, const schema_key *key, yaml_node_t *value, 
 /* Reads a number of bits up to CW_BURST_MAX. Returns what follows it, or NULL. */
 static const char *read_bits_of_burst(uint16_t *out, const char *text)
 {
-    const size_t digits = strspn(text, "0123456789");
-    const bool some = digits >= 1 && digits <= 2 && text[0] != '0';
-    *out = (uint16_t)(some ? strtoul(text, NULL, 10) : 0);
-    return some && *out <= CW_BURST_MAX ? text + digits : NULL;
+    uint64_t bits = 0;
+    const bool good = text_take_uint(&bits, &text, CW_BURST_MAX) && bits > 0;
+    *out = (uint16_t)bits;
+    return good ? text : NULL;
 }
 
 void cfg_read_burst(schema *self, const schema_key *key, yaml_node_t *value, void *object)

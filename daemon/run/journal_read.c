@@ -169,22 +169,14 @@ static bool journal_read_read_number(journal_reader *r, uint64_t *out, const cha
     return true;
 }
 
-static int hex_digit(char c)
-{
-    const char *digits = "0123456789abcdef";
-    const char *place = c ? strchr(digits, c >= 'A' && c <= 'F' ? c - 'A' + 'a' : c) : NULL;
-    return place ? (int)(place - digits) : -1;
-}
-
 /* Reads bytes from hexadecimal digits; returns false for other text. */
 static bool read_hex(char *bytes, const char *hex, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
-        int high = hex_digit(hex[2 * i]);
-        int low = high < 0 ? -1 : hex_digit(hex[2 * i + 1]);
-        if (low < 0)
+        uint32_t byte;
+        if (!text_parse_hex(&byte, hex + 2 * i, 2))
             return false;
-        bytes[i] = (char)(high << 4 | low);
+        bytes[i] = (char)byte;
     }
     return hex[2 * count] == '\0';
 }

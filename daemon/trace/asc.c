@@ -9,6 +9,7 @@
  *        0.030000 1  ErrorFrame
  *        0.040000 CANFD 1 Rx  123  NAME  1 0 9 12 00 11 ... BB  102203 133 303000 ...
  */
+#include "base/number.h"
 #include "trace/format.h"
 
 #include <string.h>
@@ -37,14 +38,13 @@ static bool begins(const char *text, const char *words)
 /* Reads a word of `length` characters in the base of the file. */
 static bool asc_read_number(uint32_t *value, const asc_state *s, const char *word, size_t length)
 {
-    uint32_t sum = 0;
+    const char *end = word;
+    uint64_t sum;
     if (!s->decimal)
-        return trace_hex(value, word, length);
-    if (length == 0 || length > DIGITS_MAX || strspn(word, "0123456789") < length)
+        return text_parse_hex(value, word, length);
+    if (length > DIGITS_MAX || !text_take_digits(&sum, &end, UINT32_MAX) || end != word + length)
         return false;
-    for (size_t i = 0; i < length; i++)
-        sum = sum * 10 + (uint32_t)(word[i] - '0');
-    *value = sum;
+    *value = (uint32_t)sum;
     return true;
 }
 
@@ -196,7 +196,7 @@ static void set_format(trace_record *r, unsigned length, const char *word)
 {
     uint32_t flags = 0;
     word = next_word(next_word(word));
-    bool classical = trace_hex(&flags, word, trace_word(word)) && !(flags & FLAG_FD) &&
+    bool classical = text_parse_hex(&flags, word, trace_word(word)) && !(flags & FLAG_FD) &&
                      length <= CW_CLASSICAL_DATA_MAX;
     if (!classical) {
         r->kind = TRACE_FD_FRAME;

@@ -5,6 +5,7 @@
  *     (1436509052.249713) vcan0 123#DEADBEEF              log; direction "R" or "T" behind it with
  * -x (000.000000)  vcan0  123   [4]  DE AD BE EF   '....'    -t a, z, d or A; -a; -x; -S; -i; -8
  */
+#include "base/number.h"
 #include "trace/format.h"
 
 #include "trace/frametext.h"
@@ -89,7 +90,7 @@ static bool read_stamp(trace_input *in, candump_state *s, trace_record *r, const
 static bool is_error_id(const char *text)
 {
     uint32_t id;
-    return strspn(text, HEX_DIGITS) == EXTENDED_DIGITS && trace_hex(&id, text, EXTENDED_DIGITS) &&
+    return strspn(text, HEX_DIGITS) == EXTENDED_DIGITS && text_parse_hex(&id, text, EXTENDED_DIGITS) &&
            (id & ERROR_FLAG);
 }
 
@@ -148,7 +149,7 @@ static trace_result candump_read_id(trace_input *in, trace_record *r, const char
     uint32_t id = 0;
     size_t digits = trace_word(*text);
     bool good =
-        (digits == BASE_DIGITS || digits == EXTENDED_DIGITS) && trace_hex(&id, *text, digits);
+        (digits == BASE_DIGITS || digits == EXTENDED_DIGITS) && text_parse_hex(&id, *text, digits);
     if (!good)
         return trace_bad_text(in, *text, "%s", line_problem);
     if (digits == EXTENDED_DIGITS && (id & ERROR_FLAG))
@@ -166,11 +167,11 @@ static trace_result candump_read_id(trace_input *in, trace_record *r, const char
 static trace_result read_fd_length(trace_input *in, trace_record *r, unsigned *count,
                                    const char *text)
 {
-    if (strspn(text + 1, "0123456789") != 2 || text[3] != ']')
+    const char *end = text + 1;
+    uint64_t length;
+    if (!text_take_digits(&length, &end, CW_FRAME_DATA_MAX) || end != text + 3 || *end != ']')
         return trace_bad_text(in, text, "%s", length_problem);
-    *count = (unsigned)(text[1] - '0') * 10 + (unsigned)(text[2] - '0');
-    if (*count > CW_FRAME_DATA_MAX)
-        return trace_bad_text(in, text, "%s", length_problem);
+    *count = (unsigned)length;
     r->frame.flags |= CW_FRAME_FD;
     r->frame.dlc = (uint8_t)cw_fd_dlc(*count);
     return TRACE_RECORD;
@@ -192,7 +193,7 @@ static trace_result read_length(trace_input *in, trace_record *r, unsigned *coun
         r->kind = r->kind == TRACE_FRAME ? TRACE_FD_FRAME : r->kind;
         return read_fd_length(in, r, count, t);
     }
-    (void)trace_hex(&length, t + 1, digits);
+    (void)text_parse_hex(&length, t + 1, digits);
     if (digits != 1 || (length > CW_CLASSICAL_DATA_MAX) != raw)
         return trace_bad_text(in, t, "%s", length_problem);
     r->frame.dlc = (uint8_t)length;
@@ -211,7 +212,7 @@ static size_t read_byte(uint8_t *byte, const char *text)
             value = value << 1 | (uint32_t)(text[i] - '0');
     } else {
         digits = strspn(text, HEX_DIGITS);
-        if (digits != 2 || !trace_hex(&value, text, digits))
+        if (digits != 2 || !text_parse_hex(&value, text, digits))
             return 0;
     }
     *byte = (uint8_t)value;

@@ -85,8 +85,6 @@ void trace_set_channel(trace_record *record, const char *word, size_t length);
  * text and for a time out of range. */
 const char *trace_seconds(uint64_t *ns, const char *text);
 
-/* Reads a hexadecimal number of exactly `length` digits, 1 to 8. Returns false for other text. */
-bool trace_hex(uint32_t *value, const char *text, size_t length);
 
 typedef struct candump_state {
     bool delta;

@@ -5,6 +5,7 @@
 #include "trace/frametext.h"
 
 #include "base/chars.h"
+#include "base/number.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -14,7 +15,7 @@
 #define DLC_MAX 15u
 #define BASE_DIGITS 3u
 #define EXTENDED_DIGITS 8u
-#define MASK_DIGITS_MAX 8u
+#define INDEX_MAX 999u
 #define FILTER_ERROR_FLAG 0x20000000u /* CAN_ERR_FLAG of the kernel's can_id */
 #define ERROR_MASK_ALL 0x1FFFFFFFu    /* CAN_ERR_MASK */
 #define OPEN_INDEX_COUNT 256u   /* for positions without an end of their own, without FD */
@@ -61,9 +62,7 @@ static const char fd_bytes_problem[] =
 static const char levels_problem[] =
     "expected 1 to 64 levels such as 10x1: 1 recessive, 0 dominant, x as it is, not all x";
 static char *print_fd_flags(char *at, uint8_t flags);
-static unsigned hex_digit(char c);
-static uint32_t hex_value(const char *text, size_t digits);
-static bool identifier_valid(uint32_t id, size_t digits);
+static bool read_identifier(uint32_t *id, uint8_t *flags, const char *text, size_t digits);
 static const char *parse_frame_id(cw_frame *frame, const char **text);
 static const char *parse_remote(cw_frame *frame, const char *text);
 static const char *parse_fd(cw_frame *frame, const char *text);
@@ -139,9 +138,9 @@ const char *text_parse_filters(cw_filter *out, unsigned *count, unsigned max, co
 const char *text_parse_error_mask(uint32_t *mask, const char *text)
 {
     size_t digits = *text == '#' ? strspn(text + 1, HEX_DIGITS) : 0;
-    uint32_t value = digits > 0 && digits <= MASK_DIGITS_MAX ? hex_value(text + 1, digits) : 0;
+    uint32_t value = 0;
 
-    if (!(value & ERROR_MASK_ALL) || text[digits + 1] != '\0')
+    if (!text_parse_hex(&value, text + 1, digits) || !(value & ERROR_MASK_ALL) || text[digits + 1] != '\0')
         return error_mask_problem;
     *mask = value & ERROR_MASK_ALL;
     return NULL;
@@ -151,12 +150,8 @@ const char *text_parse_id(uint32_t *id, uint8_t *flags, const char *text)
 {
     size_t digits = strspn(text, HEX_DIGITS);
 
-    if (digits > EXTENDED_DIGITS || text[digits] != '\0' ||
-        !identifier_valid(hex_value(text, digits), digits))
-        return identifier_problem;
-    *id = hex_value(text, digits);
-    *flags = digits == EXTENDED_DIGITS ? CW_FRAME_EXTENDED : 0;
-    return NULL;
+    return text[digits] == '\0' && read_identifier(id, flags, text, digits) ? NULL
+                                                                           : identifier_problem;
 }
 
 const char *text_parse_bytes(text_bytes *out, const char *text, bool fd)
@@ -221,34 +216,18 @@ static char *print_fd_flags(char *at, uint8_t flags)
     return at;
 }
 
-/* Returns the value of one hexadecimal digit, or 16. */
-static unsigned hex_digit(char c)
+/* Reads an identifier of 3 or 8 digits. */
+static bool read_identifier(uint32_t *id, uint8_t *flags, const char *text, size_t digits)
 {
-    if (c >= '0' && c <= '9')
-        return (unsigned)(c - '0');
-    if (c >= 'A' && c <= 'F')
-        return (unsigned)(c - 'A') + 10;
-    if (c >= 'a' && c <= 'f')
-        return (unsigned)(c - 'a') + 10;
-    return 16;
-}
+    const bool extended = digits == EXTENDED_DIGITS;
+    uint32_t value;
 
-/* Returns the value of at most 8 hexadecimal digits. */
-static uint32_t hex_value(const char *text, size_t digits)
-{
-    uint32_t value = 0;
-
-    for (size_t i = 0; i < digits; i++)
-        value = value << 4 | hex_digit(text[i]);
-    return value;
-}
-
-/* Returns true for an identifier of 3 or 8 digits in range. */
-static bool identifier_valid(uint32_t id, size_t digits)
-{
-    if (digits == BASE_DIGITS)
-        return id <= CW_BASE_ID_MAX;
-    return digits == EXTENDED_DIGITS && id <= CW_EXTENDED_ID_MAX;
+    if ((!extended && digits != BASE_DIGITS) || !text_parse_hex(&value, text, digits) ||
+        value > (extended ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX))
+        return false;
+    *id = value;
+    *flags = extended ? CW_FRAME_EXTENDED : 0;
+    return true;
 }
 
 /* Reads up to and including the first '#'. */
@@ -258,10 +237,8 @@ static const char *parse_frame_id(cw_frame *frame, const char **text)
 
     if (digits == 0 || (*text)[digits] != '#')
         return frame_problem;
-    if (digits > EXTENDED_DIGITS || !identifier_valid(hex_value(*text, digits), digits))
+    if (!read_identifier(&frame->id, &frame->flags, *text, digits))
         return identifier_problem;
-    frame->id = hex_value(*text, digits);
-    frame->flags = digits == EXTENDED_DIGITS ? CW_FRAME_EXTENDED : 0;
     *text += digits + 1;
     return NULL;
 }
@@ -274,7 +251,7 @@ static const char *parse_raw_dlc(cw_frame *frame, const char *text)
     if (*text != '_')
         return frame_problem;
 
-    unsigned dlc = hex_digit(text[1]);
+    unsigned dlc = text_hex_digit(text[1]);
     if (frame->dlc != CW_CLASSICAL_DATA_MAX || dlc <= CW_CLASSICAL_DATA_MAX || dlc > DLC_MAX ||
         text[2] != '\0')
         return "a raw DLC is _9 to _F after exactly 8 data bytes or R8";
@@ -296,15 +273,16 @@ static const char *parse_remote(cw_frame *frame, const char *text)
 /* Reads pairs of digits up to other text; *count is their number. */
 static const char *parse_pairs(cw_frame *frame, unsigned *count, unsigned max, const char **text)
 {
-    while (hex_digit(**text) < 16) {
-        if (hex_digit((*text)[1]) > 15)
+    while (text_hex_digit(**text) < 16) {
+        uint32_t byte;
+        if (!text_parse_hex(&byte, *text, 2))
             return "data bytes have two hexadecimal digits";
         if (*count == max)
             return max == CW_CLASSICAL_DATA_MAX ? "a frame has at most 8 data bytes"
                                                 : "a CAN FD frame has at most 64 data bytes";
-        frame->data[(*count)++] = (uint8_t)hex_value(*text, 2);
+        frame->data[(*count)++] = (uint8_t)byte;
         *text += 2;
-        if (**text == '.' && hex_digit((*text)[1]) < 16)
+        if (**text == '.' && text_hex_digit((*text)[1]) < 16)
             (*text)++;
     }
     return NULL;
@@ -323,11 +301,11 @@ static const char *parse_data(cw_frame *frame, const char *text)
  * does (D2). */
 static const char *parse_fd(cw_frame *frame, const char *text)
 {
-    unsigned count = 0, flags = hex_digit(*text++);
+    unsigned count = 0, flags = text_hex_digit(*text++);
 
     if (flags > 15)
         return fd_frame_problem;
-    if (*text == '.' && hex_digit(text[1]) < 16)
+    if (*text == '.' && text_hex_digit(text[1]) < 16)
         text++;
     const char *problem = parse_pairs(frame, &count, CW_FRAME_DATA_MAX, &text);
     if (problem || *text != '\0')
@@ -344,11 +322,10 @@ static const char *parse_masked(cw_filter *filter, size_t digits, const char **t
     const char *mask = *text + digits + 1;
     size_t mask_digits = strspn(mask, HEX_DIGITS);
 
-    if (mask_digits == 0 || mask_digits > MASK_DIGITS_MAX)
+    if (!text_parse_hex(&filter->mask, mask, mask_digits) ||
+        !text_parse_hex(&filter->value, *text, digits))
         return filter_problem;
     filter->inverted = (*text)[digits] == '~';
-    filter->value = hex_value(*text, digits);
-    filter->mask = hex_value(mask, mask_digits);
     if (filter->value & FILTER_ERROR_FLAG)
         return "error frames (bit 20000000) are never on the bus, a filter cannot ask for them";
     if (digits == EXTENDED_DIGITS)
@@ -360,10 +337,10 @@ static const char *parse_masked(cw_filter *filter, size_t digits, const char **t
 /* Reads an identifier alone: only this format, data and remote frames. */
 static const char *parse_exact(cw_filter *filter, size_t digits, const char **text)
 {
-    bool extended = digits == EXTENDED_DIGITS;
-    uint32_t id = hex_value(*text, digits);
+    uint32_t id;
+    uint8_t extended;
 
-    if (!identifier_valid(id, digits))
+    if (!read_identifier(&id, &extended, *text, digits))
         return identifier_problem;
     filter->value = id | (extended ? CW_FILTER_EXTENDED : 0);
     filter->mask = extended ? CW_FILTER_EXTENDED_MASK : CW_FILTER_BASE_MASK;
@@ -421,7 +398,7 @@ static const char *parse_filters(cw_filter *out, unsigned *count, unsigned max, 
 static bool parse_nibble(text_bytes *bytes, char c)
 {
     bool any = c == '.' || c == 'x' || c == 'X';
-    unsigned digit = any ? 0 : hex_digit(c);
+    unsigned digit = any ? 0 : text_hex_digit(c);
     uint8_t *mask = &bytes->mask[bytes->length];
     uint8_t *value = &bytes->value[bytes->length];
 
@@ -449,19 +426,6 @@ static cw_field find_field(const char *name, size_t length)
     return CW_FIELD_NONE;
 }
 
-/* Reads a decimal number of at most 3 digits without leading zeros. */
-static bool parse_small(unsigned *out, const char **text)
-{
-    size_t digits = strspn(*text, DECIMAL_DIGITS);
-
-    if (digits == 0 || digits > 3 || (digits > 1 && **text == '0'))
-        return false;
-    *out = 0;
-    for (; digits > 0; digits--)
-        *out = *out * 10 + (unsigned)(*(*text)++ - '0');
-    return true;
-}
-
 static unsigned index_count(cw_field field, bool fd)
 {
     unsigned bits = cw_field_bits(field, fd);
@@ -471,13 +435,12 @@ static unsigned index_count(cw_field field, bool fd)
 /* Reads "[N]", or "[BYTE.BIT]" for data. */
 static bool parse_index(uint16_t *index, cw_field field, const char *text, bool fd)
 {
-    unsigned number;
-    unsigned bit;
+    uint64_t number, bit;
 
-    if (*text++ != '[' || !parse_small(&number, &text))
+    if (*text++ != '[' || !text_take_uint(&number, &text, INDEX_MAX))
         return false;
     if (field == CW_FIELD_DATA) {
-        if (*text++ != '.' || !parse_small(&bit, &text) || bit > 7)
+        if (*text++ != '.' || !text_take_uint(&bit, &text, 7))
             return false;
         number = number * 8 + bit;
     }

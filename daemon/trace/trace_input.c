@@ -2,6 +2,7 @@
  *
  * trace_input.c - bytes, lines and words of a recording, and the places of its errors.
  */
+#include "base/number.h"
 #include "trace/format.h"
 
 #include "base/plain.h"
@@ -244,37 +245,14 @@ void trace_set_channel(trace_record *record, const char *word, size_t length)
 
 const char *trace_seconds(uint64_t *ns, const char *text)
 {
-    uint64_t seconds = 0;
-    uint64_t fraction = 0;
-    size_t digits = strspn(text, "0123456789");
-    size_t decimals = text[digits] == '.' ? strspn(text + digits + 1, "0123456789") : 0;
-    if (digits == 0 || decimals == 0 || decimals > FRACTION_DIGITS)
+    uint64_t seconds, fraction;
+    if (!text_take_digits(&seconds, &text, SECONDS_MAX) || *text++ != '.')
         return NULL;
-    for (size_t i = 0; i < digits; i++) {
-        seconds = seconds * 10 + (uint64_t)(text[i] - '0');
-        if (seconds > SECONDS_MAX)
-            return NULL;
-    }
-    for (size_t i = 0; i < FRACTION_DIGITS; i++)
-        fraction = fraction * 10 + (i < decimals ? (uint64_t)(text[digits + 1 + i] - '0') : 0);
+    const char *end = text;
+    if (!text_take_digits(&fraction, &end, UINT32_MAX) || end > text + FRACTION_DIGITS)
+        return NULL;
+    for (const char *at = end; at < text + FRACTION_DIGITS; at++)
+        fraction *= 10;
     *ns = seconds * 1000000000u + fraction;
-    return text + digits + 1 + decimals;
-}
-
-bool trace_hex(uint32_t *value, const char *text, size_t length)
-{
-    static const char all[] = "0123456789abcdef";
-    uint32_t sum = 0;
-    if (length == 0 || length > 8)
-        return false;
-    for (size_t i = 0; i < length; i++) {
-        char c = text[i];
-        const char *digit =
-            c == '\0' ? NULL : strchr(all, c >= 'A' && c <= 'F' ? c - 'A' + 'a' : c);
-        if (!digit)
-            return false;
-        sum = sum << 4 | (uint32_t)(digit - all);
-    }
-    *value = sum;
-    return true;
+    return end;
 }
