@@ -5,7 +5,8 @@
 #include "campaign/jsonvalue.h"
 
 #include "base/jsonput.h"
-#include "campaign/rowtext.h"
+#include "base/buffer.h"
+#include "base/jsontext.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -35,16 +36,16 @@ static bool is_word(const char *text)
     return strcmp(text, "true") == 0 || strcmp(text, "false") == 0;
 }
 
-static void put_scalar(rowtext *out, const yaml_node_t *value)
+static void put_scalar(buffer *out, const yaml_node_t *value)
 {
     const char *text = (const char *)value->data.scalar.value;
     const bool plain = value->data.scalar.style == YAML_PLAIN_SCALAR_STYLE;
     if (schema_is_null(value))
-        rowtext_put(out, "null");
+        buffer_put(out, "null");
     else if (plain && (is_number(text) || is_word(text)))
-        rowtext_put(out, text);
+        buffer_put(out, text);
     else
-        rowtext_quoted(out, text);
+        jsontext_quoted(out, text);
 }
 
 /* A list or a map of which some items are written. */
@@ -54,7 +55,7 @@ typedef struct level {
 } level;
 
 typedef struct writer {
-    rowtext *out;
+    buffer *out;
     schema *schema;
     level levels[DEPTH_MAX];
     unsigned depth; /* levels in use */
@@ -79,7 +80,7 @@ static void begin_value(writer *w, const yaml_node_t *value)
         w->wrong = "this value is nested too deeply";
         return;
     }
-    rowtext_put(w->out, is_list(value) ? "[" : "{");
+    buffer_put(w->out, is_list(value) ? "[" : "{");
     w->levels[w->depth++] = (level){.node = value};
 }
 
@@ -92,23 +93,23 @@ static const yaml_node_t *next_value(writer *w, level *l)
         const yaml_node_item_t *item = l->node->data.sequence.items.start + l->next++;
         if (item >= l->node->data.sequence.items.top)
             return NULL;
-        rowtext_put(w->out, comma);
+        buffer_put(w->out, comma);
         return yaml_document_get_node(w->schema->document, *item);
     }
     const yaml_node_t *key = schema_pair(w->schema, &value, l->node, l->next++);
     if (!key)
         return NULL;
-    rowtext_put(w->out, comma);
+    buffer_put(w->out, comma);
     const bool good = key->type == YAML_SCALAR_NODE;
     if (!good)
         w->wrong = "the keys of this value are no texts";
-    rowtext_quoted(w->out, good ? (const char *)key->data.scalar.value : "");
-    rowtext_put(w->out, ":");
+    jsontext_quoted(w->out, good ? (const char *)key->data.scalar.value : "");
+    buffer_put(w->out, ":");
     return value;
 }
 
 /* Returns what is wrong with the value, or NULL. */
-static const char *put_value(rowtext *out, schema *self, const yaml_node_t *value, size_t bytes_max)
+static const char *put_value(buffer *out, schema *self, const yaml_node_t *value, size_t bytes_max)
 {
     writer w = {.out = out, .schema = self};
     begin_value(&w, value);
@@ -118,29 +119,26 @@ static const char *put_value(rowtext *out, schema *self, const yaml_node_t *valu
         if (next) {
             begin_value(&w, next);
         } else {
-            rowtext_put(out, is_list(l->node) ? "]" : "}");
+            buffer_put(out, is_list(l->node) ? "]" : "}");
             w.depth--;
         }
-        if (buffer_length(&out->bytes) > bytes_max)
+        if (buffer_length(out) > bytes_max)
             w.wrong = "this value is too large: one has up to 1 MiB, and all of a file 64 MiB, "
                       "with aliases written out";
     }
-    if (out->no_memory)
-        return "out of memory";
-    return w.wrong;
+    return out->no_memory ? "out of memory" : w.wrong;
 }
 
 const char *jsonvalue_of(schema *self, const yaml_node_t *value, size_t *left)
 {
-    rowtext out = {.no_memory = false};
-    const char *text = NULL;
+    buffer out = {.data = NULL};
     const char *wrong = put_value(&out, self, value, *left < BYTES_MAX ? *left : BYTES_MAX);
-    const size_t length = buffer_length(&out.bytes);
-    if (wrong)
-        schema_complain(self, value, "%s", wrong);
-    else
-        text = schema_print(self, "%.*s", (int)length, buffer_first(&out.bytes));
+    const size_t length = buffer_length(&out);
+    const char *json = wrong ? NULL : buffer_text(&out);
+    const char *text = json ? schema_print(self, "%s", json) : NULL;
+    if (!json)
+        schema_complain(self, value, "%s", wrong ? wrong : "out of memory");
     *left -= length < *left ? length : *left;
-    rowtext_free(&out);
+    buffer_free(&out);
     return text;
 }

@@ -8,14 +8,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-static bool loaded_is_same(const rowtext *a, const rowtext *b)
+static bool loaded_is_same(const buffer *a, const buffer *b)
 {
-    const size_t length = buffer_length(&a->bytes);
-    return !a->no_memory && !b->no_memory && length == buffer_length(&b->bytes) &&
-           (length == 0 || memcmp(buffer_first(&a->bytes), buffer_first(&b->bytes), length) == 0);
+    const size_t length = buffer_length(a);
+    return !a->no_memory && !b->no_memory && length == buffer_length(b) &&
+           (length == 0 || memcmp(buffer_first(a), buffer_first(b), length) == 0);
 }
 
-loaded *loaded_find(loaded_list *list, const rowtext *key)
+loaded *loaded_find(loaded_list *list, const buffer *key)
 {
     for (size_t i = 0; i < list->room; i++) {
         loaded *l = &list->places[i];
@@ -33,7 +33,7 @@ static void empty(loaded *l)
         rule_slot_free(&l->slots[i]);
     free(l->slots);
     scenario_close(l->scenario);
-    rowtext_free(&l->key);
+    buffer_free(&l->key);
     *l = (loaded){.scenario = NULL};
 }
 
@@ -58,7 +58,7 @@ static bool copy_slots(loaded *l, const rule_slot *slots, size_t count)
     return true;
 }
 
-loaded *loaded_keep(loaded_list *list, scenario *s, const rowtext *key, const rule_slot *slots,
+loaded *loaded_keep(loaded_list *list, scenario *s, const buffer *key, const rule_slot *slots,
                     size_t slot_count)
 {
     assert(list->room > 0 && list->room <= LOADED_MAX);
@@ -67,7 +67,7 @@ loaded *loaded_keep(loaded_list *list, scenario *s, const rowtext *key, const ru
     l->scenario = s;
     l->used = ++list->uses;
     if (copy_slots(l, slots, slot_count) &&
-        buffer_append(&l->key.bytes, buffer_first(&key->bytes), buffer_length(&key->bytes)))
+        buffer_append(&l->key, buffer_first(key), buffer_length(key)))
         return l;
     empty(l);
     return NULL;

@@ -14,7 +14,7 @@
 
 typedef struct loaded {
     scenario *scenario; /* NULL: an empty place */
-    rowtext key;        /* the values, as a text */
+    buffer key;        /* the values, as a text */
     uint64_t used;      /* the larger, the later */
     size_t slot_count;  /* 0: the scenario has no slots */
     rule_slot *slots;
@@ -28,12 +28,12 @@ typedef struct loaded_list {
 } loaded_list;
 
 /* Returns the scenario with this key, or NULL. */
-loaded *loaded_find(loaded_list *list, const rowtext *key);
+loaded *loaded_find(loaded_list *list, const buffer *key);
 
 /* Keeps a scenario, which the list then owns, with copies of the key and of the slots. These must
  * have no rules yet. Returns its place, which stays until the next call, or NULL without memory:
  * the scenario is then closed. */
-loaded *loaded_keep(loaded_list *list, scenario *s, const rowtext *key, const rule_slot *slots,
+loaded *loaded_keep(loaded_list *list, scenario *s, const buffer *key, const rule_slot *slots,
                     size_t slot_count);
 
 /* Closes all scenarios. The room stays. */

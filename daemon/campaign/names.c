@@ -57,7 +57,7 @@ void names_check_rules(schema *self, yaml_node_t *list, const campaign_owner *o)
 static char *messages_of_row(const campaign *c)
 {
     choice choices[CAMPAIGN_FACTORS_MAX];
-    rowtext text = {.no_memory = false};
+    buffer text = {.data = NULL};
     char *found = NULL;
     size_t size = 0;
     rig *several;
@@ -67,12 +67,12 @@ static char *messages_of_row(const campaign *c)
         return NULL;
     sample_choose(choices, c, 0);
     variant_text(&text, c, choices);
-    const cfg_file file = {.name = c->scenario_name, .text = buffer_first(&text.bytes),
-                           .size = buffer_length(&text.bytes)};
+    const cfg_file file = {.name = c->scenario_name, .text = buffer_first(&text),
+                           .size = buffer_length(&text)};
     (void)rig_load_either(&several, &alone, &file, out);
     rig_free(several);
     cfg_free(alone);
-    rowtext_free(&text);
+    buffer_free(&text);
     (void)fclose(out);
     return found;
 }

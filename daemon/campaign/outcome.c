@@ -4,6 +4,8 @@
  */
 #include "campaign/outcome.h"
 
+#include "base/jsontext.h"
+
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,25 +23,23 @@ const char *outcome_name(outcome o)
 
 /* ---- Expectations ---------------------------------------------------------------------------- */
 
-static void write_failed(rowtext *row, const expect_outcome *e)
+static void write_failed(buffer *row, const expect_outcome *e)
 {
-    rowtext_put(row, row->bytes.data[row->bytes.end - 1] == '}' ? ",{" : "{");
-    rowtext_string(row, "name", e->name);
-    rowtext_string(row, "got", e->got);
-    rowtext_put(row, "}");
+    jsontext_item(row, "{");
+    jsontext_string(row, "name", e->name);
+    jsontext_string(row, "got", e->got);
+    buffer_put(row, "}");
 }
 
-static void write_expectations(rowtext *row, const expect_report *report)
+static void write_expectations(buffer *row, const expect_report *report)
 {
-    rowtext_key(row, "expectations");
-    rowtext_put(row, "{");
-    rowtext_number(row, "met", report->count - report->failed);
-    rowtext_key(row, "failed");
-    rowtext_put(row, "[");
+    jsontext_value(row, "expectations", "{");
+    jsontext_number(row, "met", report->count - report->failed);
+    jsontext_value(row, "failed", "[");
     for (size_t i = 0; i < report->count && report->failed > 0; i++)
         if (!report->outcomes[i].met)
             write_failed(row, &report->outcomes[i]);
-    rowtext_put(row, "]}");
+    buffer_put(row, "]}");
 }
 
 /* ---- The bus --------------------------------------------------------------------------------- */
@@ -56,11 +56,11 @@ static cw_bus_stats sum_of_buses(const scenario *s)
     return sum;
 }
 
-static void write_bus(rowtext *row, const scenario *s)
+static void write_bus(buffer *row, const scenario *s)
 {
     const cw_bus_stats sum = sum_of_buses(s);
-    rowtext_seconds(row, "t", scenario_now(s));
-#define WRITE(name) rowtext_number(row, #name, sum.name);
+    jsontext_seconds(row, "t", scenario_now(s));
+#define WRITE(name) jsontext_number(row, #name, sum.name);
     OUTCOME_BUS_COUNTERS(WRITE)
 }
 
@@ -88,24 +88,22 @@ static uint64_t find_first_fault(const scenario *s)
     return first;
 }
 
-static void write_error(rowtext *row, const scenario_bus *b)
+static void write_error(buffer *row, const scenario_bus *b)
 {
     const observation *seen = &b->seen;
     const unsigned node = (unsigned)__builtin_ctzll(seen->error_nodes);
-    rowtext_put(row, "{");
-    rowtext_seconds(row, "t", seen->error_tick);
+    buffer_put(row, "{");
+    jsontext_seconds(row, "t", seen->error_tick);
     if (b->all->rig)
-        rowtext_string(row, "bus", b->config->bus_name);
-    rowtext_string(row, "node", b->config->nodes[node].name);
-    rowtext_string(row, "role", seen->error.role == CW_ROLE_TRANSMITTER ? "tx" : "rx");
-    rowtext_string(row, "type", cw_error_type_name(seen->error.type));
-    rowtext_string(row, "field", cw_field_name(seen->error.place.field));
-    rowtext_number(row, "index", seen->error.place.index);
-    if (seen->error.place.stuff) {
-        rowtext_key(row, "stuff");
-        rowtext_put(row, "true");
-    }
-    rowtext_put(row, "}");
+        jsontext_string(row, "bus", b->config->bus_name);
+    jsontext_string(row, "node", b->config->nodes[node].name);
+    jsontext_string(row, "role", seen->error.role == CW_ROLE_TRANSMITTER ? "tx" : "rx");
+    jsontext_string(row, "type", cw_error_type_name(seen->error.type));
+    jsontext_string(row, "field", cw_field_name(seen->error.place.field));
+    jsontext_number(row, "index", seen->error.place.index);
+    if (seen->error.place.stuff)
+        jsontext_value(row, "stuff", "true");
+    buffer_put(row, "}");
 }
 
 /* Returns the tick of the first error at or after a hit of a rule, or CW_NEVER. Of a bus without
@@ -124,22 +122,21 @@ static uint64_t find_later_error(const scenario *s, uint64_t fault)
 }
 
 /* The latency is the time from the first hit of a rule to the first error after it. */
-static void write_first_error(rowtext *row, const scenario *s)
+static void write_first_error(buffer *row, const scenario *s)
 {
     const scenario_bus *b = find_first_error(s);
     const uint64_t fault = find_first_fault(s);
     const uint64_t error = fault == CW_NEVER ? CW_NEVER : find_later_error(s, fault);
-    rowtext_key(row, "first_error");
+    jsontext_key(row, "first_error");
     if (b)
         write_error(row, b);
     else
-        rowtext_put(row, "null");
+        buffer_put(row, "null");
     if (error != CW_NEVER) {
-        rowtext_seconds(row, "latency", error - fault);
+        jsontext_seconds(row, "latency", error - fault);
         return;
     }
-    rowtext_key(row, "latency");
-    rowtext_put(row, "null");
+    jsontext_value(row, "latency", "null");
 }
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
@@ -147,21 +144,21 @@ static void write_first_error(rowtext *row, const scenario *s)
 #define NODE_ROW(key, member, count) {.name = #key, CW_STAT_VALUES(cw_node_stats, member, count)},
 static const cw_stat node_rows[] = {OUTCOME_NODE_COUNTERS(NODE_ROW)};
 
-static void write_counters(rowtext *row, const cw_node_stats *n, const observation *seen,
+static void write_counters(buffer *row, const cw_node_stats *n, const observation *seen,
                            unsigned node)
 {
-    rowtext_put(row, "{");
-    rowtext_string(row, "state", cw_state_name(n->state));
-    rowtext_number(row, "tec", n->tec);
-    rowtext_number(row, "rec", n->rec);
-    rowtext_number(row, "tec_max", seen->tec_max[node]);
-    rowtext_number(row, "rec_max", seen->rec_max[node]);
+    buffer_put(row, "{");
+    jsontext_string(row, "state", cw_state_name(n->state));
+    jsontext_number(row, "tec", n->tec);
+    jsontext_number(row, "rec", n->rec);
+    jsontext_number(row, "tec_max", seen->tec_max[node]);
+    jsontext_number(row, "rec_max", seen->rec_max[node]);
     for (size_t i = 0; i < sizeof node_rows / sizeof *node_rows; i++)
-        rowtext_number(row, node_rows[i].name, cw_stat_sum(&node_rows[i], n));
-    rowtext_put(row, "}");
+        jsontext_number(row, node_rows[i].name, cw_stat_sum(&node_rows[i], n));
+    buffer_put(row, "}");
 }
 
-static void write_node(rowtext *row, const scenario_bus *b, unsigned node)
+static void write_node(buffer *row, const scenario_bus *b, unsigned node)
 {
     cw_node_stats stats;
     char key[2 * CFG_NODE_NAME_MAX + 2];
@@ -169,61 +166,52 @@ static void write_node(rowtext *row, const scenario_bus *b, unsigned node)
         return;
     if (b->all->rig)
         (void)snprintf(key, sizeof key, "%s:%s", b->config->bus_name, b->config->nodes[node].name);
-    rowtext_key(row, b->all->rig ? key : b->config->nodes[node].name);
+    jsontext_key(row, b->all->rig ? key : b->config->nodes[node].name);
     write_counters(row, &stats, &b->seen, node);
 }
 
-static void write_nodes(rowtext *row, const scenario *s)
+static void write_nodes(buffer *row, const scenario *s)
 {
-    rowtext_key(row, "nodes");
-    rowtext_put(row, "{");
+    jsontext_value(row, "nodes", "{");
     for (size_t i = 0; i < s->count; i++)
         for (unsigned node = 0; node < s->buses[i].config->node_count; node++)
             write_node(row, &s->buses[i], node);
-    rowtext_put(row, "}");
+    buffer_put(row, "}");
 }
 
 /* ---- Losses ---------------------------------------------------------------------------------- */
 
-typedef struct loss_writer {
-    rowtext *row;
-    bool any;
-} loss_writer;
-
 static void write_loss(void *user, const loss_words *w)
 {
-    loss_writer *l = user;
-    rowtext_put(l->row, l->any ? ",{" : "{");
-    l->any = true;
-    rowtext_string(l->row, w->is_rule ? "rule" : "node", w->name);
-    rowtext_string(l->row, "why", w->why);
+    buffer *row = user;
+    jsontext_item(row, "{");
+    jsontext_string(row, w->is_rule ? "rule" : "node", w->name);
+    jsontext_string(row, "why", w->why);
     if (!w->is_rule)
-        rowtext_number(l->row, "frames", w->frames);
+        jsontext_number(row, "frames", w->frames);
     if (w->ids[0])
-        rowtext_string(l->row, "ids", w->ids);
+        jsontext_string(row, "ids", w->ids);
     if (w->help[0])
-        rowtext_string(l->row, "help", w->help);
-    rowtext_put(l->row, "}");
+        jsontext_string(row, "help", w->help);
+    buffer_put(row, "}");
 }
 
-static void write_losses(rowtext *row, const scenario *s)
+static void write_losses(buffer *row, const scenario *s)
 {
-    loss_writer l = {.row = row};
     char before[CFG_NODE_NAME_MAX + 2];
-    rowtext_key(row, "lost");
-    rowtext_put(row, "[");
+    jsontext_value(row, "lost", "[");
     for (size_t i = 0; i < s->count; i++) {
         const scenario_bus *b = &s->buses[i];
         (void)snprintf(before, sizeof before, "%s:", b->config->bus_name);
-        losses_tell(&b->lost, b->run.bus, s->rig ? before : "", write_loss, &l);
+        losses_tell(&b->lost, b->run.bus, s->rig ? before : "", write_loss, row);
     }
-    rowtext_put(row, "]");
+    buffer_put(row, "]");
 }
 
 /* ---- Notes ----------------------------------------------------------------------------------- */
 
 /* Writes what was left out of files that the scenario replays; no key where nothing was. */
-static void write_notes(rowtext *row, const scenario *s)
+static void write_notes(buffer *row, const scenario *s)
 {
     const size_t begin = strlen(SIM_NOTE);
     bool any = false;
@@ -235,23 +223,23 @@ static void write_notes(rowtext *row, const scenario *s)
         if (!note)
             continue;
         if (!any)
-            rowtext_key(row, "notes");
-        rowtext_put(row, any ? "," : "[");
-        rowtext_quoted(row, note);
+            jsontext_value(row, "notes", "[");
+        jsontext_item(row, "");
+        jsontext_quoted(row, note);
         free(note);
         any = true;
     }
-    rowtext_put(row, any ? "]" : "");
+    buffer_put(row, any ? "]" : "");
 }
 
 /* ---- All of it ------------------------------------------------------------------------------- */
 
-outcome outcome_write(rowtext *row, const scenario *s)
+outcome outcome_write(buffer *row, const scenario *s)
 {
     return outcome_write_as(row, s, s->report.failed > 0 ? OUTCOME_FAILED : OUTCOME_PASSED, "");
 }
 
-outcome outcome_write_as(rowtext *row, const scenario *s, outcome o, const char *why)
+outcome outcome_write_as(buffer *row, const scenario *s, outcome o, const char *why)
 {
     outcome_write_none(row, o, why);
     write_expectations(row, &s->report);
@@ -263,11 +251,11 @@ outcome outcome_write_as(rowtext *row, const scenario *s, outcome o, const char 
     return o;
 }
 
-void outcome_write_none(rowtext *row, outcome o, const char *why)
+void outcome_write_none(buffer *row, outcome o, const char *why)
 {
-    rowtext_string(row, "outcome", outcome_name(o));
+    jsontext_string(row, "outcome", outcome_name(o));
     if (*why)
-        rowtext_string(row, "why", why);
+        jsontext_string(row, "why", why);
 }
 
 bool outcome_is_shortage(const char *message)
@@ -290,7 +278,7 @@ const char *outcome_first_error(char *messages)
     return line;
 }
 
-outcome outcome_write_invalid(rowtext *row, char *messages)
+outcome outcome_write_invalid(buffer *row, char *messages)
 {
     const bool lacks = !messages || !*messages || outcome_is_shortage(messages);
     outcome_write_none(row, OUTCOME_INVALID, lacks ? "" : outcome_first_error(messages));
@@ -298,11 +286,19 @@ outcome outcome_write_invalid(rowtext *row, char *messages)
     return OUTCOME_INVALID;
 }
 
-outcome outcome_write_broken(rowtext *row, scenario *s)
+outcome outcome_write_broken(buffer *row, scenario *s)
 {
     char *why = scenario_why(s);
     outcome_write_none(row, OUTCOME_BROKEN, why ? why : "");
     row->no_memory = row->no_memory || !why || outcome_is_shortage(why);
     free(why);
     return OUTCOME_BROKEN;
+}
+
+void outcome_end_row(buffer *row, buffer *command)
+{
+    const char *repeat = buffer_text(command);
+    row->no_memory = row->no_memory || !repeat;
+    jsontext_string(row, "repeat", repeat ? repeat : "");
+    buffer_put(row, "}\n");
 }

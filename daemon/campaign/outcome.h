@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CAMPAIGN_OUTCOME_H
 #define CANWIRE_CAMPAIGN_OUTCOME_H
 
-#include "campaign/rowtext.h"
+#include "base/buffer.h"
 #include "campaign/scenario.h"
 
 /* The outcomes of a scenario. */
@@ -38,14 +38,14 @@ typedef enum outcome {
 const char *outcome_name(outcome o);
 
 /* Writes the keys of the last run of a scenario, from `outcome` on. Returns its outcome. */
-outcome outcome_write(rowtext *row, const scenario *s);
+outcome outcome_write(buffer *row, const scenario *s);
 
 /* Writes the same keys for a run that has ended too early, with its outcome and the reason. */
-outcome outcome_write_as(rowtext *row, const scenario *s, outcome o, const char *why);
+outcome outcome_write_as(buffer *row, const scenario *s, outcome o, const char *why);
 
 /* Writes the same keys as far as there are any for a scenario that has no result. `why` says what
  * has happened, and may be "". */
-void outcome_write_none(rowtext *row, outcome o, const char *why);
+void outcome_write_none(buffer *row, outcome o, const char *why);
 
 /* Returns the first of some lines of messages that is no warning, and ends it there. */
 const char *outcome_first_error(char *messages);
@@ -53,14 +53,17 @@ const char *outcome_first_error(char *messages);
 /* Does this for values that make no scenario, with the first of the messages that is no warning; it
  * changes them. NULL: there are none. The row has no memory then, nor when memory was short: the
  * scenario may be valid. */
-outcome outcome_write_invalid(rowtext *row, char *messages);
+outcome outcome_write_invalid(buffer *row, char *messages);
 
 /* Does this for a scenario whose last run has failed. Returns the outcome. The row has no memory
  * when the process lacked something: it is no row then. */
-outcome outcome_write_broken(rowtext *row, scenario *s);
+outcome outcome_write_broken(buffer *row, scenario *s);
 
 /* Returns true when a message tells about what this process lacks for the moment, memory or
  * descriptors for example: it says nothing about the scenario. */
 bool outcome_is_shortage(const char *message);
+
+/* Ends a row with the command that repeats it. */
+void outcome_end_row(buffer *row, buffer *command);
 
 #endif

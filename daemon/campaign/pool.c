@@ -60,7 +60,7 @@ typedef struct pool {
     uint64_t made;
     bool crowded; /* no further process could be made */
     int64_t looked_ms;
-    rowtext line;
+    buffer line;
     int error; /* errno */
 } pool;
 
@@ -307,7 +307,7 @@ static bool lose_line(pool *p, worker *w, int status)
 {
     const pool_loss loss = {.timeout = w->late, .status = status};
     const uint64_t number = w->chunk->first + w->chunk->made;
-    rowtext_clear(&p->line);
+    buffer_clear(&p->line);
     if (!pool_add_line(&w->chunk->lines, p->work->calls->lose(p->work->user, number, &loss,
                                                               &p->line), &p->line))
         return pool_fail(p, ENOMEM);
@@ -433,7 +433,7 @@ static void tear_down(pool *p)
     for (uint64_t i = 0; p->chunks && i < p->chunk_room; i++)
         buffer_free(&p->chunks[i].lines);
     free(p->chunks);
-    rowtext_free(&p->line);
+    buffer_free(&p->line);
 }
 
 bool pool_run(const pool_work *work)

@@ -9,7 +9,9 @@
 #ifndef CANWIRE_CAMPAIGN_POOL_H
 #define CANWIRE_CAMPAIGN_POOL_H
 
-#include "campaign/rowtext.h"
+#include "base/buffer.h"
+
+#include <stdint.h>
 
 #define POOL_JOBS_MAX 256u
 #define POOL_EXIT_SHORT 75 /* EX_TEMPFAIL: a process has lacked memory for a line */
@@ -23,9 +25,9 @@ typedef struct pool_loss {
 typedef struct pool_calls {
     /* Writes a line with its end, in a process of the pool. The code is for `take`. The process
      * ends with POOL_EXIT_SHORT when the line has no memory. */
-    unsigned char (*make)(void *user, uint64_t number, rowtext *line);
+    unsigned char (*make)(void *user, uint64_t number, buffer *line);
     /* Does the same for a lost line, in the calling process. */
-    unsigned char (*lose)(void *user, uint64_t number, const pool_loss *loss, rowtext *line);
+    unsigned char (*lose)(void *user, uint64_t number, const pool_loss *loss, buffer *line);
     /* Takes the next line in the calling process. Returns false to end the work. */
     bool (*take)(void *user, unsigned char code, const char *line, size_t length);
     /* Is called a few times a second, with the number of lines that are made. NULL: it is not. */

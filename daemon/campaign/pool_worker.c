@@ -43,23 +43,23 @@ static bool get(int fd, pool_order *order)
     return true;
 }
 
-bool pool_add_line(buffer *lines, unsigned char flag, const rowtext *line)
+bool pool_add_line(buffer *lines, unsigned char flag, const buffer *line)
 {
     char head[POOL_HEAD_BYTES] = {(char)flag};
-    const uint32_t length = (uint32_t)buffer_length(&line->bytes);
+    const uint32_t length = (uint32_t)buffer_length(line);
     memcpy(head + 1, &length, sizeof length);
     return !line->no_memory && buffer_append(lines, head, sizeof head) &&
-           buffer_append(lines, buffer_first(&line->bytes), length);
+           buffer_append(lines, buffer_first(line), length);
 }
 
 /* Adds a line to those that wait. */
-static bool pool_worker_add(const pool_work *work, uint64_t number, rowtext *line, buffer *lines)
+static bool pool_worker_add(const pool_work *work, uint64_t number, buffer *line, buffer *lines)
 {
-    rowtext_clear(line);
+    buffer_clear(line);
     return pool_add_line(lines, work->calls->make(work->user, number, line), line);
 }
 
-static bool pool_worker_obey(const pool_work *work, int fd, const pool_order *order, rowtext *line,
+static bool pool_worker_obey(const pool_work *work, int fd, const pool_order *order, buffer *line,
                              buffer *lines)
 {
     int64_t given = wall_ns();
@@ -80,7 +80,7 @@ static bool pool_worker_obey(const pool_work *work, int fd, const pool_order *or
 _Noreturn void pool_worker(const pool_work *work, int fd)
 {
     pool_order order;
-    rowtext line = {.no_memory = false};
+    buffer line = {.data = NULL};
     buffer lines = {.data = NULL};
     bool good = true;
     while (good && get(fd, &order))

@@ -19,7 +19,7 @@ typedef struct pool_order {
 #define POOL_HEAD_BYTES 5u
 
 /* Appends a line, with its flag and length before it. Returns false without memory. */
-bool pool_add_line(buffer *lines, unsigned char flag, const rowtext *line);
+bool pool_add_line(buffer *lines, unsigned char flag, const buffer *line);
 
 /* Does orders that come by a socket until that ends; it then ends the process. */
 _Noreturn void pool_worker(const pool_work *work, int fd);

@@ -4,6 +4,7 @@
  */
 #include "campaign/runner.h"
 
+#include "base/jsontext.h"
 #include "campaign/loaded.h"
 #include "campaign/shellword.h"
 #include "campaign/tally.h"
@@ -20,9 +21,9 @@ struct runner {
     const campaign *campaign;
     bool reload;
     loaded_list loaded;    /* without room: none has been loaded */
-    rowtext key;
-    rowtext text;
-    rowtext repeat;
+    buffer key;
+    buffer text;
+    buffer repeat;
     uint64_t slot_factors; /* of all slots, as a set */
     size_t slot_count;
     rule_slot slots[CAMPAIGN_FACTORS_MAX]; /* without rules */
@@ -46,9 +47,9 @@ void runner_free(runner *r)
     if (!r)
         return;
     loaded_clear(&r->loaded);
-    rowtext_free(&r->key);
-    rowtext_free(&r->text);
-    rowtext_free(&r->repeat);
+    buffer_free(&r->key);
+    buffer_free(&r->text);
+    buffer_free(&r->repeat);
     free(r);
 }
 
@@ -57,10 +58,10 @@ void runner_free(runner *r)
 static scenario *runner_load(runner *r, const choice *choices, FILE *messages)
 {
     const campaign *c = r->campaign;
-    rowtext_clear(&r->text);
+    buffer_clear(&r->text);
     variant_text(&r->text, c, choices);
-    const cfg_file file = {.name = c->scenario_name, .text = buffer_first(&r->text.bytes),
-                           .size = buffer_length(&r->text.bytes)};
+    const cfg_file file = {.name = c->scenario_name, .text = buffer_first(&r->text),
+                           .size = buffer_length(&r->text)};
     scenario *s = r->text.no_memory ? NULL : scenario_open(&file, messages);
     const char *wrong = s && c->until ? scenario_set_until(s, c->until_time) : NULL;
     if (wrong && messages)
@@ -107,12 +108,12 @@ static bool begin_slots(const runner *r, const loaded *l, const choice *choices)
 static void write_key(runner *r, const choice *choices)
 {
     const campaign *c = r->campaign;
-    rowtext_clear(&r->key);
+    buffer_clear(&r->key);
     for (size_t i = 0; i < c->factor_count; i++) {
         if (c->factors[i].is_seed || (r->slot_factors >> i & 1))
             continue;
         sample_value(&r->key, &c->factors[i], &choices[i]);
-        rowtext_put(&r->key, "\n");
+        buffer_put(&r->key, "\n");
     }
 }
 
@@ -189,48 +190,45 @@ static bool fill_slots(runner *r, const loaded *l, const choice *choices)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static void runner_write_head(runner *r, rowtext *row, uint64_t number, const choice *choices)
+static void runner_write_head(runner *r, buffer *row, uint64_t number, const choice *choices)
 {
     const campaign *c = r->campaign;
     uint64_t seed = c->scenario_seed;
-    rowtext_put(row, "{");
-    rowtext_number(row, "number", number);
-    rowtext_key(row, "factors");
-    rowtext_put(row, "{");
+    buffer_put(row, "{");
+    jsontext_number(row, "number", number);
+    jsontext_value(row, "factors", "{");
     for (size_t i = 0; i < c->factor_count; i++) {
-        rowtext_key(row, c->factors[i].name);
+        jsontext_key(row, c->factors[i].name);
         sample_value(row, &c->factors[i], &choices[i]);
     }
-    rowtext_put(row, "}");
+    buffer_put(row, "}");
     (void)variant_seed(&seed, c, choices);
-    rowtext_number(row, "seed", seed);
+    jsontext_number(row, "seed", seed);
 }
 
-void runner_begin(runner *r, uint64_t number, rowtext *row)
+void runner_begin(runner *r, uint64_t number, buffer *row)
 {
     choice choices[CAMPAIGN_FACTORS_MAX];
     sample_choose(choices, r->campaign, number);
     runner_write_head(r, row, number, choices);
 }
 
-void runner_head(runner *r, uint64_t number, rowtext *row)
+void runner_head(runner *r, uint64_t number, buffer *row)
 {
     runner_begin(r, number, row);
-    rowtext_put(row, ",\"outcome\":\"");
+    buffer_put(row, ",\"outcome\":\"");
 }
 
-static void write_repeat(runner *r, rowtext *row, uint64_t number)
+static void write_repeat(runner *r, buffer *row, uint64_t number)
 {
-    char only[NUMBER_MAX];
-    (void)snprintf(only, sizeof only, " --only %" PRIu64, number);
     shellword_begin(&r->repeat, "canwire campaign run", r->campaign->file);
-    rowtext_put(&r->repeat, only);
-    rowtext_end(row, &r->repeat);
+    buffer_print(&r->repeat, " --only %" PRIu64, number);
+    outcome_end_row(row, &r->repeat);
 }
 
 /* Loads a scenario that could not be loaded once more, for the message. One that can be loaded now
  * is not invalid. */
-static outcome write_invalid(runner *r, rowtext *row, const choice *choices)
+static outcome write_invalid(runner *r, buffer *row, const choice *choices)
 {
     char *messages = NULL;
     size_t size = 0;
@@ -243,7 +241,7 @@ static outcome write_invalid(runner *r, rowtext *row, const choice *choices)
     return o;
 }
 
-static outcome runner_run(runner *r, rowtext *row, const choice *choices)
+static outcome runner_run(runner *r, buffer *row, const choice *choices)
 {
     uint64_t seed;
     const bool varies = variant_seed(&seed, r->campaign, choices);
@@ -255,7 +253,7 @@ static outcome runner_run(runner *r, rowtext *row, const choice *choices)
     return outcome_write_broken(row, l->scenario);
 }
 
-outcome runner_row(runner *r, uint64_t number, rowtext *row)
+outcome runner_row(runner *r, uint64_t number, buffer *row)
 {
     choice choices[CAMPAIGN_FACTORS_MAX];
     sample_choose(choices, r->campaign, number);
@@ -265,7 +263,7 @@ outcome runner_row(runner *r, uint64_t number, rowtext *row)
     return o;
 }
 
-outcome runner_lost(runner *r, uint64_t number, const pool_loss *loss, rowtext *row)
+outcome runner_lost(runner *r, uint64_t number, const pool_loss *loss, buffer *row)
 {
     choice choices[CAMPAIGN_FACTORS_MAX];
     sample_choose(choices, r->campaign, number);

@@ -21,16 +21,16 @@ runner *runner_new(const campaign *c, bool reload);
 void runner_free(runner *r);
 
 /* Runs a row and writes it as a line. Returns its outcome. */
-outcome runner_row(runner *r, uint64_t number, rowtext *row);
+outcome runner_row(runner *r, uint64_t number, buffer *row);
 
 /* Writes the begin of a row, up to before its outcome. */
-void runner_begin(runner *r, uint64_t number, rowtext *row);
+void runner_begin(runner *r, uint64_t number, buffer *row);
 
 /* Writes the begin of a row, up to the word for its outcome. */
-void runner_head(runner *r, uint64_t number, rowtext *row);
+void runner_head(runner *r, uint64_t number, buffer *row);
 
 /* Writes the line of a row whose process has ended. */
-outcome runner_lost(runner *r, uint64_t number, const pool_loss *loss, rowtext *row);
+outcome runner_lost(runner *r, uint64_t number, const pool_loss *loss, buffer *row);
 
 /* Writes the messages about a row whose scenario is invalid, or has no result. */
 void runner_explain(const campaign *c, uint64_t number, FILE *out);

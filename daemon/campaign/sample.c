@@ -158,8 +158,8 @@ const char *sample_text(char out[NUMBER_TEXT_MAX], const factor *f, const choice
     return out;
 }
 
-void sample_value(rowtext *out, const factor *f, const choice *chosen)
+void sample_value(buffer *out, const factor *f, const choice *chosen)
 {
     char text[NUMBER_TEXT_MAX];
-    rowtext_put(out, sample_text(text, f, chosen));
+    buffer_put(out, sample_text(text, f, chosen));
 }

@@ -6,7 +6,9 @@
 #define CANWIRE_CAMPAIGN_SAMPLE_H
 
 #include "campaign/campaign.h"
-#include "campaign/rowtext.h"
+#include "base/buffer.h"
+
+#include <stdint.h>
 
 /* The choice of one factor. */
 typedef struct choice {
@@ -24,6 +26,6 @@ void sample_choose(choice out[CAMPAIGN_FACTORS_MAX], const campaign *c, uint64_t
 const char *sample_text(char out[NUMBER_TEXT_MAX], const factor *f, const choice *chosen);
 
 /* Appends it. */
-void sample_value(rowtext *out, const factor *f, const choice *chosen);
+void sample_value(buffer *out, const factor *f, const choice *chosen);
 
 #endif

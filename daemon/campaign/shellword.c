@@ -9,33 +9,33 @@
 static const char harmless[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
                                "_-./:=,+@%";
 
-void shellword_put(rowtext *line, const char *word)
+void shellword_put(buffer *line, const char *word)
 {
     if (*word && word[strspn(word, harmless)] == '\0') {
-        rowtext_put(line, word);
+        buffer_put(line, word);
         return;
     }
-    rowtext_put(line, "'");
+    buffer_put(line, "'");
     for (const char *at = word; *at; at++) {
         const char one[] = {*at, '\0'};
-        rowtext_put(line, *at == '\'' ? "'\\''" : one);
+        buffer_put(line, *at == '\'' ? "'\\''" : one);
     }
-    rowtext_put(line, "'");
+    buffer_put(line, "'");
 }
 
-void shellword_begin(rowtext *line, const char *command, const char *file)
+void shellword_begin(buffer *line, const char *command, const char *file)
 {
-    rowtext_clear(line);
-    rowtext_put(line, command);
-    rowtext_put(line, " ");
+    buffer_clear(line);
+    buffer_put(line, command);
+    buffer_put(line, " ");
     shellword_put(line, file);
 }
 
-bool shellword_take(rowtext *word, const char **line)
+bool shellword_take(buffer *word, const char **line)
 {
     const char *at = *line + strspn(*line, " ");
     bool quoted = false;
-    rowtext_clear(word);
+    buffer_clear(word);
     if (*at == '\0')
         return false;
     for (; *at && (quoted || *at != ' '); at++) {
@@ -44,9 +44,9 @@ bool shellword_take(rowtext *word, const char **line)
             continue;
         }
         at += !quoted && *at == '\\' && at[1];
-        (void)buffer_append(&word->bytes, at, 1);
+        (void)buffer_append(word, at, 1);
     }
-    (void)buffer_append(&word->bytes, "", 1);
+    (void)buffer_text(word);
     *line = at;
     return !quoted;
 }

@@ -55,7 +55,7 @@ void tally_print(FILE *out, const tally *t)
         fprintf(out, "; %" PRIu64 " with notes", t->noted);
 }
 
-outcome tally_lost(rowtext *row, const pool_loss *loss)
+outcome tally_lost(buffer *row, const pool_loss *loss)
 {
     char why[64] = "";
     const outcome o = loss->timeout ? OUTCOME_TIMEOUT : OUTCOME_CRASHED;

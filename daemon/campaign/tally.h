@@ -33,6 +33,6 @@ bool tally_all_passed(const tally *t);
 void tally_print(FILE *out, const tally *t);
 
 /* Writes the outcome of a scenario whose process has ended. */
-outcome tally_lost(rowtext *row, const pool_loss *loss);
+outcome tally_lost(buffer *row, const pool_loss *loss);
 
 #endif

@@ -7,12 +7,6 @@
 #include <assert.h>
 #include <string.h>
 
-static void put_bytes(rowtext *out, const char *bytes, size_t count)
-{
-    if (!buffer_append(&out->bytes, bytes, count))
-        out->no_memory = true;
-}
-
 static bool is_in_text(const factor *f)
 {
     return f->edit.before != NULL;
@@ -41,22 +35,22 @@ size_t variant_next_edit(const campaign *c, uint64_t done)
 }
 
 /* Writes the rules of a space, which are lines. */
-static void put_rules(rowtext *out, const char *rules, const char *between)
+static void put_rules(buffer *out, const char *rules, const char *between)
 {
     const char *end = strchr(rules, '\n');
-    put_bytes(out, rules, end ? (size_t)(end - rules) : strlen(rules));
+    (void)buffer_append(out, rules, end ? (size_t)(end - rules) : strlen(rules));
     if (!end)
         return;
-    rowtext_put(out, between);
-    rowtext_put(out, end + 1);
+    buffer_put(out, between);
+    buffer_put(out, end + 1);
 }
 
-void variant_text(rowtext *out, const campaign *c, const choice *choices)
+void variant_text(buffer *out, const campaign *c, const choice *choices)
 {
     variant_text_without(out, c, choices, 0);
 }
 
-void variant_text_without(rowtext *out, const campaign *c, const choice *choices,
+void variant_text_without(buffer *out, const campaign *c, const choice *choices,
                           uint64_t without)
 {
     uint64_t done = without;
@@ -64,16 +58,16 @@ void variant_text_without(rowtext *out, const campaign *c, const choice *choices
     for (size_t i; (i = variant_next_edit(c, done)) != SIZE_MAX; done |= UINT64_C(1) << i) {
         const factor *f = &c->factors[i];
         assert(at <= f->edit.begin);
-        put_bytes(out, c->text + at, f->edit.begin - at);
-        rowtext_put(out, f->edit.before);
+        (void)buffer_append(out, c->text + at, f->edit.begin - at);
+        buffer_put(out, f->edit.before);
         if (f->rules)
             put_rules(out, f->rules[choices[i].index], f->edit.between);
         else
             sample_value(out, f, &choices[i]);
-        rowtext_put(out, f->edit.after);
+        buffer_put(out, f->edit.after);
         at = f->edit.end;
     }
-    put_bytes(out, c->text + at, c->size - at);
+    (void)buffer_append(out, c->text + at, c->size - at);
 }
 
 bool variant_seed(uint64_t *seed, const campaign *c, const choice *choices)

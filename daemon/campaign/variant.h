@@ -9,10 +9,10 @@
 
 /* Writes the text of the scenario with the values of these choices. The seed of a rig is not in
  * it. */
-void variant_text(rowtext *out, const campaign *c, const choice *choices);
+void variant_text(buffer *out, const campaign *c, const choice *choices);
 
 /* Writes it with the scenario's own values for a set of factors. */
-void variant_text_without(rowtext *out, const campaign *c, const choice *choices,
+void variant_text_without(buffer *out, const campaign *c, const choice *choices,
                           uint64_t without);
 
 /* Reads the seed of the choices. Returns false when the seed does not vary. */

@@ -79,16 +79,16 @@ static void write_file(const char *name, const fuzz_part *part)
 /* The begin of a row is JSON as far as it goes. */
 static void check_head(runner *r, uint64_t number)
 {
-    rowtext head = {.no_memory = false};
+    buffer head = {.data = NULL};
     runner_head(r, number, &head);
-    rowtext_put(&head, "\"}");
-    json_t *object = json_loadb(buffer_first(&head.bytes), buffer_length(&head.bytes), 0, NULL);
+    buffer_put(&head, "\"}");
+    json_t *object = json_loadb(buffer_first(&head), buffer_length(&head), 0, NULL);
     REQUIRE(object != NULL);
     const json_t *factors = json_object_get(object, "factors");
     REQUIRE((uint64_t)json_integer_value(json_object_get(object, "number")) == number);
     REQUIRE(json_is_object(factors));
     json_decref(object);
-    rowtext_free(&head);
+    buffer_free(&head);
 }
 
 /* The scenario of a row is YAML, whatever its values are; only limits may refuse it. */
@@ -96,11 +96,11 @@ static void check_scenario(const campaign *c, const choice *choices)
 {
     static diag errors;
     yaml_document_t document;
-    rowtext text = {.no_memory = false};
+    buffer text = {.data = NULL};
     errors = (diag){.file.name = "row"};
     variant_text(&text, c, choices);
     REQUIRE(!text.no_memory);
-    if (yaml_text_load(&document, buffer_first(&text.bytes), buffer_length(&text.bytes),
+    if (yaml_text_load(&document, buffer_first(&text), buffer_length(&text),
                        &yaml_file_limits, &errors))
         yaml_document_delete(&document);
     else
@@ -110,7 +110,7 @@ static void check_scenario(const campaign *c, const choice *choices)
     FILE *nowhere = fopen("/dev/null", "we");
     diag_flush(&errors, nowhere);
     (void)fclose(nowhere);
-    rowtext_free(&text);
+    buffer_free(&text);
 }
 
 static void check_row(const campaign *c, runner *r, uint64_t number)

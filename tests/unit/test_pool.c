@@ -60,11 +60,11 @@ static fate some_shaky(uint64_t number)
     return number % 2 ? SHAKY : MADE;
 }
 
-static void put_line(rowtext *line, const char *word, uint64_t number)
+static void put_line(buffer *line, const char *word, uint64_t number)
 {
     char text[LINE_BYTES];
     (void)snprintf(text, sizeof text, "%s %u\n", word, (unsigned)number);
-    rowtext_put(line, text);
+    buffer_put(line, text);
 }
 
 /* Ends the process of a shaky line that has been tried too seldom. */
@@ -79,7 +79,7 @@ static void shake(const lines *l, uint64_t number)
         (void)raise(SIGKILL);
 }
 
-static unsigned char make(void *user, uint64_t number, rowtext *line)
+static unsigned char make(void *user, uint64_t number, buffer *line)
 {
     const lines *l = user;
     const fate f = l->fate_of(number);
@@ -96,7 +96,7 @@ static unsigned char make(void *user, uint64_t number, rowtext *line)
     return MADE;
 }
 
-static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, rowtext *line)
+static unsigned char lose(void *user, uint64_t number, const pool_loss *loss, buffer *line)
 {
     const lines *l = user;
     assert_int_equal(getpid(), l->parent);

@@ -79,36 +79,35 @@ static report_row read_row(const char *line, const row_signs *signs)
 #define WELL "error-active"
 
 /* Appends a node with all its keys. Counters are 0 but for one. */
-static void put_node(rowtext *out, const char *name, const char *state, const char *counter)
+static void put_node(buffer *out, const char *name, const char *state, const char *counter)
 {
     static const char *const counters[] = {
         "tec", "rec", "tec_max", "rec_max", "tx_frames", "rx_frames", "retransmissions",
         "bus_errors", "undetected_errors", "dropped", "rx_dropped", "error_passive", "bus_off",
         "restarts",
     };
-    rowtext_key(out, name);
-    rowtext_put(out, "{");
-    rowtext_string(out, "state", state);
+    jsontext_value(out, name, "{");
+    jsontext_string(out, "state", state);
     for (size_t i = 0; i < COUNT(counters); i++)
-        rowtext_number(out, counters[i], counter && strcmp(counter, counters[i]) == 0);
-    rowtext_put(out, "}");
+        jsontext_number(out, counters[i], counter && strcmp(counter, counters[i]) == 0);
+    buffer_put(out, "}");
 }
 
 /* A row in which all is well, with some keys changed. */
 static void print_row(char out[ROW_BYTES], const char *word, const char *failed,
                       const char *keys, const char *state, const char *counter)
 {
-    rowtext nodes = {.no_memory = false};
+    buffer nodes = {.data = NULL};
     put_node(&nodes, "engine", WELL, NULL);
     put_node(&nodes, "dash", state, counter);
-    (void)buffer_append(&nodes.bytes, "", 1);
+    (void)buffer_append(&nodes, "", 1);
     const int length =
         snprintf(out, ROW_BYTES,
                  "{\"seed\":7,\"outcome\":\"%s\",\"expectations\":{\"met\":1,\"failed\":[%s]},"
                  "\"t\":0.001,%s,\"nodes\":{%s},\"repeat\":\"canwire sim bus.yaml --seed 7\"}",
-                 word, failed, keys, buffer_first(&nodes.bytes));
+                 word, failed, keys, buffer_first(&nodes));
     assert_in_range(length, 1, ROW_BYTES - 1);
-    rowtext_free(&nodes);
+    buffer_free(&nodes);
 }
 
 #define COUNTED(errors, undetected, faults) \
@@ -286,27 +285,27 @@ static void test_spans_hold_numbers_in_any_order(void **state)
 static void test_words_come_back_as_they_were(void **state)
 {
     static const char *const words[] = {"a b.yaml", "it's", "", "'", "\\", "x\"$(y)\n"};
-    rowtext line = {.no_memory = false};
-    rowtext word = {.no_memory = false};
+    buffer line = {.data = NULL};
+    buffer word = {.data = NULL};
     (void)state;
     shellword_begin(&line, "canwire campaign run", "dir with 'quotes'/c.yaml");
     for (size_t i = 0; i < COUNT(words); i++) {
-        rowtext_put(&line, " ");
+        buffer_put(&line, " ");
         shellword_put(&line, words[i]);
     }
-    (void)buffer_append(&line.bytes, "", 1);
-    const char *rest = buffer_first(&line.bytes);
+    (void)buffer_append(&line, "", 1);
+    const char *rest = buffer_first(&line);
     for (size_t i = 0; i < 3; i++)
         assert_true(shellword_take(&word, &rest));
     assert_true(shellword_take(&word, &rest));
-    assert_string_equal(buffer_first(&word.bytes), "dir with 'quotes'/c.yaml");
+    assert_string_equal(buffer_first(&word), "dir with 'quotes'/c.yaml");
     for (size_t i = 0; i < COUNT(words); i++) {
         assert_true(shellword_take(&word, &rest));
-        assert_string_equal(buffer_first(&word.bytes), words[i]);
+        assert_string_equal(buffer_first(&word), words[i]);
     }
     assert_false(shellword_take(&word, &rest));
-    rowtext_free(&line);
-    rowtext_free(&word);
+    buffer_free(&line);
+    buffer_free(&word);
 }
 
 /* ---- Candidates ------------------------------------------------------------------------------ */

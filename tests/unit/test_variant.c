@@ -22,10 +22,10 @@ static const char many[] = CAMPAIGN_HEAD
     "  - { name: p, pairs-of-bits: { frame: 123#11, at: dash, field: crc } }\n";
 
 /* Writes the scenario of a row. */
-static void print_row(rowtext *out, const campaign *c, uint64_t row)
+static void print_row(buffer *out, const campaign *c, uint64_t row)
 {
     choice choices[CAMPAIGN_FACTORS_MAX];
-    rowtext_clear(out);
+    buffer_clear(out);
     sample_choose(choices, c, row);
     variant_text(out, c, choices);
     assert_false(out->no_memory);
@@ -33,12 +33,12 @@ static void print_row(rowtext *out, const campaign *c, uint64_t row)
 
 static cfg *load_row(const campaign *c, uint64_t row)
 {
-    rowtext text = {.no_memory = false};
+    buffer text = {.data = NULL};
     print_row(&text, c, row);
-    const cfg_file file = {.name = "row", .text = buffer_first(&text.bytes),
-                           .size = buffer_length(&text.bytes)};
+    const cfg_file file = {.name = "row", .text = buffer_first(&text),
+                           .size = buffer_length(&text)};
     cfg *config = cfg_load_text(&file, stderr);
-    rowtext_free(&text);
+    buffer_free(&text);
     assert_non_null(config);
     return config;
 }
@@ -46,12 +46,12 @@ static cfg *load_row(const campaign *c, uint64_t row)
 static void a_row_without_changes_is_the_text(void **state)
 {
     campaign *c = load_campaign(CAMPAIGN_HEAD "  - { set: bus.bitrate, values: [ 500000 ] }\n");
-    rowtext text = {.no_memory = false};
+    buffer text = {.data = NULL};
     (void)state;
     print_row(&text, c, 0);
-    assert_int_equal(buffer_length(&text.bytes), c->size);
-    assert_memory_equal(buffer_first(&text.bytes), c->text, c->size);
-    rowtext_free(&text);
+    assert_int_equal(buffer_length(&text), c->size);
+    assert_memory_equal(buffer_first(&text), c->text, c->size);
+    buffer_free(&text);
     campaign_free(c);
 }
 

@@ -52,13 +52,11 @@ static const char *whole_text(words *w, const ecu_task *task, const char *text)
     const char *whole = word ? whole_word(w, task, word) : NULL;
     if (!whole || whole == word || (text[length] != '\0' && !strchr(" \t\n;&|<>", text[length])))
         return whole ? text : NULL;
-    rowtext quoted = {.no_memory = false};
+    buffer quoted = {.data = NULL};
     shellword_put(&quoted, whole);
-    const char *result =
-        quoted.no_memory ? NULL
-                         : arena_print(w->memory, "%.*s%s", (int)buffer_length(&quoted.bytes),
-                                       buffer_first(&quoted.bytes), text + length);
-    rowtext_free(&quoted);
+    const char *first = buffer_text(&quoted);
+    const char *result = first ? arena_print(w->memory, "%s%s", first, text + length) : NULL;
+    buffer_free(&quoted);
     return result;
 }
 

@@ -4,6 +4,7 @@
  */
 #include "campaign/ecu/ecu_row.h"
 
+#include "base/jsontext.h"
 #include "base/plain.h"
 #include "campaign/ecu/ecu_keeper.h"
 #include "campaign/ecu/ecu_network.h"
@@ -38,8 +39,8 @@ struct ecu_rows {
     char directory[PATH_MAX]; /* that of the scenario */
     char tool[PATH_MAX];
     char canwired[PATH_MAX];
-    rowtext text;
-    rowtext repeat;
+    buffer text;
+    buffer repeat;
 };
 
 /* The state of one row. */
@@ -132,8 +133,8 @@ void ecu_rows_free(ecu_rows *e)
     if (!e)
         return;
     (void)unlinkat(AT_FDCWD, e->work, AT_REMOVEDIR);
-    rowtext_free(&e->text);
-    rowtext_free(&e->repeat);
+    buffer_free(&e->text);
+    buffer_free(&e->repeat);
     free(e);
 }
 
@@ -149,8 +150,8 @@ static bool check_scenario(one *o, FILE *messages)
 {
     const ecu_rows *e = o->rows;
     const campaign *c = e->campaign;
-    const cfg_file file = {.name = c->scenario_name, .text = buffer_first(&e->text.bytes),
-                           .size = buffer_length(&e->text.bytes)};
+    const cfg_file file = {.name = c->scenario_name, .text = buffer_first(&e->text),
+                           .size = buffer_length(&e->text)};
     cfg *config = e->text.no_memory ? NULL : cfg_load_text(&file, messages);
     if (!config)
         return false;
@@ -164,12 +165,12 @@ static bool check_scenario(one *o, FILE *messages)
 
 static bool ecu_row_write_scenario(const one *o)
 {
-    const rowtext *text = &o->rows->text;
+    const buffer *text = &o->rows->text;
     const int fd = ecu_folder_open(&o->folder, ECU_SCENARIO);
     if (fd < 0)
         return false;
-    const size_t length = buffer_length(&text->bytes);
-    const bool good = write(fd, buffer_first(&text->bytes), length) == (ssize_t)length;
+    const size_t length = buffer_length(text);
+    const bool good = write(fd, buffer_first(text), length) == (ssize_t)length;
     return close(fd) == 0 && good;
 }
 
@@ -226,7 +227,7 @@ static outcome outcome_of(ecu_verdict verdict)
 }
 
 /* Writes what the journal tells. */
-static outcome write_replay(one *o, rowtext *row)
+static outcome write_replay(one *o, buffer *row)
 {
     char file[PATH_MAX + 16];
     char *messages = NULL;
@@ -254,7 +255,7 @@ static bool is_own(const one *o)
 }
 
 /* Writes what the scenario of the program tells. Returns false when there is none. */
-static bool write_own(one *o, rowtext *row, outcome *result)
+static bool write_own(one *o, buffer *row, outcome *result)
 {
     char file[PATH_MAX + 16];
     (void)snprintf(file, sizeof file, "%s/" ECU_RESULT, o->folder.files);
@@ -271,7 +272,7 @@ static bool write_own(one *o, rowtext *row, outcome *result)
 }
 
 /* Writes how a program has ended. */
-static void write_end(rowtext *row, const ecu_end *end)
+static void write_end(buffer *row, const ecu_end *end)
 {
     char text[32] = "running";
     if (!end->started)
@@ -282,64 +283,60 @@ static void write_end(rowtext *row, const ecu_end *end)
         (void)snprintf(text, sizeof text, "signal %s", sigabbrev_np(WTERMSIG(end->status)));
     else if (end->ended)
         (void)snprintf(text, sizeof text, "exit %d", WEXITSTATUS(end->status));
-    rowtext_string(row, "end", text);
+    jsontext_string(row, "end", text);
 }
 
-static void write_ready(rowtext *row, const ecu_end *end)
+static void write_ready(buffer *row, const ecu_end *end)
 {
-    char text[64];
-    rowtext_key(row, "ready");
-    (void)snprintf(text, sizeof text, "%" PRIu64 ".%09" PRIu64, end->ready_ns / 1000000000u,
-                   end->ready_ns % 1000000000u);
-    rowtext_put(row, end->ready && end->ready_ns != ECU_NO_TIME ? text : "null");
+    jsontext_key(row, "ready");
+    if (end->ready && end->ready_ns != ECU_NO_TIME)
+        buffer_print(row, "%" PRIu64 ".%09" PRIu64, end->ready_ns / 1000000000u,
+                     end->ready_ns % 1000000000u);
+    else
+        buffer_put(row, "null");
 }
 
-static void write_ecus(const one *o, rowtext *row, bool kept)
+static void write_ecus(const one *o, buffer *row, bool kept)
 {
     const ecu_plan *plan = &o->rows->campaign->ecus;
     char log[PATH_MAX + 128];
-    rowtext_key(row, "ecus");
-    rowtext_put(row, "{");
+    jsontext_value(row, "ecus", "{");
     for (size_t i = 0; i < plan->count; i++) {
-        rowtext_key(row, plan->list[i].name);
-        rowtext_put(row, "{");
+        jsontext_value(row, plan->list[i].name, "{");
         write_ready(row, &o->result.ends[i]);
         write_end(row, &o->result.ends[i]);
         (void)snprintf(log, sizeof log, "%s/row-%" PRIu64 "/%s.log", o->rows->shown, o->number,
                        plan->list[i].name);
         if (kept)
-            rowtext_string(row, "log", log);
-        rowtext_put(row, "}");
+            jsontext_string(row, "log", log);
+        buffer_put(row, "}");
     }
-    rowtext_put(row, "}");
+    buffer_put(row, "}");
 }
 
 /* The journal repeats a row exactly, as long as it is there; so does the scenario of a program. */
-static void write_replay_command(const one *o, rowtext *row)
+static void write_replay_command(const one *o, buffer *row)
 {
     char text[PATH_MAX + 64];
-    rowtext *command = &o->rows->repeat;
+    buffer *command = &o->rows->repeat;
     (void)snprintf(text, sizeof text, "%s/row-%" PRIu64 "/%s", o->rows->shown, o->number,
                    is_own(o) ? ECU_RESULT : ECU_JOURNAL);
     shellword_begin(command, is_own(o) ? "canwire sim" : "canwire sim --journal", text);
-    (void)snprintf(text, sizeof text, " --until %" PRIu64 "ns", o->result.end_ns);
     if (o->result.end_ns != ECU_NO_TIME)
-        rowtext_put(command, text);
-    (void)buffer_append(&command->bytes, "", 1);
-    rowtext_string(row, "replay", command->no_memory ? "" : buffer_first(&command->bytes));
+        buffer_print(command, " --until %" PRIu64 "ns", o->result.end_ns);
+    const char *replay = buffer_text(command);
+    jsontext_string(row, "replay", replay ? replay : "");
 }
 
-static void write_repeat(const one *o, rowtext *row)
+static void write_repeat(const one *o, buffer *row)
 {
-    char text[64];
-    rowtext *repeat = &o->rows->repeat;
+    buffer *repeat = &o->rows->repeat;
     shellword_begin(repeat, "canwire campaign run", o->rows->campaign->file);
-    (void)snprintf(text, sizeof text, " --only %" PRIu64, o->number);
-    rowtext_put(repeat, text);
-    rowtext_end(row, repeat);
+    buffer_print(repeat, " --only %" PRIu64, o->number);
+    outcome_end_row(row, repeat);
 }
 
-static outcome write_row(one *o, rowtext *row, bool has_journal)
+static outcome write_row(one *o, buffer *row, bool has_journal)
 {
     outcome result = outcome_of(o->result.verdict);
     if (has_journal && is_own(o))
@@ -361,7 +358,7 @@ static outcome write_row(one *o, rowtext *row, bool has_journal)
 }
 
 /* Returns false when the values make no scenario, which is in the row then. */
-static bool ecu_row_begin(one *o, rowtext *row)
+static bool ecu_row_begin(one *o, buffer *row)
 {
     char *messages = NULL;
     size_t size = 0;
@@ -374,7 +371,7 @@ static bool ecu_row_begin(one *o, rowtext *row)
     return good;
 }
 
-outcome ecu_row(ecu_rows *e, uint64_t number, rowtext *row)
+outcome ecu_row(ecu_rows *e, uint64_t number, buffer *row)
 {
     one o = {.rows = e, .number = number, .folder.fd = -1, .result.end_ns = ECU_NO_TIME};
     choice choices[CAMPAIGN_FACTORS_MAX];
@@ -382,7 +379,7 @@ outcome ecu_row(ecu_rows *e, uint64_t number, rowtext *row)
     sample_choose(choices, e->campaign, number);
     (void)variant_seed(&seed, e->campaign, choices);
     runner_begin(e->runner, number, row);
-    rowtext_clear(&e->text);
+    buffer_clear(&e->text);
     variant_text(&e->text, e->campaign, choices);
     if (!ecu_row_begin(&o, row)) {
         write_repeat(&o, row);

@@ -21,7 +21,7 @@ ecu_rows *ecu_rows_new(const campaign *c, runner *r, const char *work, bool keep
 void ecu_rows_free(ecu_rows *e);
 
 /* Runs a row and writes it as a line. Returns its outcome. */
-outcome ecu_row(ecu_rows *e, uint64_t number, rowtext *row);
+outcome ecu_row(ecu_rows *e, uint64_t number, buffer *row);
 
 /* Returns the time that a row may take at most, with its begin and end. */
 int64_t ecu_rows_limit_ms(const campaign *c);

@@ -6,6 +6,7 @@
  */
 #include "campaign/ecu/ecu_text.h"
 
+#include "base/jsontext.h"
 #include "base/yamlfile.h"
 #include "campaign/ecu/ecu_folder.h"
 #include "campaign/splice.h"
@@ -17,7 +18,7 @@
 #define NO_MEMORY "out of memory"
 
 typedef struct change {
-    rowtext *text;
+    buffer *text;
     arena *memory;
     const ecu_changes *wanted;
     yaml_document_t document;
@@ -41,8 +42,8 @@ static const char *ecu_text_load(change *c)
     diag *errors = arena_alloc(c->memory, sizeof *errors);
     if (!errors || c->text->no_memory)
         return NO_MEMORY;
-    if (yaml_text_load(&c->document, buffer_first(&c->text->bytes),
-                       buffer_length(&c->text->bytes), &yaml_file_limits, errors))
+    if (yaml_text_load(&c->document, buffer_first(c->text), buffer_length(c->text),
+                       &yaml_file_limits, errors))
         wrong = NULL;
     FILE *nowhere = fopen("/dev/null", "re");
     if (nowhere) {
@@ -53,18 +54,17 @@ static const char *ecu_text_load(change *c)
 }
 
 /* Replaces what is at the place by a value in JSON. */
-static void apply(rowtext *text, const splice_place *place, const char *value)
+static void apply(buffer *text, const splice_place *place, const char *value)
 {
-    rowtext changed = {.no_memory = false};
-    const char *all = buffer_first(&text->bytes);
-    const size_t size = buffer_length(&text->bytes);
-    const bool good = buffer_append(&changed.bytes, all, place->begin);
-    rowtext_put(&changed, place->before);
-    rowtext_put(&changed, value);
-    rowtext_put(&changed, place->after);
-    if (!good || !buffer_append(&changed.bytes, all + place->end, size - place->end))
-        changed.no_memory = true;
-    rowtext_free(text);
+    buffer changed = {.data = NULL};
+    const char *all = buffer_first(text);
+    const size_t size = buffer_length(text);
+    (void)buffer_append(&changed, all, place->begin);
+    buffer_put(&changed, place->before);
+    buffer_put(&changed, value);
+    buffer_put(&changed, place->after);
+    (void)buffer_append(&changed, all + place->end, size - place->end);
+    buffer_free(text);
     *text = changed;
 }
 
@@ -76,9 +76,9 @@ static const char *set_json(change *c, const char *path, const char *value)
     const char *wrong = ecu_text_load(c);
     if (wrong)
         return wrong;
-    const splice_text t = {.text = buffer_first(&c->text->bytes),
-                           .size = buffer_length(&c->text->bytes),
-                           .document = &c->document, .memory = c->memory};
+    const splice_text t = {.text = buffer_first(c->text),
+                           .size = buffer_length(c->text), .document = &c->document,
+                           .memory = c->memory};
     wrong = path && value ? splice_find(&place, &t, path, &rule) : NO_MEMORY;
     if (!wrong)
         apply(c->text, &place, value);
@@ -89,13 +89,11 @@ static const char *set_json(change *c, const char *path, const char *value)
 /* Sets the value at a path to a text. */
 static const char *ecu_text_set(change *c, const char *path, const char *text)
 {
-    rowtext quoted = {.no_memory = !text};
-    rowtext_quoted(&quoted, text ? text : "");
-    const char *value = quoted.no_memory ? NULL
-                                         : arena_print(c->memory, "%.*s",
-                                                       (int)buffer_length(&quoted.bytes),
-                                                       buffer_first(&quoted.bytes));
-    rowtext_free(&quoted);
+    buffer quoted = {.no_memory = !text};
+    jsontext_quoted(&quoted, text ? text : "");
+    const char *json = buffer_text(&quoted);
+    const char *value = json ? arena_print(c->memory, "%s", json) : NULL;
+    buffer_free(&quoted);
     return set_json(c, path, value);
 }
 
@@ -234,7 +232,7 @@ static const char *set_next_file(change *c, bool *done)
     return *done ? NULL : ecu_text_set(c, found.path, whole);
 }
 
-const char *ecu_text_change(rowtext *text, const ecu_changes *changes, arena *memory)
+const char *ecu_text_change(buffer *text, const ecu_changes *changes, arena *memory)
 {
     change c = {.text = text, .memory = memory, .wanted = changes};
     const char *wrong = NULL;

@@ -6,7 +6,9 @@
 #define CANWIRE_CAMPAIGN_ECU_ECU_TEXT_H
 
 #include "campaign/campaign.h"
-#include "campaign/rowtext.h"
+#include "base/buffer.h"
+
+#include <stdint.h>
 
 /* The differences to the scenario. */
 typedef struct ecu_changes {
@@ -25,6 +27,6 @@ void ecu_port_path(char out[ECU_SOCKET_MAX], const ecu_changes *changes, size_t 
 /* Puts ports, control socket and absolute paths of files into a text, in its place. A
  * program that is the bus by itself needs only the paths. Returns NULL, or what is wrong, in
  * memory of the arena. */
-const char *ecu_text_change(rowtext *text, const ecu_changes *changes, arena *memory);
+const char *ecu_text_change(buffer *text, const ecu_changes *changes, arena *memory);
 
 #endif

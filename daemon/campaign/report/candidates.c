@@ -4,8 +4,9 @@
  */
 #include "campaign/report/candidates.h"
 
+#include "base/jsontext.h"
 #include "campaign/report/memory.h"
-#include "campaign/rowtext.h"
+#include "base/buffer.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -22,22 +23,22 @@ static unsigned degraded_of(const report_row *row)
 }
 
 /* Writes the kind of a row. */
-static void write_kind(rowtext *kind, const report_row *row, const row_signs *signs)
+static void write_kind(buffer *kind, const report_row *row, const row_signs *signs)
 {
     static const char *const keys[] = {"type", "field", "role", "node"};
-    rowtext_number(kind, "degraded", degraded_of(row));
-    rowtext_put(kind, "\n");
+    jsontext_number(kind, "degraded", degraded_of(row));
+    buffer_put(kind, "\n");
     for (size_t i = 0; i < json_array_size(row->failed); i++) {
         if (row_signs_has(signs, report_row_failed(row, i)))
             continue;
-        rowtext_put(kind, report_row_failed(row, i));
-        rowtext_put(kind, "\n");
+        buffer_put(kind, report_row_failed(row, i));
+        buffer_put(kind, "\n");
     }
     for (size_t i = 0; i < sizeof keys / sizeof keys[0] && row->first_error; i++) {
-        rowtext_put(kind, candidates_text_of(row->first_error, keys[i]));
-        rowtext_put(kind, "\n");
+        buffer_put(kind, candidates_text_of(row->first_error, keys[i]));
+        buffer_put(kind, "\n");
     }
-    (void)buffer_append(&kind->bytes, "", 1);
+    (void)buffer_text(kind);
 }
 
 static const char *first_failed(const report_row *row, const row_signs *signs)
@@ -104,11 +105,11 @@ static bool candidates_make_room(candidates *c, const report_row *row, const cha
 
 void candidates_add(candidates *c, const report_row *row, const row_signs *signs)
 {
-    rowtext kind = {.no_memory = false};
+    buffer kind = {.data = NULL};
     write_kind(&kind, row, signs);
-    if (candidates_make_room(c, row, buffer_first(&kind.bytes))) {
+    if (candidates_make_room(c, row, buffer_first(&kind))) {
         const char *failed = first_failed(row, signs);
-        const candidate added = {.kind = memory_text(buffer_first(&kind.bytes)),
+        const candidate added = {.kind = memory_text(buffer_first(&kind)),
                                  .expectation = failed ? memory_text(failed) : NULL,
                                  .repeat = memory_text(row->repeat),
                                  .degraded = degraded_of(row),
@@ -117,7 +118,7 @@ void candidates_add(candidates *c, const report_row *row, const row_signs *signs
                                  .end_ns = row->end_ns};
         put_in(c, &added, row);
     }
-    rowtext_free(&kind);
+    buffer_free(&kind);
 }
 
 void candidates_free(candidates *c)

@@ -93,11 +93,11 @@ static bool intake_begin(intake *in, const char *line, size_t length)
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
 /* Returns true when a row begins as the campaign says, perhaps with other blanks. */
-static bool has_values(const report_row *row, const rowtext *head)
+static bool has_values(const report_row *row, const buffer *head)
 {
     static const char end[] = ",\"outcome\":\"";
-    const size_t length = buffer_length(&head->bytes) - strlen(end);
-    char *text = memory_print("%.*s}", (int)length, buffer_first(&head->bytes));
+    const size_t length = buffer_length(head) - strlen(end);
+    char *text = memory_print("%.*s}", (int)length, buffer_first(head));
     json_t *wanted = report_row_load(text, length + 1);
     const bool same = json_equal(json_object_get(wanted, "factors"), row->factors) &&
                       json_equal(json_object_get(wanted, "seed"),
@@ -113,12 +113,12 @@ static bool check_values(intake *in, const report_row *row, const char *line, si
     if (row->number >= c->rows)
         return intake_complain(in, "%s has no row %" PRIu64 ", its last one is %" PRIu64, c->file,
                                row->number, c->rows - 1);
-    rowtext head = {.no_memory = false};
+    buffer head = {.data = NULL};
     runner_head(in->runner, row->number, &head);
-    const size_t size = buffer_length(&head.bytes);
-    const bool same = (length > size && memcmp(line, buffer_first(&head.bytes), size) == 0) ||
+    const size_t size = buffer_length(&head);
+    const bool same = (length > size && memcmp(line, buffer_first(&head), size) == 0) ||
                       has_values(row, &head);
-    rowtext_free(&head);
+    buffer_free(&head);
     return same ||
            intake_complain(in,
                            "row %" PRIu64 " has other values than %s says; is it of another "

@@ -41,6 +41,15 @@ char *memory_text(const char *text)
     return copy;
 }
 
+char *memory_of_buffer(buffer *b)
+{
+    if (!buffer_text(b))
+        memory_give_up();
+    char *text = memory_text(buffer_first(b));
+    buffer_free(b);
+    return text;
+}
+
 char *memory_print(const char *format, ...)
 {
     va_list args;

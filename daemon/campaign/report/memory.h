@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CAMPAIGN_REPORT_MEMORY_H
 #define CANWIRE_CAMPAIGN_REPORT_MEMORY_H
 
-#include <stddef.h>
+#include "base/buffer.h"
 
 /* Makes room for `count` items in a list, or in a new one (NULL). Returns it; the caller frees it.
  * New items are not set. */
@@ -16,6 +16,9 @@ void *memory_grow(void *list, size_t *room, size_t count, size_t item_bytes);
 
 /* Returns a copy of a text, to be freed. */
 char *memory_text(const char *text);
+
+/* Returns the text of a buffer, which is empty then; to be freed. */
+char *memory_of_buffer(buffer *b);
 
 /* Returns a formatted text, to be freed. */
 char *memory_print(const char *format, ...) __attribute__((format(printf, 1, 2)));

@@ -108,15 +108,15 @@ static bool does_the_same(work *w)
 static bool minimise_load(work *w, uint64_t without)
 {
     const minimise_task *task = w->task;
-    rowtext text = {.no_memory = false};
+    buffer text = {.data = NULL};
     if (task->campaign)
         variant_text_without(&text, task->campaign, task->choices, without);
     else
-        text.no_memory = !buffer_append(&text.bytes, task->text, task->size);
+        (void)buffer_append(&text, task->text, task->size);
     const bool good = !text.no_memory && bundle_load(&w->bundle, task->name,
-                                                     buffer_first(&text.bytes),
-                                                     buffer_length(&text.bytes));
-    rowtext_free(&text);
+                                                     buffer_first(&text),
+                                                     buffer_length(&text));
+    buffer_free(&text);
     return good;
 }
 

@@ -27,20 +27,20 @@ static uint64_t possible_values(const factor *f)
 /* Adds the values that a campaign lists, so that values without a row are known. */
 static void add_values(dimension *d, const factor *f)
 {
-    rowtext text = {.no_memory = false};
+    buffer text = {.data = NULL};
     d->possible = possible_values(f);
     if ((f->kind != FACTOR_LIST && f->kind != FACTOR_RANGE) || f->count > DIMENSION_VALUES_MAX)
         return;
     for (uint64_t i = 0; i < f->count; i++) {
-        rowtext_clear(&text);
+        buffer_clear(&text);
         sample_value(&text, f, &(choice){.index = i});
-        json_t *value = json_loadb(buffer_first(&text.bytes), buffer_length(&text.bytes),
+        json_t *value = json_loadb(buffer_first(&text), buffer_length(&text),
                                    JSON_DECODE_ANY, NULL);
         (void)dimension_find(d, value_text(&text, value));
         json_decref(value);
     }
     d->possible = d->count; /* a list may have a value twice */
-    rowtext_free(&text);
+    buffer_free(&text);
 }
 
 static void add_group(report *r, const char *name, const char *part)
@@ -96,7 +96,7 @@ static void report_count(dimension *d, const char *text, row_class class)
 static void add_factors(report *r, const report_row *row)
 {
     uint32_t numbers[CAMPAIGN_FACTORS_MAX] = {0};
-    rowtext text = {.no_memory = false};
+    buffer text = {.data = NULL};
     size_t group = 0;
     for (size_t i = 0; i < r->factor_count; i++) {
         dimension *d = &r->factors[i];
@@ -108,7 +108,7 @@ static void add_factors(report *r, const report_row *row)
         report_count(&r->groups[group++], value_frame(value), row->class);
         report_count(&r->groups[group++], value_field(&text, value), row->class);
     }
-    rowtext_free(&text);
+    buffer_free(&text);
     pairs_add(&r->pairs, numbers, row->class);
 }
 

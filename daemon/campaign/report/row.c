@@ -39,21 +39,21 @@ static bool find_outcome(outcome *out, const char *name)
 
 /* Appends a run of digits, in quotes when it is too large for an integer of jansson. Returns its
  * length. */
-static size_t put_digits(rowtext *out, const char *at, size_t left)
+static size_t put_digits(buffer *out, const char *at, size_t left)
 {
     size_t length = 0;
     while (length < left && at[length] >= '0' && at[length] <= '9')
         length++;
     if (length >= LARGE_DIGITS)
-        rowtext_put(out, "\"");
-    (void)buffer_append(&out->bytes, at, length);
+        buffer_put(out, "\"");
+    (void)buffer_append(out, at, length);
     if (length >= LARGE_DIGITS)
-        rowtext_put(out, "\"");
+        buffer_put(out, "\"");
     return length;
 }
 
 /* Puts large numbers of a line in quotes. */
-static void quote_large(rowtext *out, const char *line, size_t length)
+static void quote_large(buffer *out, const char *line, size_t length)
 {
     bool in_string = false;
     for (size_t i = 0; i < length;) {
@@ -63,7 +63,7 @@ static void quote_large(rowtext *out, const char *line, size_t length)
             continue;
         const size_t count = in_string && line[i] == '\\' && i + 1 < length ? 2 : 1;
         in_string ^= line[i] == '"';
-        (void)buffer_append(&out->bytes, line + i, count);
+        (void)buffer_append(out, line + i, count);
         i += count;
     }
 }
@@ -74,11 +74,11 @@ static json_t *row_load(const char *line, size_t length, json_error_t *error)
     json_t *object = json_loadb(line, length, JSON_REJECT_DUPLICATES, error);
     if (object || json_error_code(error) != json_error_numeric_overflow)
         return object;
-    rowtext quoted = {.no_memory = false};
+    buffer quoted = {.data = NULL};
     quote_large(&quoted, line, length);
-    object = json_loadb(buffer_first(&quoted.bytes), buffer_length(&quoted.bytes),
+    object = json_loadb(buffer_first(&quoted), buffer_length(&quoted),
                         JSON_REJECT_DUPLICATES, error);
-    rowtext_free(&quoted);
+    buffer_free(&quoted);
     return object;
 }
 

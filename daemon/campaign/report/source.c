@@ -11,12 +11,12 @@
 #include <string.h>
 
 /* Returns the next word; "" at the end. */
-static const char *next(rowtext *word, const char **line)
+static const char *next(buffer *word, const char **line)
 {
-    return shellword_take(word, line) ? buffer_first(&word->bytes) : "";
+    return shellword_take(word, line) ? buffer_first(word) : "";
 }
 
-static void read_options(row_source *out, rowtext *word, const char *line)
+static void read_options(row_source *out, buffer *word, const char *line)
 {
     for (const char *text = next(word, &line); *text; text = next(word, &line)) {
         if (strcmp(text, "--until") != 0)
@@ -29,21 +29,21 @@ static void read_options(row_source *out, rowtext *word, const char *line)
 bool row_source_read(row_source *out, const report_row *row)
 {
     const char *line = row->repeat;
-    rowtext word = {.no_memory = false};
+    buffer word = {.data = NULL};
     *out = (row_source){.file = NULL};
     bool good = strcmp(next(&word, &line), "canwire") == 0;
     out->is_campaign = good && strcmp(next(&word, &line), "campaign") == 0;
     if (out->is_campaign)
         good = strcmp(next(&word, &line), "run") == 0;
     else
-        good = good && strcmp(buffer_first(&word.bytes), "sim") == 0;
+        good = good && strcmp(buffer_first(&word), "sim") == 0;
     const char *file = good ? next(&word, &line) : "";
     good = *file != '\0' && out->is_campaign == row->has_number;
     if (good) {
         out->file = memory_text(file);
         read_options(out, &word, line);
     }
-    rowtext_free(&word);
+    buffer_free(&word);
     return good;
 }
 

@@ -4,6 +4,7 @@
  */
 #include "campaign/report/trial.h"
 
+#include "base/jsontext.h"
 #include "campaign/pool.h"
 #include "campaign/report/memory.h"
 #include "campaign/tally.h"
@@ -21,16 +22,16 @@ typedef struct trying {
     trial_result result;
 } trying;
 
-static void begin_row(rowtext *row)
+static void begin_row(buffer *row)
 {
-    rowtext_put(row, "{");
-    rowtext_number(row, "seed", 0);
+    buffer_put(row, "{");
+    jsontext_number(row, "seed", 0);
 }
 
-static void end_row(rowtext *row)
+static void end_row(buffer *row)
 {
-    rowtext_string(row, "repeat", "");
-    rowtext_put(row, "}\n");
+    jsontext_string(row, "repeat", "");
+    buffer_put(row, "}\n");
 }
 
 static scenario *open_scenario(const trial *t)
@@ -46,7 +47,7 @@ static scenario *open_scenario(const trial *t)
     return NULL;
 }
 
-static void put_spells(rowtext *out, const scenario_bus *b)
+static void put_spells(buffer *out, const scenario_bus *b)
 {
     const observation *seen = &b->seen;
     for (size_t i = 0; i < b->config->node_count; i++) {
@@ -54,33 +55,29 @@ static void put_spells(rowtext *out, const scenario_bus *b)
         if (!unwell && seen->back_tick[i] == 0)
             continue;
         char *key = memory_print("%s:%s", b->config->bus_name, b->config->nodes[i].name);
-        char *value = memory_print("[%" PRId64 ",%" PRId64 "]",
-                                   unwell ? (int64_t)seen->left_tick[i] : -1,
-                                   (int64_t)seen->back_tick[i]);
-        rowtext_key(out, key);
-        rowtext_put(out, value);
+        jsontext_key(out, key);
+        buffer_print(out, "[%" PRId64 ",%" PRId64 "]",
+                     unwell ? (int64_t)seen->left_tick[i] : -1, (int64_t)seen->back_tick[i]);
         free(key);
-        free(value);
     }
 }
 
 /* Rows have no such key. */
-static void write_spells(rowtext *row, const scenario *s)
+static void write_spells(buffer *row, const scenario *s)
 {
-    rowtext_key(row, SPELLS);
-    rowtext_put(row, "{");
+    jsontext_value(row, SPELLS, "{");
     for (size_t i = 0; i < s->count; i++)
         put_spells(row, &s->buses[i]);
-    rowtext_put(row, "}");
+    buffer_put(row, "}");
 }
 
-static void write_result(rowtext *row, const scenario *s)
+static void write_result(buffer *row, const scenario *s)
 {
     write_spells(row, s);
     (void)outcome_write(row, s);
 }
 
-static unsigned char trial_make(void *user, uint64_t number, rowtext *row)
+static unsigned char trial_make(void *user, uint64_t number, buffer *row)
 {
     const trying *y = user;
     scenario *s = open_scenario(y->trial);
@@ -97,7 +94,7 @@ static unsigned char trial_make(void *user, uint64_t number, rowtext *row)
     return 0;
 }
 
-static unsigned char trial_lose(void *user, uint64_t number, const pool_loss *loss, rowtext *row)
+static unsigned char trial_lose(void *user, uint64_t number, const pool_loss *loss, buffer *row)
 {
     (void)user;
     (void)number;

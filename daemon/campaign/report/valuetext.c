@@ -9,11 +9,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const char *end_text(rowtext *out)
+static const char *end_text(buffer *out)
 {
-    if (!buffer_append(&out->bytes, "", 1) || out->no_memory)
+    const char *text = buffer_text(out);
+    if (!text)
         json_no_memory();
-    return buffer_first(&out->bytes);
+    return text;
 }
 
 static const char *string_of(const json_t *object, const char *key)
@@ -42,51 +43,50 @@ const char *value_frame(const json_t *value)
 }
 
 /* Writes a place, or its field: "crc[3] stuff" is in the field "crc stuff". */
-static void put_place(rowtext *out, const char *place, bool field)
+static void put_place(buffer *out, const char *place, bool field)
 {
     const size_t length = strcspn(place, "[");
     const char *behind = strchr(place, ' ');
     if (!field) {
-        rowtext_put(out, place);
+        buffer_put(out, place);
         return;
     }
-    for (size_t i = 0; i < length; i++)
-        rowtext_put(out, (const char[]){place[i], '\0'});
+    (void)buffer_append(out, place, length);
     if (behind && place[length] == '[')
-        rowtext_put(out, behind);
+        buffer_put(out, behind);
 }
 
-static void put_places(rowtext *out, const json_t *value, bool field)
+static void put_places(buffer *out, const json_t *value, bool field)
 {
     const char *place;
     for (size_t i = 0; (place = valuetext_place_of(value, i)) != NULL; i++) {
-        rowtext_put(out, i > 0 ? " + " : "");
+        buffer_put(out, i > 0 ? " + " : "");
         put_place(out, place, field);
     }
 }
 
-const char *value_field(rowtext *out, const json_t *value)
+const char *value_field(buffer *out, const json_t *value)
 {
-    rowtext_clear(out);
+    buffer_clear(out);
     put_places(out, value, true);
     return end_text(out);
 }
 
-const char *value_text(rowtext *out, const json_t *value)
+const char *value_text(buffer *out, const json_t *value)
 {
-    rowtext_clear(out);
+    buffer_clear(out);
     if (json_is_string(value)) {
-        rowtext_put(out, json_string_value(value));
+        buffer_put(out, json_string_value(value));
         return end_text(out);
     }
     if (value_is_space(value)) {
-        rowtext_put(out, value_frame(value));
-        rowtext_put(out, " ");
+        buffer_put(out, value_frame(value));
+        buffer_put(out, " ");
         put_places(out, value, false);
         return end_text(out);
     }
     char *text = json_dumps(value, JSON_COMPACT | JSON_ENCODE_ANY);
-    rowtext_put(out, text ? text : "null");
+    buffer_put(out, text ? text : "null");
     free(text);
     return end_text(out);
 }

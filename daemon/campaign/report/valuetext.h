@@ -5,13 +5,13 @@
 #ifndef CANWIRE_CAMPAIGN_REPORT_VALUETEXT_H
 #define CANWIRE_CAMPAIGN_REPORT_VALUETEXT_H
 
-#include "campaign/rowtext.h"
+#include "base/buffer.h"
 
 #include <jansson.h>
 
 /* Writes a value in place of the text before. A string stays as it is, a fault of a space becomes
  * frame and places, all else JSON. Returns the text. */
-const char *value_text(rowtext *out, const json_t *value);
+const char *value_text(buffer *out, const json_t *value);
 
 /* Returns true for a value of `each-bit` or `pairs-of-bits`. */
 bool value_is_space(const json_t *value);
@@ -21,6 +21,6 @@ const char *value_frame(const json_t *value);
 
 /* Writes the field, or the two fields, of such a value in place of the text before: "crc", "data
  * stuff", "id + crc". Returns the text. */
-const char *value_field(rowtext *out, const json_t *value);
+const char *value_field(buffer *out, const json_t *value);
 
 #endif

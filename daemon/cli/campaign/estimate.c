@@ -23,7 +23,7 @@
 typedef struct estimate {
     const campaign *campaign;
     runner *runner;
-    rowtext row;
+    buffer row;
     uint64_t count; /* of rows that are tried ... */
     uint64_t step;  /* ... each so far from the one before */
     uint64_t taken;
@@ -35,27 +35,25 @@ typedef struct estimate {
 
 /* ---- The process ----------------------------------------------------------------------------- */
 
-static unsigned char estimate_make(void *user, uint64_t number, rowtext *line)
+static unsigned char estimate_make(void *user, uint64_t number, buffer *line)
 {
     estimate *e = user;
-    char text[NUMBER_MAX];
     const int64_t start = wall_ns();
-    rowtext_clear(&e->row);
+    buffer_clear(&e->row);
     (void)runner_row(e->runner, number * e->step, &e->row);
-    (void)snprintf(text, sizeof text, "%" PRId64, wall_ns() - start);
-    rowtext_put(line, text);
+    buffer_print(line, "%" PRId64, wall_ns() - start);
     return 0;
 }
 
 static unsigned char estimate_lose(void *user, uint64_t number, const pool_loss *loss,
-                                   rowtext *line)
+                                   buffer *line)
 {
     estimate *e = user;
     if (e->lost == UINT64_MAX) {
         e->lost = number * e->step;
         e->timeout = loss->timeout;
     }
-    rowtext_put(line, "0");
+    buffer_put(line, "0");
     return 1;
 }
 
@@ -128,7 +126,7 @@ bool estimate_print(const campaign *c, unsigned jobs)
         return false;
     }
     print(&e, try_all(&e), jobs);
-    rowtext_free(&e.row);
+    buffer_free(&e.row);
     runner_free(e.runner);
     return !e.failed;
 }

@@ -16,7 +16,7 @@
 #define FIRST_ROWS 5u
 
 /* Returns true, with a message, when a part of a text is missing. */
-static bool lacks_memory(const rowtext *text)
+static bool lacks_memory(const buffer *text)
 {
     if (text->no_memory)
         fputs("canwire campaign: out of memory\n", stderr);
@@ -50,13 +50,13 @@ static void print_factors(const campaign *c)
 
 static bool print_value(const factor *f, const choice *chosen)
 {
-    rowtext value = {.no_memory = false};
+    buffer value = {.data = NULL};
     sample_value(&value, f, chosen);
+    const char *text = buffer_text(&value);
     const bool good = !lacks_memory(&value);
     if (good)
-        plain_print(stdout, " %s=%.*s", f->name, (int)buffer_length(&value.bytes),
-                    buffer_first(&value.bytes));
-    rowtext_free(&value);
+        plain_print(stdout, " %s=%s", f->name, text);
+    buffer_free(&value);
     return good;
 }
 
@@ -104,7 +104,7 @@ int campaign_plan(const campaign *c, unsigned jobs)
 int campaign_show(const campaign *c, uint64_t number)
 {
     choice choices[CAMPAIGN_FACTORS_MAX];
-    rowtext text = {.no_memory = false};
+    buffer text = {.data = NULL};
     if (number >= c->rows) {
         plain_print(stderr,
                     "canwire campaign: there is no row %" PRIu64 ", the last one is %" PRIu64 "\n",
@@ -115,7 +115,7 @@ int campaign_show(const campaign *c, uint64_t number)
     variant_text(&text, c, choices);
     const bool good = !lacks_memory(&text);
     if (good)
-        (void)fwrite(buffer_first(&text.bytes), 1, buffer_length(&text.bytes), stdout);
-    rowtext_free(&text);
+        (void)fwrite(buffer_first(&text), 1, buffer_length(&text), stdout);
+    buffer_free(&text);
     return good ? CLI_OK : CLI_BAD_INPUT;
 }

@@ -117,36 +117,25 @@ char *report_scenario_name(const shortest *s, size_t i)
 char *report_scenario_command(const shortest *s, size_t i, const char *file)
 {
     const shortest_scenario *one = &s->list[i];
-    rowtext line = {.no_memory = false};
+    buffer line = {.data = NULL};
     shellword_begin(&line, "canwire sim", file);
-    char *seed = one->found.has_seed ? memory_print(" --seed %" PRIu64, one->seed)
-                                     : memory_text("");
-    char *until = one->found.has_until
-                      ? memory_print(" --until %sms", decimal(one->found.until_ns, 6).text)
-                      : memory_text("");
-    char *command = memory_print("%.*s%s%s", (int)buffer_length(&line.bytes),
-                                 buffer_first(&line.bytes), seed, until);
-    free(seed);
-    free(until);
-    rowtext_free(&line);
-    return command;
+    if (one->found.has_seed)
+        buffer_print(&line, " --seed %" PRIu64, one->seed);
+    if (one->found.has_until)
+        buffer_print(&line, " --until %sms", decimal(one->found.until_ns, 6).text);
+    return memory_of_buffer(&line);
 }
 
 char *report_scenario_why(const shortest_scenario *one)
 {
-    rowtext text = {.no_memory = false};
-    for (unsigned i = 0; i < DEGRADED_REASONS; i++) {
-        if (!(one->degraded >> i & 1u))
-            continue;
-        rowtext_put(&text, buffer_length(&text.bytes) > 0 ? ", " : ": ");
-        rowtext_put(&text, class_reason_name(i));
-    }
-    char *why = one->expectation
-                    ? memory_print(": %s", one->expectation)
-                    : memory_print("%.*s", (int)buffer_length(&text.bytes),
-                                   buffer_length(&text.bytes) > 0 ? buffer_first(&text.bytes) : "");
-    rowtext_free(&text);
-    return why;
+    buffer text = {.data = NULL};
+    if (one->expectation)
+        buffer_print(&text, ": %s", one->expectation);
+    for (unsigned i = 0; i < DEGRADED_REASONS && !one->expectation; i++)
+        if (one->degraded >> i & 1u)
+            buffer_print(&text, "%s%s", buffer_length(&text) > 0 ? ", " : ": ",
+                         class_reason_name(i));
+    return memory_of_buffer(&text);
 }
 
 char *report_others_text(const shortest *s)

@@ -21,18 +21,17 @@ typedef struct repeated {
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static bool resume_is_same(const rowtext *text, const char *line, size_t length)
+static bool resume_is_same(const buffer *text, const char *line, size_t length)
 {
-    return !text->no_memory && buffer_length(&text->bytes) == length &&
-           memcmp(buffer_first(&text->bytes), line, length) == 0;
+    return !text->no_memory && buffer_length(text) == length &&
+           memcmp(buffer_first(text), line, length) == 0;
 }
 
 static void resume_keep(resume_row *row, uint64_t number, const char *line, size_t length)
 {
-    rowtext_clear(&row->line);
+    buffer_clear(&row->line);
     row->number = number;
-    if (!buffer_append(&row->line.bytes, line, length))
-        row->line.no_memory = true;
+    (void)buffer_append(&row->line, line, length);
 }
 
 /* Leaves out every second row of those that are spread. */
@@ -93,16 +92,16 @@ static void count_row(resume *r, outcome o, const char *line, size_t length)
 
 bool resume_take(resume *r, const char *line, size_t length)
 {
-    rowtext head = {.no_memory = false};
+    buffer head = {.data = NULL};
     outcome o;
     if (r->there == r->count)
         return false;
     runner_head(r->runner, r->first + r->there, &head);
-    const size_t size = buffer_length(&head.bytes);
+    const size_t size = buffer_length(&head);
     const bool good = !head.no_memory && length > size &&
-                      memcmp(line, buffer_first(&head.bytes), size) == 0 &&
+                      memcmp(line, buffer_first(&head), size) == 0 &&
                       find_outcome(&o, line + size, length - size);
-    rowtext_free(&head);
+    buffer_free(&head);
     if (good)
         count_row(r, o, line, length);
     return good;
@@ -110,13 +109,13 @@ bool resume_take(resume *r, const char *line, size_t length)
 
 /* ---- Made again ------------------------------------------------------------------------------ */
 
-static unsigned char resume_make(void *user, uint64_t number, rowtext *line)
+static unsigned char resume_make(void *user, uint64_t number, buffer *line)
 {
     const repeated *again = user;
     return (unsigned char)runner_row(again->resume->runner, number, line);
 }
 
-static unsigned char resume_lose(void *user, uint64_t number, const pool_loss *loss, rowtext *line)
+static unsigned char resume_lose(void *user, uint64_t number, const pool_loss *loss, buffer *line)
 {
     repeated *again = user;
     again->lost = true;
@@ -195,6 +194,6 @@ bool resume_check(resume *r, const char *file)
 void resume_free(resume *r)
 {
     for (unsigned i = 0; i < RESUME_SPREAD; i++)
-        rowtext_free(&r->spread[i].line);
-    rowtext_free(&r->last.line);
+        buffer_free(&r->spread[i].line);
+    buffer_free(&r->last.line);
 }

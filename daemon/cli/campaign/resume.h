@@ -17,7 +17,7 @@
 
 typedef struct resume_row {
     uint64_t number;
-    rowtext line; /* "": there is none */
+    buffer line; /* "": there is none */
 } resume_row;
 
 /* All zeros, but for the first members, has no row. */

@@ -36,14 +36,14 @@ typedef struct run {
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static unsigned char run_make(void *user, uint64_t number, rowtext *row)
+static unsigned char run_make(void *user, uint64_t number, buffer *row)
 {
     const run *r = user;
     return (unsigned char)(r->ecus ? ecu_row(r->ecus, number, row)
                                    : runner_row(r->runner, number, row));
 }
 
-static unsigned char run_lose(void *user, uint64_t number, const pool_loss *loss, rowtext *row)
+static unsigned char run_lose(void *user, uint64_t number, const pool_loss *loss, buffer *row)
 {
     const run *r = user;
     return (unsigned char)runner_lost(r->runner, number, loss, row);

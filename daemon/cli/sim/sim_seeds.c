@@ -5,6 +5,7 @@
 #include "cli/sim/sim_seeds.h"
 
 #include "base/counted.h"
+#include "base/jsontext.h"
 #include "base/plain.h"
 #include "campaign/outcome.h"
 #include "campaign/pool.h"
@@ -21,42 +22,40 @@
 typedef struct seeds {
     const sim_seeds_options *options;
     scenario *scenario;
-    rowtext repeat;
+    buffer repeat;
     tally tally;
 } seeds;
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
 /* Writes the end of a row: the command that runs this seed alone. */
-static void write_repeat(seeds *s, rowtext *row, uint64_t seed)
+static void write_repeat(seeds *s, buffer *row, uint64_t seed)
 {
-    char number[NUMBER_MAX];
-    (void)snprintf(number, sizeof number, " --seed %" PRIu64, seed);
     shellword_begin(&s->repeat, "canwire sim", s->options->file);
-    rowtext_put(&s->repeat, number);
+    buffer_print(&s->repeat, " --seed %" PRIu64, seed);
     if (s->options->until_text) {
-        rowtext_put(&s->repeat, " --until ");
+        buffer_put(&s->repeat, " --until ");
         shellword_put(&s->repeat, s->options->until_text);
     }
-    rowtext_end(row, &s->repeat);
+    outcome_end_row(row, &s->repeat);
 }
 
-static unsigned char sim_seeds_make(void *user, uint64_t seed, rowtext *row)
+static unsigned char sim_seeds_make(void *user, uint64_t seed, buffer *row)
 {
     seeds *s = user;
-    rowtext_put(row, "{");
-    rowtext_number(row, "seed", seed);
+    buffer_put(row, "{");
+    jsontext_number(row, "seed", seed);
     const outcome o = scenario_run(s->scenario, &seed) ? outcome_write(row, s->scenario)
                                                        : outcome_write_broken(row, s->scenario);
     write_repeat(s, row, seed);
     return (unsigned char)o;
 }
 
-static unsigned char sim_seeds_lose(void *user, uint64_t seed, const pool_loss *loss, rowtext *row)
+static unsigned char sim_seeds_lose(void *user, uint64_t seed, const pool_loss *loss, buffer *row)
 {
     seeds *s = user;
-    rowtext_put(row, "{");
-    rowtext_number(row, "seed", seed);
+    buffer_put(row, "{");
+    jsontext_number(row, "seed", seed);
     const outcome o = tally_lost(row, loss);
     write_repeat(s, row, seed);
     return (unsigned char)o;
@@ -122,7 +121,7 @@ int sim_seeds_main(const sim_seeds_options *o)
     seeds s = {.options = o};
     const bool good = open_scenario(&s) && sim_seeds_run(&s);
     scenario_close(s.scenario);
-    rowtext_free(&s.repeat);
+    buffer_free(&s.repeat);
     if (!good)
         return CLI_BAD_INPUT;
     print_sum(&s);

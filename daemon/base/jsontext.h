@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * jsontext.h - writes JSON with keys in a fixed order, faster than jansson does: to a buffer, or to
+ * memory that has room.
+ */
+#ifndef CANWIRE_BASE_JSONTEXT_H
+#define CANWIRE_BASE_JSONTEXT_H
+
+#include "base/buffer.h"
+
+#include <stdint.h>
+
+/* Appends a text in quotes. */
+void jsontext_quoted(buffer *out, const char *text);
+
+/* Appends a comma where one is needed, and a text as it is: an item of a list, or its begin. */
+void jsontext_item(buffer *out, const char *text);
+
+/* Append a comma where one is needed, then "key": and the value. */
+void jsontext_number(buffer *out, const char *key, uint64_t value);
+void jsontext_string(buffer *out, const char *key, const char *text);
+void jsontext_seconds(buffer *out, const char *key, uint64_t ticks);
+void jsontext_value(buffer *out, const char *key, const char *text); /* ... as it is, or its begin */
+void jsontext_key(buffer *out, const char *key);                     /* ... without the value */
+
+#endif
