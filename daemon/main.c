@@ -2,6 +2,7 @@
  *
  * main.c - canwired: one bus, or the buses of a rig, in the foreground.
  */
+#include "base/chars.h"
 #include "base/counted.h"
 #include "base/jsonput.h"
 #include "base/log.h"
@@ -122,18 +123,7 @@ static void log_gateways(process *p)
         }
 }
 
-/* Returns the length of the line with a part in addition. */
-static size_t __attribute__((format(printf, 3, 4)))
-add_status(char line[STATUS_BYTES], size_t used, const char *format, ...)
-{
-    va_list args;
-    va_start(args, format);
-    int length = vsnprintf(line + used, STATUS_BYTES - used, format, args);
-    va_end(args);
-    used += length > 0 ? (size_t)length : 0;
-    return used < STATUS_BYTES ? used : STATUS_BYTES - 1;
-}
-
+/* Returns the length of the line with a bus in addition. */
 static size_t add_bus(char line[STATUS_BYTES], size_t used, const cfg *config,
                       const service_status *status, size_t buses)
 {
@@ -141,17 +131,18 @@ static size_t add_bus(char line[STATUS_BYTES], size_t used, const cfg *config,
     char files[SINKS_BYTES];
     (void)sinks_print(files, sizeof files / buses, &status->sinks);
     if (buses == 1)
-        return add_status(line, used,
-                          "%s: %s at %u bit/s, load %u.%u %%, %s, %s%s%s%s%s", config->bus_name,
-                          counted(config->node_count, "node").text, config->bitrate_bps,
-                          bus->load_permille / 10u, bus->load_permille % 10u,
-                          counted(bus->frames, "frame").text,
-                          counted(bus->error_frames, "error frame").text, status->trouble, files,
-                          *status->lost_rules ? "; " : "", status->lost_rules);
-    return add_status(line, used, "%s%s: load %u.%u %%%s%s%s%s%s%s", used > 0 ? "; " : "",
-                      config->bus_name, bus->load_permille / 10u, bus->load_permille % 10u,
-                      status->trouble, files, *status->lost_rules ? ", " : "",
-                      status->lost_rules, *status->refused ? REFUSED : "", status->refused);
+        return chars_print(line, STATUS_BYTES, used,
+                           "%s: %s at %u bit/s, load %u.%u %%, %s, %s%s%s%s%s", config->bus_name,
+                           counted(config->node_count, "node").text, config->bitrate_bps,
+                           bus->load_permille / 10u, bus->load_permille % 10u,
+                           counted(bus->frames, "frame").text,
+                           counted(bus->error_frames, "error frame").text, status->trouble, files,
+                           *status->lost_rules ? "; " : "", status->lost_rules);
+    return chars_print(line, STATUS_BYTES, used, "%s%s: load %u.%u %%%s%s%s%s%s%s",
+                       used > 0 ? "; " : "", config->bus_name, bus->load_permille / 10u,
+                       bus->load_permille % 10u, status->trouble, files,
+                       *status->lost_rules ? ", " : "", status->lost_rules,
+                       *status->refused ? REFUSED : "", status->refused);
 }
 
 static void report_status(process *p)

@@ -5,6 +5,8 @@
 #include "base/chars.h"
 
 #include <assert.h>
+#include <stdarg.h>
+#include <stdio.h>
 
 /* The decimal digits of 0 to 99 halve the number of divisions. */
 static const char pairs[] = "00010203040506070809101112131415161718192021222324"
@@ -62,4 +64,13 @@ char *chars_bytes(char *at, const uint8_t *bytes, unsigned count)
         *at++ = hex[bytes[i] & 0xFu];
     }
     return at;
+}
+
+size_t chars_print(char *text, size_t size, size_t used, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    const int length = used < size ? vsnprintf(text + used, size - used, format, args) : 0;
+    va_end(args);
+    return used + (length > 0 ? (size_t)length : 0);
 }

@@ -2,7 +2,8 @@
  *
  * chars.h - writes words and numbers into memory where printf would cost too much.
  *
- * Each function writes to `at`, which must have room, without a final 0, and returns the end.
+ * Each function but the last writes to `at`, which must have room, without a final 0, and returns
+ * the end.
  */
 #ifndef CANWIRE_BASE_CHARS_H
 #define CANWIRE_BASE_CHARS_H
@@ -36,5 +37,10 @@ char *chars_hex(char *at, uint32_t value, unsigned count);
 
 /* Writes two hexadecimal digits for each byte. */
 char *chars_bytes(char *at, const uint8_t *bytes, unsigned count);
+
+/* Appends as printf() does to a text of `used` characters, as far as its `size` bytes have room.
+ * Returns the length that it would have with more room. */
+size_t chars_print(char *text, size_t size, size_t used, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
 
 #endif

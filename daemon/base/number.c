@@ -328,14 +328,14 @@ void text_print_span(char out[TIME_TEXT_MAX], uint64_t ticks)
         digits += 3;
     }
     uint64_t part = ns % unit;
-    int used = snprintf(out, TIME_TEXT_MAX, "%" PRIu64, digits == 9 ? seconds : ns / unit);
+    char *end = chars_decimal(out, digits == 9 ? seconds : ns / unit);
     if (part > 0) {
-        used +=
-            snprintf(out + used, TIME_TEXT_MAX - (size_t)used, ".%0*" PRIu64, (int)digits, part);
-        while (out[used - 1] == '0')
-            used--;
+        *end++ = '.';
+        end = chars_digits(end, part, digits);
+        while (end[-1] == '0')
+            end--;
     }
-    strcpy(out + used, names[digits / 3]);
+    strcpy(end, names[digits / 3]);
 }
 
 char *text_print_log_time(char out[TIME_TEXT_MAX], uint64_t tick)

@@ -4,6 +4,7 @@
  */
 #include "base/sink.h"
 
+#include "base/chars.h"
 #include "base/jsonput.h"
 
 #include <assert.h>
@@ -65,10 +66,8 @@ static size_t print_one(char text[ONE_BYTES], const sink_info *s)
     char lost[REST_BYTES] = "";
     if (s->lost > 0)
         (void)snprintf(lost, sizeof lost, ", %" PRIu64 " lost", s->lost);
-    const int length = snprintf(text, ONE_BYTES, ", %s %.100s %s%s%.100s%s", kind_names[s->kind],
-                                short_name(s), s->state, s->why ? ": " : "", s->why ? s->why : "",
-                                lost);
-    return length > 0 ? (size_t)length : 0;
+    return chars_print(text, ONE_BYTES, 0, ", %s %.100s %s%s%.100s%s", kind_names[s->kind],
+                       short_name(s), s->state, s->why ? ": " : "", s->why ? s->why : "", lost);
 }
 
 size_t sinks_print(char *out, size_t size, const sink_list *all)
@@ -90,6 +89,6 @@ size_t sinks_print(char *out, size_t size, const sink_list *all)
         used += length;
     }
     if (left_out > 0)
-        used += (size_t)snprintf(out + used, size - used, ", %zu more (%zu bad)", left_out, bad);
+        used = chars_print(out, size, used, ", %zu more (%zu bad)", left_out, bad);
     return used;
 }

@@ -4,6 +4,7 @@
  */
 #include "cli/client.h"
 
+#include "base/chars.h"
 #include "base/jsonput.h"
 #include "base/plain.h"
 #include "base/wall.h"

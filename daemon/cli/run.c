@@ -5,6 +5,7 @@
  * The program gets a library (daemon/preload) that stands before the calls of the C library, and a
  * variable that tells it the interfaces.
  */
+#include "base/chars.h"
 #include "base/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
@@ -167,14 +168,13 @@ static bool set_interfaces(const run_request *r)
 {
     char text[TEXT_MAX];
     size_t used = 0;
-    for (unsigned i = 0; i < r->count && used < sizeof text; i++) {
+    for (unsigned i = 0; i < r->count; i++) {
         const run_node *n = &r->nodes[i];
         const char *second = second_name(r, n);
-        const int length = snprintf(text + used, sizeof text - used, "%s%s%s\t%u\t%s\t%s\t%s\n",
-                                    interface_of(n), second ? "," : "", second ? second : "",
-                                    n->fd ? (unsigned)CANFD_MTU : (unsigned)CAN_MTU,
-                                    n->guest ? "guest" : "node", n->name, n->path);
-        used += length > 0 ? (size_t)length : 0;
+        used = chars_print(text, sizeof text, used, "%s%s%s\t%u\t%s\t%s\t%s\n",
+                           interface_of(n), second ? "," : "", second ? second : "",
+                           n->fd ? (unsigned)CANFD_MTU : (unsigned)CAN_MTU,
+                           n->guest ? "guest" : "node", n->name, n->path);
     }
     return used < sizeof text && setenv(VARIABLE, text, 1) == 0;
 }

@@ -9,9 +9,7 @@
 #include "base/plain.h"
 
 #include <inttypes.h>
-#include <stdarg.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define SLEEPING "sleeping"
@@ -114,23 +112,6 @@ bool check_take_links(void *user, const char *text)
 
 /* ---- Findings -------------------------------------------------------------------------------- */
 
-/* Appends to a text, which grows. Without memory it stays as it is. */
-static void __attribute__((format(printf, 2, 3)))
-status_check_add(char **text, const char *format, ...)
-{
-    char *more = NULL, *all = NULL;
-    va_list args;
-    va_start(args, format);
-    if (vasprintf(&more, format, args) < 0)
-        more = NULL;
-    va_end(args);
-    if (more && asprintf(&all, "%s%s", *text ? *text : "", more) >= 0) {
-        free(*text);
-        *text = all;
-    }
-    free(more);
-}
-
 /* A bus that is critical matters more than one of which nothing is known. */
 static void raise_to(check *c, check_level level)
 {
@@ -171,13 +152,13 @@ static void status_check_check_node(check *c, const json_t *node)
         : strcmp(state, SLEEPING) == 0 ? CHECK_OK
                                        : CHECK_UNKNOWN;
     if (level > CHECK_OK)
-        status_check_add(&c->text, ", %s %s", status_check_text_of(node, "name"),
-                         *state ? state : "without a state");
+        buffer_print(&c->text, ", %s %s", status_check_text_of(node, "name"),
+                     *state ? state : "without a state");
     raise_to(c, level);
     if (c->limits.links == CHECK_OK || *link == '\0' || strcmp(link, "up") == 0 ||
         json_object_get(node, "guest"))
         return;
-    status_check_add(&c->text, ", %s link %s", status_check_text_of(node, "name"), link);
+    buffer_print(&c->text, ", %s link %s", status_check_text_of(node, "name"), link);
     raise_to(c, c->limits.links);
 }
 
@@ -186,9 +167,9 @@ static void check_sink(check *c, const json_t *sink)
     if (c->limits.sinks == CHECK_OK || json_is_true(json_object_get(sink, "good")))
         return;
     const char *why = status_check_text_of(sink, "why");
-    status_check_add(&c->text, ", %s %s %s%s%s", status_check_text_of(sink, "kind"),
-                     status_check_text_of(sink, "name"), status_check_text_of(sink, "state"),
-                     *why ? ": " : "", why);
+    buffer_print(&c->text, ", %s %s %s%s%s", status_check_text_of(sink, "kind"),
+                 status_check_text_of(sink, "name"), status_check_text_of(sink, "state"),
+                 *why ? ": " : "", why);
     raise_to(c, c->limits.sinks);
 }
 
@@ -199,7 +180,7 @@ static void check_rules(check *c, const json_t *status)
     const char *refused = status_check_text_of(status, "reload_refused");
     const json_t *kept = json_object_get(status, "kept_rules");
     if (*lost) {
-        status_check_add(&c->text, ", %s", lost);
+        buffer_print(&c->text, ", %s", lost);
         raise_to(c, CHECK_WARNING);
     }
     if (*unread) {
@@ -207,14 +188,14 @@ static void check_rules(check *c, const json_t *status)
         raise_to(c, CHECK_WARNING);
     }
     if (*refused) {
-        status_check_add(&c->text, ", reload refused: %s", refused);
+        buffer_print(&c->text, ", reload refused: %s", refused);
         raise_to(c, CHECK_WARNING);
     }
     for (size_t i = 0; i < json_array_size(kept); i++) {
         const json_t *one = json_array_get(kept, i);
         if (!json_is_true(json_object_get(one, "refused")))
             continue;
-        status_check_add(&c->text, ", rules of %s are refused", status_check_text_of(one, "name"));
+        buffer_print(&c->text, ", rules of %s are refused", status_check_text_of(one, "name"));
         raise_to(c, CHECK_WARNING);
     }
 }
@@ -222,14 +203,14 @@ static void check_rules(check *c, const json_t *status)
 /* Adds "powertrain_load=12.3%;70;90;0;100". */
 static void add_figure(check *c, const char *bus, uint64_t permille)
 {
-    status_check_add(&c->figures, " %s_load=%" PRIu64 ".%" PRIu64 "%%;", bus, permille / 10,
-                     permille % 10);
+    buffer_print(&c->figures, " %s_load=%" PRIu64 ".%" PRIu64 "%%;", bus, permille / 10,
+                 permille % 10);
     for (size_t i = CHECK_WARNING; i <= CHECK_CRITICAL; i++)
         if (c->limits.load_permille[i] > 0)
-            status_check_add(&c->figures, "%" PRIu64 ";", c->limits.load_permille[i] / 10);
+            buffer_print(&c->figures, "%" PRIu64 ";", c->limits.load_permille[i] / 10);
         else
-            status_check_add(&c->figures, ";");
-    status_check_add(&c->figures, "0;100");
+            buffer_print(&c->figures, ";");
+    buffer_print(&c->figures, "0;100");
 }
 
 /* Returns what a status lacks, or NULL when it is one. */
@@ -253,21 +234,22 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
     const json_t *nodes = json_object_get(status, "nodes");
     const json_t *sinks = json_object_get(status, "sinks");
     const uint64_t load = status_check_number_of(now, "load_second_permille");
+    if (buffer_length(&c->text) > 0)
+        buffer_put(&c->text, "; ");
     if (!status) {
-        status_check_add(&c->text, "%s%s", c->text ? "; " : "", why);
+        buffer_put(&c->text, why);
         raise_to(c, CHECK_CRITICAL);
         return;
     }
     if (lack_of(status)) {
-        status_check_add(&c->text, "%sbus %s: what it answers has not got %s", c->text ? "; " : "",
-                         bus, lack_of(status));
+        buffer_print(&c->text, "bus %s: what it answers has not got %s", bus, lack_of(status));
         raise_to(c, CHECK_UNKNOWN);
         return;
     }
-    status_check_add(&c->text, "%s%s: load %" PRIu64 ".%" PRIu64 " %%, %s, %s", c->text ? "; " : "",
-                     status_check_text_of(now, "name"), load / 10, load % 10,
-                     counted(json_array_size(nodes), "node").text,
-                     counted(json_array_size(sinks), "sink").text);
+    buffer_print(&c->text, "%s: load %" PRIu64 ".%" PRIu64 " %%, %s, %s",
+                 status_check_text_of(now, "name"), load / 10, load % 10,
+                 counted(json_array_size(nodes), "node").text,
+                 counted(json_array_size(sinks), "sink").text);
     raise_to(c, reached(load, c->limits.load_permille[CHECK_WARNING],
                         c->limits.load_permille[CHECK_CRITICAL]));
     add_figure(c, status_check_text_of(now, "name"), load);
@@ -278,15 +260,21 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
     check_rules(c, status);
 }
 
+static const char *plain_text(buffer *text)
+{
+    if (!buffer_text(text))
+        return "out of memory";
+    plain_make(buffer_first(text), '?');
+    return buffer_first(text);
+}
+
 int check_end(check *c)
 {
-    if (c->text)
-        plain_make(c->text, '?');
-    if (c->figures)
-        plain_make(c->figures, '?');
-    plain_print(stdout, "CANWIRE %s - %s%s%s\n", titles[c->level], c->text ? c->text : "no bus",
-                c->figures ? " |" : "", c->figures ? c->figures : "");
-    free(c->text);
-    free(c->figures);
+    const char *figures = plain_text(&c->figures);
+    plain_print(stdout, "CANWIRE %s - %s%s%s\n", titles[c->level],
+                buffer_length(&c->text) > 0 ? plain_text(&c->text) : "no bus",
+                *figures ? " |" : "", figures);
+    buffer_free(&c->text);
+    buffer_free(&c->figures);
     return (int)c->level;
 }

@@ -5,6 +5,8 @@
 #ifndef CANWIRE_CLI_STATUS_CHECK_H
 #define CANWIRE_CLI_STATUS_CHECK_H
 
+#include "base/buffer.h"
+
 #include <jansson.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -39,8 +41,8 @@ bool check_take_links(void *user, const char *text);
 typedef struct check {
     check_limits limits;
     check_level level;
-    char *text;
-    char *figures;
+    buffer text;
+    buffer figures;
 } check;
 
 void check_bus(check *c, const char *bus, const json_t *status, const char *why);

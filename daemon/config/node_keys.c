@@ -5,6 +5,7 @@
  * Readers of nodes, `defaults` and `guests`, rules that set, `canwire set` and its help, the JSON
  * schema and the man page all take them from here.
  */
+#include "base/chars.h"
 #include "config/live.h"
 #include "config/parts.h"
 #include "config/retime.h"
@@ -303,9 +304,9 @@ static void print_words(char *text, size_t size, const schema_choice *choice)
 {
     size_t used = 0;
 
-    for (; choice->name && used < size; choice++)
-        used += (size_t)snprintf(text + used, size - used, "%s%s", choice->name,
-                                 !choice[1].name ? "" : choice[2].name ? ", " : " or ");
+    for (; choice->name; choice++)
+        used = chars_print(text, size, used, "%s%s", choice->name,
+                           !choice[1].name ? "" : choice[2].name ? ", " : " or ");
 }
 
 void cfg_print_range(char *text, size_t size, const schema_key *key)

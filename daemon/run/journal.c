@@ -4,6 +4,7 @@
  */
 #include "run/journal.h"
 
+#include "base/chars.h"
 #include "base/epoch.h"
 #include "base/jsonput.h"
 #include "base/log.h"
@@ -357,9 +358,9 @@ static void print_time(char out[32], const cfg *config)
 static void print_names(char out[NAMES_BYTES], const journal *j)
 {
     size_t used = 0;
-    for (size_t i = 0; i < j->count && used < NAMES_BYTES; i++)
-        used += (size_t)snprintf(out + used, NAMES_BYTES - used, "%s%s", i > 0 ? ", " : "",
-                                 j->buses[i].config->bus_name);
+    for (size_t i = 0; i < j->count; i++)
+        used = chars_print(out, NAMES_BYTES, used, "%s%s", i > 0 ? ", " : "",
+                           j->buses[i].config->bus_name);
 }
 
 static void put_header(journal *j)

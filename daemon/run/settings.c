@@ -4,6 +4,7 @@
  */
 #include "run/settings.h"
 
+#include "base/chars.h"
 #include "base/jsonput.h"
 #include "base/nearest.h"
 #include "base/number.h"
@@ -55,11 +56,11 @@ static bool set_number(cw_settings *s, char *error, const schema_key *key, const
     uint64_t number = 0;
     if (!settings_read_number(&number, value) || number < range->min || number > range->max) {
         const char *text = json_string_value(value);
-        int used = snprintf(error, SETTINGS_ERROR_MAX,
-                            "%s: expected a number from %" PRIu64 " to %" PRIu64, key->name,
-                            range->min, range->max);
+        const size_t used = chars_print(error, SETTINGS_ERROR_MAX, 0,
+                                        "%s: expected a number from %" PRIu64 " to %" PRIu64,
+                                        key->name, range->min, range->max);
         if (text && text_meant_uint(&number, text) && number >= range->min && number <= range->max)
-            snprintf(error + used, SETTINGS_ERROR_MAX - (size_t)used, ", write %" PRIu64, number);
+            (void)chars_print(error, SETTINGS_ERROR_MAX, used, ", write %" PRIu64, number);
         return false;
     }
     cfg_put_number(s, key, number);
@@ -98,14 +99,12 @@ static bool refuse_key(char *error, const char *name)
                  name, guess.best);
         return false;
     }
-    used = (size_t)snprintf(error, SETTINGS_ERROR_MAX, "there is no setting '%.40s'; there are",
-                            name);
+    used = chars_print(error, SETTINGS_ERROR_MAX, 0, "there is no setting '%.40s'; there are", name);
     const char *between = " ";
     for (const schema_key *key = cfg_node_keys; key->name; key++) {
-        if (!cfg_is_live(key) || used >= SETTINGS_ERROR_MAX)
+        if (!cfg_is_live(key))
             continue;
-        used += (size_t)snprintf(error + used, SETTINGS_ERROR_MAX - used, "%s%s", between,
-                                 key->name);
+        used = chars_print(error, SETTINGS_ERROR_MAX, used, "%s%s", between, key->name);
         between = ", ";
     }
     return false;

@@ -7,6 +7,7 @@
  */
 #include "serve/confined.h"
 
+#include "base/chars.h"
 #include "base/log.h"
 #include "base/unit.h"
 #include "config/files.h"
@@ -126,8 +127,7 @@ static void name_port(char list[PORTS_BYTES], const char *name)
         warn_of_ports(list);
         *list = '\0';
     }
-    const size_t used = strlen(list);
-    (void)snprintf(list + used, PORTS_BYTES - used, "%s%s", used > 0 ? ", " : "", name);
+    (void)chars_print(list, PORTS_BYTES, strlen(list), "%s%s", *list ? ", " : "", name);
 }
 
 static void warn_of_hosts(const cfg *config)

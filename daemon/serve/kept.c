@@ -4,6 +4,7 @@
  */
 #include "serve/kept.h"
 
+#include "base/chars.h"
 #include "base/counted.h"
 #include "base/folder.h"
 #include "base/jsonput.h"
@@ -186,12 +187,12 @@ static void move_away(kept *k, const char *why)
 static void print_note(kept *k)
 {
     const size_t count = json_array_size(k->lost);
-    int used = snprintf(k->note, sizeof k->note, "%s %s lost with the crash at %s",
-                        counted(count, "injected rule").text, count == 1 ? "was" : "were",
-                        k->crashed);
-    for (size_t i = 0; i < count && used > 0 && (size_t)used < sizeof k->note; i++)
-        used += snprintf(k->note + used, sizeof k->note - (size_t)used, "%s%s", i > 0 ? ", " : ": ",
-                         json_string_value(json_array_get(k->lost, i)));
+    size_t used = chars_print(k->note, sizeof k->note, 0, "%s %s lost with the crash at %s",
+                              counted(count, "injected rule").text, count == 1 ? "was" : "were",
+                              k->crashed);
+    for (size_t i = 0; i < count; i++)
+        used = chars_print(k->note, sizeof k->note, used, "%s%s", i > 0 ? ", " : ": ",
+                           json_string_value(json_array_get(k->lost, i)));
 }
 
 /* Notes what this crash has lost, and earlier ones after which nobody has been here. */

@@ -4,6 +4,7 @@
  */
 #include "serve/losses.h"
 
+#include "base/chars.h"
 #include "base/log.h"
 #include "config/portname.h"
 #include "engine/reload.h"
@@ -156,19 +157,17 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
     char line[LINE_BYTES] = "";
     size_t used = 0;
     if (seconds > 1)
-        used = (size_t)snprintf(line, sizeof line, "in %u s: ", seconds);
+        used = chars_print(line, sizeof line, 0, "in %u s: ", seconds);
     const size_t begin = used;
     for (unsigned kind = 0; kind < LOSS_KINDS; kind++) {
         uint64_t added = now[kind] - logged[kind];
         logged[kind] = now[kind];
-        if (added == 0 || used >= LINE_BYTES)
+        if (added == 0)
             continue;
         char remedy[REMEDY_BYTES];
         print_remedy(remedy, kind, node, beyond);
-        int length = snprintf(line + used, LINE_BYTES - used, "%s%" PRIu64 " %s%s",
-                              used > begin ? "; " : "", added,
-                              losses_text(kind, added), remedy);
-        used += length > 0 ? (size_t)length : 0;
+        used = chars_print(line, sizeof line, used, "%s%" PRIu64 " %s%s", used > begin ? "; " : "",
+                           added, losses_text(kind, added), remedy);
     }
     log_node_warning(node->name, "%s", line);
 }

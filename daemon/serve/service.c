@@ -4,6 +4,7 @@
  */
 #include "serve/service.h"
 
+#include "base/chars.h"
 #include "base/counted.h"
 #include "base/jsonput.h"
 #include "base/log.h"
@@ -343,13 +344,11 @@ static void print_trouble(char out[SERVICE_TROUBLE_BYTES], const service *s, con
 {
     size_t used = 0;
     out[0] = '\0';
-    for (unsigned i = 0; i < s->config->node_count && used < SERVICE_TROUBLE_BYTES; i++) {
+    for (unsigned i = 0; i < s->config->node_count; i++) {
         const char *trouble = trouble_of(s, i, beyond->nodes[i].link);
-        if (!trouble)
-            continue;
-        int length = snprintf(out + used, SERVICE_TROUBLE_BYTES - used, ", %s %s",
-                              s->config->nodes[i].name, trouble);
-        used += length > 0 ? (size_t)length : 0;
+        if (trouble)
+            used = chars_print(out, SERVICE_TROUBLE_BYTES, used, ", %s %s",
+                               s->config->nodes[i].name, trouble);
     }
 }
 

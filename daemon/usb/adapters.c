@@ -4,6 +4,7 @@
  */
 #include "usb/adapters.h"
 
+#include "base/chars.h"
 #include "base/log.h"
 #include "config/portname.h"
 #include "usb/access.h"
@@ -425,13 +426,12 @@ void adapters_print(char *out, size_t size, const adapters *a)
     size_t well = 0;
     for (size_t i = 0; i < a->count; i++)
         well += is_well(&a->all[i]);
-    int used = snprintf(out, size, "%zu of %zu plugged in", well, a->count);
-    for (size_t i = 0; i < 2 * a->count && (size_t)used < size; i++) {
+    size_t used = chars_print(out, size, 0, "%zu of %zu plugged in", well, a->count);
+    for (size_t i = 0; i < 2 * a->count; i++) {
         const adapter *one = &a->all[i % a->count];
         if (is_well(one) == (i >= a->count))
-            used += snprintf(out + used, size - (size_t)used, "%s%s%s%s %s",
-                             strchr(out, ':') ? ", " : ": ", one->name, *one->netns ? " of " : "",
-                             one->netns, state_of(one));
+            used = chars_print(out, size, used, "%s%s%s%s %s", strchr(out, ':') ? ", " : ": ",
+                               one->name, *one->netns ? " of " : "", one->netns, state_of(one));
     }
 }
 

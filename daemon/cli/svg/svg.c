@@ -7,6 +7,7 @@
  */
 #include "cli/svg/svg.h"
 
+#include "base/chars.h"
 #include "base/xmltext.h"
 #include "cli/svg/svg_inside.h"
 #include "cli/svg/svg_layout.h"
@@ -446,10 +447,10 @@ static void print_wire_nodes(char out[WIRE_NAMES_MAX], const pen *p, unsigned wi
     size_t used = 0;
     out[0] = '\0';
     const size_t room = (size_t)svg_layout_letters(&p->layout, SVG_NAME_SIZE_SMALL);
-    for (unsigned i = 0; i < bit->node_count && used < WIRE_NAMES_MAX - 1; i++)
+    for (unsigned i = 0; i < bit->node_count; i++)
         if (nodes >> i & 1u)
-            used += (size_t)snprintf(out + used, WIRE_NAMES_MAX - used, "%s%s", used ? ", " : "",
-                                     p->svg->config->nodes[i].name);
+            used = chars_print(out, WIRE_NAMES_MAX, used, "%s%s", used ? ", " : "",
+                               p->svg->config->nodes[i].name);
     if (strlen(out) > room)
         memcpy(out + room - 1, ELLIPSIS, sizeof ELLIPSIS);
 }
