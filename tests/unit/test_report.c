@@ -2,6 +2,7 @@
  *
  * test_report.c - classes, confidence intervals, latencies and spans of a report of a campaign.
  */
+#include "base/jsontext.h"
 #include "campaign/class.h"
 #include "campaign/normal.h"
 #include "campaign/report/candidates.h"
