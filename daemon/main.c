@@ -8,6 +8,7 @@
 #include "base/log.h"
 #include "base/plain.h"
 #include "base/standardfds.h"
+#include "base/memo.h"
 #include "base/unit.h"
 #include "config/files.h"
 #include "engine/engine.h"
@@ -465,17 +466,13 @@ static bool load_checked(process *p, cfg **config, const char *file, FILE *error
 
 static bool load_config(process *p, cfg **config, const char *file)
 {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *errors = open_memstream(&text, &size);
-    bool good = errors && load_checked(p, config, file, errors);
-    if (errors)
-        (void)fclose(errors);
-    if (text)
-        log_as_is(text);
+    memo errors;
+    bool good = memo_begin(&errors) && load_checked(p, config, file, errors.out);
+    if (memo_text(&errors))
+        log_as_is(errors.text);
     else
         log_error("out of memory");
-    free(text);
+    memo_end(&errors);
     return good;
 }
 

@@ -87,14 +87,14 @@ void diag_flush(diag *self, FILE *out)
 
     qsort(self->messages, self->count, sizeof self->messages[0], diag_compare);
     for (size_t i = 0; i < self->count; i++) {
-        bool is_shown = self->errors == 0 || !self->messages[i].warning;
+        bool is_shown = out && (self->errors == 0 || !self->messages[i].warning);
 
         if (is_shown)
             print_message(&self->messages[i], out);
         shown += is_shown;
         free(self->messages[i].text);
     }
-    if (self->overflow)
+    if (self->overflow && out)
         diag_print_line(out, "%s: there are more errors, only %zu are shown", self->file.name,
                         shown);
     self->errors = 0;

@@ -4,6 +4,7 @@
  */
 #include "campaign/names.h"
 
+#include "base/memo.h"
 #include "campaign/variant.h"
 #include "config/rig.h"
 
@@ -56,25 +57,22 @@ void names_check_rules(schema *self, yaml_node_t *list, const campaign_owner *o)
 /* Returns the messages about the scenario of row 0, to be freed; NULL: without memory. */
 static char *messages_of_row(const campaign *c)
 {
+    memo messages;
     choice choices[CAMPAIGN_FACTORS_MAX];
     buffer text = {.data = NULL};
-    char *found = NULL;
-    size_t size = 0;
     rig *several;
     cfg *alone;
-    FILE *out = open_memstream(&found, &size);
-    if (!out)
+    if (!memo_begin(&messages))
         return NULL;
     sample_choose(choices, c, 0);
     variant_text(&text, c, choices);
     const cfg_file file = {.name = c->scenario_name, .text = buffer_first(&text),
                            .size = buffer_length(&text)};
-    (void)rig_load_either(&several, &alone, &file, out);
+    (void)rig_load_either(&several, &alone, &file, messages.out);
     rig_free(several);
     cfg_free(alone);
     buffer_free(&text);
-    (void)fclose(out);
-    return found;
+    return memo_take(&messages);
 }
 
 /* Returns true when a factor puts a key in. */

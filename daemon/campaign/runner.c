@@ -5,6 +5,7 @@
 #include "campaign/runner.h"
 
 #include "base/jsontext.h"
+#include "base/memo.h"
 #include "campaign/loaded.h"
 #include "campaign/shellword.h"
 #include "campaign/tally.h"
@@ -230,14 +231,12 @@ static void write_repeat(runner *r, buffer *row, uint64_t number)
  * is not invalid. */
 static outcome write_invalid(runner *r, buffer *row, const choice *choices)
 {
-    char *messages = NULL;
-    size_t size = 0;
-    FILE *out = open_memstream(&messages, &size);
+    memo said;
+    FILE *out = memo_begin(&said);
     scenario *s = out ? runner_load(r, choices, out) : NULL;
-    const bool told = out && fclose(out) == 0 && !s;
-    const outcome o = outcome_write_invalid(row, told ? messages : NULL);
+    const outcome o = outcome_write_invalid(row, s ? NULL : memo_text(&said));
     scenario_close(s);
-    free(messages);
+    memo_end(&said);
     return o;
 }
 

@@ -40,7 +40,7 @@ static bool scenario_open_bus(scenario *s, cfg *config, FILE *messages)
         fputs(config->warnings, messages);
     if (!sim_open(&b->run, config, messages))
         return false;
-    b->run.messages = s->told;
+    b->run.messages = s->told.out;
     sim_add_sink(&b->run, &sink);
     s->group.runs[s->group.count++] = &b->run;
     return true;
@@ -49,8 +49,7 @@ static bool scenario_open_bus(scenario *s, cfg *config, FILE *messages)
 static bool open_buses(scenario *s, FILE *messages)
 {
     const size_t count = s->rig ? s->rig->bus_count : 1;
-    s->told = open_memstream(&s->told_text, &s->told_size);
-    bool good = s->told && sim_group_open(&s->group, s->rig);
+    bool good = memo_begin(&s->told) && sim_group_open(&s->group, s->rig);
     for (size_t i = 0; i < count && good; i++)
         good = scenario_open_bus(s, s->rig ? s->rig->buses[i] : s->alone, messages);
     if (!good && messages)
@@ -103,9 +102,7 @@ void scenario_close(scenario *s)
     expect_report_free(&s->report);
     cfg_free(s->alone);
     rig_free(s->rig);
-    if (s->told)
-        (void)fclose(s->told);
-    free(s->told_text);
+    memo_end(&s->told);
     journal_player_close(s->player);
     free(s);
 }
@@ -180,7 +177,7 @@ bool scenario_run(scenario *s, const uint64_t *seed)
     expect_report_free(&s->report);
     s->report = (expect_report){.count = 0};
     s->failed = false;
-    (void)fseeko(s->told, 0, SEEK_SET);
+    (void)fseeko(s->told.out, 0, SEEK_SET);
     for (size_t i = 0; i < s->count; i++)
         if (!scenario_prepare(s, &s->buses[i], seed))
             return false;
@@ -196,18 +193,20 @@ bool scenario_run(scenario *s, const uint64_t *seed)
 
 const char *scenario_notes(const scenario *s)
 {
-    return fflush(s->told) == 0 && s->told_size > 0 ? s->told_text : "";
+    const char *notes = memo_text(&s->told);
+    return notes ? notes : "";
 }
 
 char *scenario_why(scenario *s)
 {
-    if (fflush(s->told) != 0 || s->told_size == 0)
+    const char *text = scenario_notes(s);
+    size_t end = strlen(text);
+    if (end == 0)
         return strdup("out of memory");
-    size_t end = s->told_size;
-    while (end > 0 && s->told_text[end - 1] == '\n')
+    while (end > 0 && text[end - 1] == '\n')
         end--;
     size_t begin = end; /* of the last message: others are notes */
-    while (begin > 0 && s->told_text[begin - 1] != '\n')
+    while (begin > 0 && text[begin - 1] != '\n')
         begin--;
-    return strndup(s->told_text + begin, end - begin);
+    return strndup(text + begin, end - begin);
 }

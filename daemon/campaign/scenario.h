@@ -5,6 +5,7 @@
 #ifndef CANWIRE_CAMPAIGN_SCENARIO_H
 #define CANWIRE_CAMPAIGN_SCENARIO_H
 
+#include "base/memo.h"
 #include "campaign/observe.h"
 #include "config/rig.h"
 #include "run/journal_play.h"
@@ -34,9 +35,7 @@ typedef struct scenario {
     uint64_t until; /* tick up to which events are wanted; CW_NEVER: to the end of the traffic */
     bool failed;    /* a file could not be read, or memory was short */
     expect_report report; /* of the last run */
-    FILE *told;           /* messages of the last run, into `told_text` */
-    char *told_text;
-    size_t told_size;
+    memo told;            /* messages of the last run */
 } scenario;
 
 /* Reads a file, or a text with the name of one, and makes its buses. Warnings and errors go to

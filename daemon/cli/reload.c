@@ -6,6 +6,7 @@
  * and --pid.
  */
 #include "base/plain.h"
+#include "base/memo.h"
 #include "cli/buses.h"
 #include "cli/client.h"
 #include "cli/command.h"
@@ -275,20 +276,18 @@ static int reload_bad(const target *t, const char *errors)
 
 static int reload_by_file(const target *t)
 {
-    char *errors = NULL;
-    size_t size = 0;
-    FILE *stream = open_memstream(&errors, &size);
-    if (!stream)
+    memo errors;
+    rig *several = NULL;
+    cfg *one = NULL;
+    if (!memo_begin(&errors))
         return CLI_BAD_INPUT;
-    rig *several = rig_is_rig(t->file) ? rig_load(t->file, stream) : NULL;
-    cfg *one = rig_is_rig(t->file) ? NULL : cfg_load(t->file, stream);
-    (void)fclose(stream);
+    (void)rig_load_either(&several, &one, &(cfg_file){.name = t->file}, errors.out);
     int status = several ? reload_buses(t, several->buses, several->bus_count)
                  : one   ? reload_buses(t, &one, 1)
-                         : reload_bad(t, errors ? errors : "");
+                         : reload_bad(t, memo_text(&errors) ? errors.text : "");
     rig_free(several);
     cfg_free(one);
-    free(errors);
+    memo_end(&errors);
     return status;
 }
 

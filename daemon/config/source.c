@@ -4,6 +4,7 @@
  */
 #include "config/source.h"
 
+#include "base/memo.h"
 #include "base/yamlfile.h"
 #include "config/profilefile.h"
 
@@ -92,17 +93,13 @@ bool cfg_load_file(schema *self, yaml_document_t *document, const char *file)
 
 bool cfg_keep_warnings(const char **warnings, arena *memory, diag *found)
 {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *out = open_memstream(&text, &size);
+    memo said;
 
-    *warnings = NULL;
-    if (out) {
-        diag_flush(found, out);
-        bool written = fclose(out) == 0;
-        *warnings = written ? arena_print(memory, "%s", text) : NULL;
-    }
-    free(text);
+    if (memo_begin(&said))
+        diag_flush(found, said.out);
+    const char *text = memo_text(&said);
+    *warnings = text ? arena_print(memory, "%s", text) : NULL;
+    memo_end(&said);
     if (!*warnings)
         diag_add(found, 0, 0, "out of memory");
     return *warnings != NULL;

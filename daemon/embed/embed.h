@@ -5,6 +5,7 @@
 #ifndef CANWIRE_EMBED_EMBED_H
 #define CANWIRE_EMBED_EMBED_H
 
+#include "base/memo.h"
 #include "embed/canwire-sim.h"
 #include "run/inputs.h"
 #include "sim/expect.h"
@@ -24,9 +25,7 @@ typedef struct embed_line {
 
 /* Events as text, in their order. */
 typedef struct embed_lines {
-    FILE *out; /* into `text` */
-    char *text;
-    size_t size;
+    memo memo;
     embed_line *list;
     size_t count;
     size_t room;
@@ -82,9 +81,7 @@ struct canwire_sim {
     bool awaits_any;  /* ... one of them ends the run */
     bool happened;    /* the awaited event */
     bool no_memory;
-    FILE *told; /* messages of runs */
-    char *told_text;
-    size_t told_size;
+    memo told; /* messages of runs */
     char *message;
 };
 
@@ -114,20 +111,8 @@ bool embed_judge_add(embed_bus *bus, cfg_expects *own);
 /* Ends all of this. */
 void embed_judge_end(embed_bus *bus);
 
-/* ---- Messages -------------------------------------------------------------------------------- */
-
-/* Collects the messages of a call, for its caller. */
-typedef struct embed_told {
-    FILE *out;
-    char *text;
-    size_t size;
-} embed_told;
-
-/* Returns false without memory; embed_tell_end() is called in any case. */
-bool embed_tell_begin(embed_told *t);
-
-/* Hands the messages over: NULL when there are none. `messages` may be NULL. */
-void embed_tell_end(embed_told *t, char **messages);
+/* Hands the messages of a call over: NULL when there are none. `messages` may be NULL. */
+void embed_tell_end(memo *t, char **messages);
 
 /* ---- Texts ----------------------------------------------------------------------------------- */
 

@@ -192,11 +192,11 @@ static void keep_line(embed_bus *b, const cw_event *event)
         l->room = room;
     }
     if (b->sim->rig)
-        output_event_of_bus(l->out, b->config, event);
+        output_event_of_bus(l->memo.out, b->config, event);
     else
-        output_event(l->out, b->config, event);
-    const off_t end = ftello(l->out);
-    if (end < 0 || ferror(l->out))
+        output_event(l->memo.out, b->config, event);
+    const off_t end = ftello(l->memo.out);
+    if (end < 0 || ferror(l->memo.out))
         b->sim->no_memory = true;
     else
         l->list[l->count++] = (embed_line){.tick = event->tick, .end = (size_t)end};

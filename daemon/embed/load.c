@@ -61,8 +61,8 @@ static bool load_open_bus(canwire_sim *sim, cfg *config, FILE *out)
     b->config = live_config(b->live);
     b->seed = b->config->seed;
     b->lost = (losses){.config = b->config, .fed = doubts_fed(sim->rig, b->index)};
-    b->lines.out = open_memstream(&b->lines.text, &b->lines.size);
-    if (!b->lines.out || !keep_times(b) || !sim_open_roomy(&b->run, b->config, sim->told))
+    if (!memo_begin(&b->lines.memo) || !keep_times(b) ||
+        !sim_open_roomy(&b->run, b->config, sim->told.out))
         return false;
     sim_add_sink(&b->run, &sink);
     inputs_init(&b->in, b->live, b->run.bus, load_drain, b);
@@ -76,9 +76,7 @@ static void close_bus(embed_bus *b)
     sim_close(&b->run);
     for (size_t i = 0; b->nodes && i < b->config->node_count; i++)
         free(b->nodes[i].frames);
-    if (b->lines.out)
-        (void)fclose(b->lines.out);
-    free(b->lines.text);
+    memo_end(&b->lines.memo);
     free(b->lines.list);
     free(b->nodes);
     free(b->times);
@@ -101,9 +99,8 @@ static bool open_all(canwire_sim *sim, cfg *alone, FILE *out)
     const size_t count = sim->rig ? sim->rig->bus_count : 1;
     bool good = true;
     sim->kinds = CW_EVENTS_USUAL;
-    sim->told = open_memstream(&sim->told_text, &sim->told_size);
     sim->buses = calloc(count, sizeof *sim->buses);
-    good = sim->told && sim->buses && sim_group_open(&sim->group, sim->rig);
+    good = memo_begin(&sim->told) && sim->buses && sim_group_open(&sim->group, sim->rig);
     for (size_t i = 0; i < count && good; i++) {
         cfg *config = take_config(sim, i, &alone);
         good = config && load_open_bus(sim, config, out);
@@ -134,10 +131,20 @@ static canwire_sim *load_configuration(const cfg_file *file, FILE *out)
     return NULL;
 }
 
+void embed_tell_end(memo *t, char **messages)
+{
+    char *text = memo_take(t);
+    const bool any = text && *text;
+    if (messages)
+        *messages = any ? text : NULL;
+    if (!messages || !any)
+        free(text);
+}
+
 static canwire_sim *load_telling(const cfg_file *file, char **messages)
 {
-    embed_told t;
-    canwire_sim *sim = embed_tell_begin(&t) ? load_configuration(file, t.out) : NULL;
+    memo t;
+    canwire_sim *sim = memo_begin(&t) ? load_configuration(file, t.out) : NULL;
     embed_tell_end(&t, messages);
     return sim;
 }
@@ -161,9 +168,7 @@ void canwire_sim_free(canwire_sim *sim)
         close_bus(&sim->buses[i]);
     sim_group_close(&sim->group);
     rig_free(sim->rig);
-    if (sim->told)
-        (void)fclose(sim->told);
-    free(sim->told_text);
+    memo_end(&sim->told);
     free(sim->buses);
     free(sim->message);
     free(sim);
@@ -183,7 +188,7 @@ static void load_forget(embed_bus *b, const uint64_t *seed)
         b->nodes[i].limit = (errframe_limit){.used = 0};
     }
     b->lines.count = 0;
-    (void)fseeko(b->lines.out, 0, SEEK_SET);
+    (void)fseeko(b->lines.memo.out, 0, SEEK_SET);
 }
 
 int canwire_sim_reset(canwire_sim *sim, const uint64_t *seed)

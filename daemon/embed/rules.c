@@ -15,19 +15,17 @@ typedef bool use_text(embed_bus *b, const char *text, size_t size, const char *n
 static int take_text(canwire_sim *sim, int bus, use_text *use, const char *text, size_t size,
                      const char *name, char **messages)
 {
-    embed_told t;
+    memo t;
     embed_bus *b = embed_find_bus(sim, bus);
     int status = CANWIRE_SIM_OK;
     if (messages)
         *messages = NULL;
     if (!b)
         return CANWIRE_SIM_INVALID;
-    if (!embed_tell_begin(&t)) {
-        embed_tell_end(&t, messages);
+    if (!memo_begin(&t))
         return embed_fail(sim, CANWIRE_SIM_NO_MEMORY, "out of memory");
-    }
     const bool good = use(b, text, size, name, t.out);
-    (void)fflush(t.out);
+    (void)memo_text(&t);
     if (!good)
         status = t.size > 0 ? embed_fail(sim, CANWIRE_SIM_INVALID, "%.*s", (int)(t.size - 1),
                                          t.text)

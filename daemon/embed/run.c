@@ -29,18 +29,18 @@ static const char *event_at(const canwire_sim *sim, const embed_bus *b, const ch
 
 static void forget_told(canwire_sim *sim)
 {
-    (void)fflush(sim->told);
-    (void)fseeko(sim->told, 0, SEEK_SET);
+    (void)fflush(sim->told.out);
+    (void)fseeko(sim->told.out, 0, SEEK_SET);
 }
 
 /* Notes what runs have told as the error. */
 static int fail_told(canwire_sim *sim, int status)
 {
-    (void)fflush(sim->told);
-    size_t size = sim->told_size;
-    while (size > 0 && sim->told_text[size - 1] == '\n')
+    const char *text = memo_text(&sim->told);
+    size_t size = text ? sim->told.size : 0;
+    while (size > 0 && text[size - 1] == '\n')
         size--;
-    return embed_fail(sim, status, "%.*s", (int)size, sim->told_text);
+    return embed_fail(sim, status, "%.*s", (int)size, text);
 }
 
 /* Awaits an event at all buses that know its words. Returns false after noting an error. */

@@ -93,7 +93,7 @@ static void take_next(taking *t, const embed_bus *b)
     const size_t i = t->taken[b->index]++;
     const size_t begin = i > 0 ? b->lines.list[i - 1].end : 0;
     const size_t length = b->lines.list[i].end - begin;
-    memcpy(t->text + t->size, b->lines.text + begin, length);
+    memcpy(t->text + t->size, b->lines.memo.text + begin, length);
     t->size += length;
 }
 
@@ -107,12 +107,12 @@ static void keep_rest(embed_bus *b, size_t taken)
         return;
     char *rest = size > 0 ? malloc(size) : NULL;
     if (rest)
-        memcpy(rest, l->text + begin, size);
+        memcpy(rest, l->memo.text + begin, size);
     else if (size > 0)
         b->sim->no_memory = true;
-    (void)fseeko(l->out, 0, SEEK_SET);
+    (void)fseeko(l->memo.out, 0, SEEK_SET);
     if (rest)
-        (void)fwrite(rest, 1, size, l->out);
+        (void)fwrite(rest, 1, size, l->memo.out);
     free(rest);
     for (size_t i = taken; i < l->count; i++)
         l->list[i - taken] = (embed_line){.tick = l->list[i].tick, .end = l->list[i].end - begin};
@@ -125,7 +125,7 @@ char *canwire_sim_take_events(canwire_sim *sim, size_t *size)
     size_t room = 1;
     for (size_t i = 0; i < sim->count; i++) {
         const embed_lines *l = &sim->buses[i].lines;
-        (void)fflush(l->out);
+        (void)fflush(l->memo.out);
         room += l->count > 0 ? l->list[l->count - 1].end : 0;
     }
     t.text = sim->no_memory ? NULL : malloc(room);

@@ -5,6 +5,7 @@
 #include "engine/reloader.h"
 
 #include "base/aside.h"
+#include "base/memo.h"
 
 #include <errno.h>
 #include <stdlib.h>
@@ -23,9 +24,7 @@ typedef struct reading {
     char *rig; /* the file of a rig and its text, or NULL */
     char *rig_text;
     size_t rig_size;
-    FILE *errors; /* writes into text */
-    char *text;
-    size_t size;
+    memo errors;
     reload *result; /* NULL: there are errors */
 } reading;
 
@@ -46,18 +45,16 @@ struct reloader {
 static void read_config(void *task)
 {
     reading *t = task;
-    if (!t->rig || rig_is_same(t->rig, t->rig_text, t->rig_size, t->errors))
-        t->result = reload_read(t->file, &t->others, t->errors);
+    if (!t->rig || rig_is_same(t->rig, t->rig_text, t->rig_size, t->errors.out))
+        t->result = reload_read(t->file, &t->others, t->errors.out);
 }
 
 static void free_reading(void *task)
 {
     reading *t = task;
     reload_free(t->result);
-    if (t->errors)
-        (void)fclose(t->errors);
+    memo_end(&t->errors);
     fileuses_free(&t->others);
-    free(t->text);
     free(t->file);
     free(t->rig);
     free(t->rig_text);
@@ -74,7 +71,7 @@ static reading *make_reading(const char *file, const fileuses *others, const rig
         fileuses_add(&t->others, &others->uses[i]);
     t->others.incomplete = t->others.incomplete || others->incomplete;
     t->file = strdup(file);
-    t->errors = open_memstream(&t->text, &t->size);
+    (void)memo_begin(&t->errors);
     if (of) {
         t->rig = strdup(of->file);
         t->rig_text = malloc(of->size + 1);
@@ -82,7 +79,7 @@ static reading *make_reading(const char *file, const fileuses *others, const rig
     }
     if (t->rig_text)
         memcpy(t->rig_text, of->text, of->size);
-    if (t->file && t->errors && (!of || (t->rig && t->rig_text)))
+    if (t->file && t->errors.out && (!of || (t->rig && t->rig_text)))
         return t;
     free_reading(t);
     return NULL;
@@ -99,11 +96,11 @@ static void on_done(void *user, void *task)
     bool good = false;
     r->aside = NULL;
     if (t->result)
-        good = r->calls->take(r->user, t->result, t->errors);
+        good = r->calls->take(r->user, t->result, t->errors.out);
     t->result = NULL;
     char none[] = "out of memory\n";
-    bool reported = fflush(t->errors) == 0 && t->text && *t->text;
-    r->calls->over(r->user, r->round, good ? NULL : reported ? t->text : none);
+    char *text = memo_text(&t->errors);
+    r->calls->over(r->user, r->round, good ? NULL : text && *text ? text : none);
     free_reading(t);
     reloader_go_on(r);
 }
@@ -163,24 +160,20 @@ static bool reloader_begin(reloader *r, char *file, FILE *errors)
 /* Begins the round that has been requested meanwhile. */
 static void reloader_go_on(reloader *r)
 {
-    char *text = NULL;
-    size_t size = 0;
+    memo errors;
     char *file = r->next;
     r->next = NULL;
     if (!file)
         return;
-    FILE *errors = open_memstream(&text, &size);
-    bool good = errors && reloader_begin(r, file, errors);
-    if (errors) {
-        (void)fclose(errors);
-    } else {
+    bool good = memo_begin(&errors) && reloader_begin(r, file, errors.out);
+    if (!errors.out) {
         r->round++;
         free(file);
     }
     char none[] = "out of memory\n";
     if (!good)
-        r->calls->over(r->user, r->round, errors && text ? text : none);
-    free(text);
+        r->calls->over(r->user, r->round, memo_text(&errors) ? errors.text : none);
+    memo_end(&errors);
 }
 
 /* ---- Public functions ------------------------------------------------------------------------ */

@@ -8,6 +8,7 @@
  */
 #include "record/recorder.h"
 
+#include "base/memo.h"
 #include "record/output.h"
 #include "record/pcapng.h"
 #include "record/vcd.h"
@@ -21,7 +22,7 @@
 #define RESERVE (2 * SPOOL_RECORD_MAX) /* for the end of a file and the beginning of the next */
 #define GAP_ENDS (SPOOL_QUEUE_BYTES / 2)
 
-/* The functions of a format; they write to r->stream. */
+/* The functions of a format; they write to r->entry.out. */
 typedef struct format {
     bool (*begin)(recorder *r, const cw_bus *bus); /* of a file; false: no memory */
     void (*event)(recorder *r, const cw_event *event, uint64_t time_ns);
@@ -34,9 +35,7 @@ struct recorder {
     const format *format;
     const cfg *config;
     spool *spool;
-    FILE *stream; /* writes into text */
-    char *text;
-    size_t length;
+    memo entry;
     vcd *vcd;
     char *nodes;      /* names and ports of the nodes at the beginning of the file */
     uint64_t size;    /* limit at which the next file begins */
@@ -66,16 +65,16 @@ static void end_nothing(recorder *r)
 
 static void log_event(recorder *r, const cw_event *event, uint64_t time_ns)
 {
-    output_log_at(r->stream, r->config, event, time_ns);
+    output_log_at(r->entry.out, r->config, event, time_ns);
 }
 
 static bool begin_capture(recorder *r, const cw_bus *bus)
 {
     (void)bus;
     if (!r->is_stream || r->interfaces == 0)
-        pcapng_begin(r->stream, r->config);
+        pcapng_begin(r->entry.out, r->config);
     else
-        pcapng_add_interfaces(r->stream, r->config);
+        pcapng_add_interfaces(r->entry.out, r->config);
     r->first = r->is_stream ? r->interfaces : 0;
     r->interfaces = r->first + r->config->node_count;
     return true;
@@ -83,12 +82,12 @@ static bool begin_capture(recorder *r, const cw_bus *bus)
 
 static void capture_event(recorder *r, const cw_event *event, uint64_t time_ns)
 {
-    pcapng_event_of_bus(r->stream, r->config, (unsigned)r->first, event, time_ns);
+    pcapng_event_of_bus(r->entry.out, r->config, (unsigned)r->first, event, time_ns);
 }
 
 static bool begin_dump(recorder *r, const cw_bus *bus)
 {
-    r->vcd = vcd_open(r->stream, r->config, bus);
+    r->vcd = vcd_open(r->entry.out, r->config, bus);
     return r->vcd != NULL;
 }
 
@@ -122,12 +121,12 @@ static const format formats[] = {
  * the text is then left out. */
 static bool recorder_pass_on(recorder *r)
 {
-    bool good = fflush(r->stream) == 0;
-    size_t length = good ? r->length : 0;
-    rewind(r->stream);
+    const char *text = memo_text(&r->entry);
+    size_t length = text ? r->entry.size : 0;
+    rewind(r->entry.out);
     if (length == 0)
-        return good;
-    if (length > SPOOL_RECORD_MAX || !spool_write(r->spool, r->text, length))
+        return text;
+    if (length > SPOOL_RECORD_MAX || !spool_write(r->spool, text, length))
         return false;
     r->in_file += length;
     r->stats.bytes += length;
@@ -138,18 +137,12 @@ static bool recorder_pass_on(recorder *r)
  * memory. */
 static char *describe_nodes(const cfg *config)
 {
-    char *text = NULL;
-    size_t length = 0;
-    FILE *out = open_memstream(&text, &length);
-    if (!out)
-        return NULL;
-    for (size_t i = 0; i < config->node_count; i++)
+    memo all;
+    FILE *out = memo_begin(&all);
+    for (size_t i = 0; out && i < config->node_count; i++)
         fprintf(out, "%s %s\n", config->nodes[i].name,
                 config->nodes[i].port ? config->nodes[i].port : "");
-    if (fclose(out) == 0)
-        return text;
-    free(text);
-    return NULL;
+    return memo_take(&all);
 }
 
 static bool begin_file(recorder *r, const cw_bus *bus)
@@ -204,9 +197,9 @@ static void count_entry(recorder *r)
 /* Counts an entry that falls into a gap as lost. */
 static void count_lost(recorder *r)
 {
-    (void)fflush(r->stream);
-    r->stats.lost += r->length > 0;
-    rewind(r->stream);
+    (void)fflush(r->entry.out);
+    r->stats.lost += r->entry.size > 0;
+    rewind(r->entry.out);
 }
 
 /* ---- Events and bits ------------------------------------------------------------------------- */
@@ -269,9 +262,7 @@ void recorder_nodes_changed(recorder *r, const cw_bus *bus)
 static void free_recorder(recorder *r)
 {
     vcd_close(r->vcd);
-    if (r->stream)
-        (void)fclose(r->stream);
-    free(r->text);
+    memo_end(&r->entry);
     free(r->nodes);
     free(r);
 }
@@ -283,8 +274,7 @@ static recorder *make_recorder(const cfg_record *what, const cfg *config)
     if (!r)
         return NULL;
     *r = (recorder){.format = &formats[what->format], .config = config, .size = what->size};
-    r->stream = open_memstream(&r->text, &r->length);
-    if (r->stream)
+    if (memo_begin(&r->entry))
         return r;
     free_recorder(r);
     return NULL;

@@ -8,6 +8,7 @@
 #include "run/journal_play.h"
 
 #include "base/number.h"
+#include "base/memo.h"
 #include "run/bus_make.h"
 
 #include <inttypes.h>
@@ -189,20 +190,18 @@ static bool journal_play_find_rule(journal_player *p, unsigned *rule)
 static bool inject(journal_player *p)
 {
     const input *what = &p->entry.what;
-    char *errors = NULL;
-    size_t size = 0;
-    FILE *stream = open_memstream(&errors, &size);
-    if (!stream)
+    memo errors;
+    if (!memo_begin(&errors))
         return journal_play_fail(p, NULL, "out of memory");
-    cfg_rules *rules = inputs_inject(&p->now->inputs, what->text, what->size, what->name, stream);
-    (void)fclose(stream);
+    cfg_rules *rules =
+        inputs_inject(&p->now->inputs, what->text, what->size, what->name, errors.out);
     if (!rules != what->refused)
         differ(p, "inject",
                rules ? "the bus takes these rules" : "the bus does not take these rules");
     if (!rules && !what->refused)
-        fputs(errors ? errors : "", p->errors);
+        fputs(memo_text(&errors) ? errors.text : "", p->errors);
     cfg_free_rules(rules);
-    free(errors);
+    memo_end(&errors);
     return true;
 }
 

@@ -11,6 +11,7 @@
 #include "base/counted.h"
 #include "base/nearest.h"
 #include "base/number.h"
+#include "base/memo.h"
 #include "config/values.h"
 #include "run/journal_seal.h"
 #include "run/settings.h"
@@ -771,15 +772,11 @@ bool journal_is_of_rig(const char *file)
     struct stat found;
     if (stat(file, &found) != 0 || !S_ISREG(found.st_mode)) /* a pipe can be read only once */
         return false;
-    char *unread = NULL; /* somebody else reads the same file, and complains */
-    size_t size = 0;
-    FILE *nowhere = open_memstream(&unread, &size);
-    journal_reader *r = nowhere ? journal_open(file, nowhere) : NULL;
+    memo unread; /* somebody else reads the same file, and complains */
+    journal_reader *r = memo_begin(&unread) ? journal_open(file, unread.out) : NULL;
     const bool is = r && r->buses > 0;
     journal_close(r);
-    if (nowhere)
-        (void)fclose(nowhere);
-    free(unread);
+    memo_end(&unread);
     return is;
 }
 

@@ -4,6 +4,7 @@
  */
 #include "schema/type.h"
 
+#include "base/memo.h"
 #include "config/parts.h"
 #include "config/values.h"
 #include "timing/controllers.h"
@@ -244,10 +245,9 @@ static const char *expand(const char **text, const char *map)
 json_t *type_parse(const char *text, const json_t *map)
 {
     char *map_text = map ? json_dumps(map, 0) : NULL;
-    char *full = NULL;
-    size_t size = 0;
     json_error_t error;
-    FILE *out = open_memstream(&full, &size);
+    memo full;
+    FILE *out = memo_begin(&full);
     for (const char *c = text; *c; c++) {
         const char *longer = expand(&c, map_text ? map_text : "@");
         if (longer)
@@ -255,13 +255,12 @@ json_t *type_parse(const char *text, const json_t *map)
         else
             (void)fputc(*c, out);
     }
-    (void)fclose(out);
-    json_t *read = json_loads(full, 0, &error);
+    json_t *read = json_loads(memo_text(&full), 0, &error);
     if (!read) {
-        (void)fprintf(stderr, "%s in %s\n", error.text, full);
+        (void)fprintf(stderr, "%s in %s\n", error.text, full.text);
         exit(EXIT_FAILURE);
     }
-    free(full);
+    memo_end(&full);
     free(map_text);
     return read;
 }

@@ -5,7 +5,9 @@
 #include "serve/control.h"
 
 #include "base/jsonput.h"
+#include "base/jsontext.h"
 #include "base/log.h"
+#include "base/memo.h"
 #include "engine/reload.h"
 #include "record/output.h"
 #include "serve/requests.h"
@@ -38,9 +40,7 @@ struct control {
     watcher watchers[SERVER_CLIENTS_MAX];
     waiter waiters[SERVER_CLIENTS_MAX];
     uint32_t kinds; /* the kinds that any watcher wants */
-    FILE *stream;   /* writes into text */
-    char *text;
-    size_t text_length;
+    memo line;
     char name[NAME_BYTES]; /* of the bus, for messages */
 };
 
@@ -153,21 +153,21 @@ static void control_write_event(control *c, unsigned number, unsigned lines)
 {
     watcher *w = &c->watchers[number];
     server_client *client = server_client_at(c->server, number);
-    if (server_room(client) < room_needed(w, c->text_length)) {
+    if (server_room(client) < room_needed(w, c->line.size)) {
         w->lost += lines;
         return;
     }
     if (w->lost > 0)
         write_lost(w, client);
-    server_write(client, c->text, c->text_length);
+    server_write(client, c->line.text, c->line.size);
 }
 
 /* Formats an event once for all watchers; returns the number of its lines. */
 static unsigned format_event(control *c, const cw_event *event)
 {
-    rewind(c->stream);
-    output_event(c->stream, live_config(c->world.config), event);
-    if (fflush(c->stream) != 0)
+    rewind(c->line.out);
+    output_event(c->line.out, live_config(c->world.config), event);
+    if (!memo_text(&c->line))
         return 0;
     return event->nodes ? (unsigned)__builtin_popcountll(event->nodes) : 1;
 }
@@ -184,25 +184,22 @@ void control_event(void *self, const cw_event *event)
             control_write_event(c, i, lines);
 }
 
-/* Writes a line with "t", "event", "file", "state" and perhaps "why" to c->text; returns false
+/* Writes a line with "t", "event", "file", "state" and perhaps "why" to c->line.text; returns false
  * without memory. */
 static bool format_recording(control *c, const char *file, const char *why)
 {
-    char time[TIME_TEXT_MAX];
-    json_t *object = json_object();
-    put_text(object, "event", "record");
-    put(object, "file", text_to_json(file, strlen(file)));
-    put_text(object, "state", why ? "stopped" : "recording");
+    buffer line = {.data = NULL};
+    jsontext_item(&line, "{");
+    jsontext_seconds(&line, "t", cw_bus_now(engine_bus(c->world.engine)));
+    jsontext_string(&line, "event", "record");
+    jsontext_string(&line, "file", file);
+    jsontext_string(&line, "state", why ? "stopped" : "recording");
     if (why)
-        put(object, "why", text_to_json(why, strlen(why)));
-    char *rest = json_dumps(object, JSON_COMPACT | JSON_PRESERVE_ORDER);
-    text_print_seconds(time, cw_bus_now(engine_bus(c->world.engine)));
-    rewind(c->stream);
-    if (rest)
-        fprintf(c->stream, "{\"t\":%s,%s\n", time, rest + 1);
-    bool good = rest && fflush(c->stream) == 0;
-    free(rest);
-    json_decref(object);
+        jsontext_string(&line, "why", why);
+    const char *text = buffer_text(&line);
+    rewind(c->line.out);
+    bool good = text && fprintf(c->line.out, "%s}\n", text) > 0 && memo_text(&c->line);
+    buffer_free(&line);
     return good;
 }
 
@@ -275,8 +272,7 @@ control *control_start(struct ev_loop *loop, live *config, engine *bus, int inhe
     }
     c->world = (request_world){.config = config, .engine = bus, .errors = &c->errors};
     (void)snprintf(c->name, sizeof c->name, "%s", live_config(config)->bus_name);
-    c->stream = open_memstream(&c->text, &c->text_length);
-    if (!c->stream)
+    if (!memo_begin(&c->line))
         log_error("out of memory");
     else
         c->server = server_start(loop, live_config(config)->control, inherited, &calls, c);
@@ -291,8 +287,6 @@ void control_stop(control *c)
     if (!c)
         return;
     server_stop(c->server);
-    if (c->stream)
-        (void)fclose(c->stream);
-    free(c->text);
+    memo_end(&c->line);
     free(c);
 }

@@ -10,6 +10,7 @@
 #include "base/jsonput.h"
 #include "base/log.h"
 #include "base/statefile.h"
+#include "base/memo.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -287,21 +288,18 @@ static void apply_entry(inputs *in, json_t *entry)
 {
     const json_t *text = json_object_get(entry, "text");
     const char *name = json_string_value(json_object_get(entry, "name"));
-    char *errors = NULL;
-    size_t length = 0;
-    FILE *stream = open_memstream(&errors, &length);
-    if (!stream)
+    memo errors;
+    if (!memo_begin(&errors))
         return;
     cfg_rules *rules =
-        inputs_inject(in, json_string_value(text), json_string_length(text), name, stream);
-    (void)fclose(stream);
+        inputs_inject(in, json_string_value(text), json_string_length(text), name, errors.out);
     put_bool(entry, "refused", !rules);
     if (rules)
         clear_again(in, entry);
     else
-        log_refused(name, errors);
+        log_refused(name, memo_text(&errors) ? errors.text : "");
     cfg_free_rules(rules);
-    free(errors);
+    memo_end(&errors);
 }
 
 void kept_apply(kept *k, inputs *in)

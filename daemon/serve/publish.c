@@ -8,6 +8,7 @@
 #include "base/log.h"
 #include "base/number.h"
 #include "base/thread.h"
+#include "base/memo.h"
 #include "engine/reload.h"
 #include "record/data_timing.h"
 #include "record/local_time.h"
@@ -88,9 +89,7 @@ struct publisher {
     char channel_tunnel[CHANNEL_MAX];
     cw_bus_stats last_bus;
     uint64_t last_tx_bits[CW_NODES_MAX];
-    char *event_text; /* of open_memstream, reused */
-    size_t event_size;
-    FILE *event_stream;
+    memo event; /* reused */
     pthread_t thread;
     pthread_mutex_t lock; /* of all below */
     pthread_cond_t changed;
@@ -358,10 +357,8 @@ static void free_publisher(publisher *p)
         free_message(&p->queue[p->first]);
         p->first = (p->first + 1) % QUEUE_MESSAGES;
     }
-    if (p->event_stream)
-        (void)fclose(p->event_stream);
+    memo_end(&p->event);
     free(p->url);
-    free(p->event_text);
     free(p);
 }
 
@@ -376,8 +373,7 @@ publisher *publisher_start(const cfg *config)
     name_channels(p);
     (void)pthread_mutex_init(&p->lock, NULL);
     thread_init_condition(&p->changed);
-    p->event_stream = open_memstream(&p->event_text, &p->event_size);
-    if (!p->url || !p->event_stream || thread_start(&p->thread, publish_run, p) != 0) {
+    if (!p->url || !memo_begin(&p->event) || thread_start(&p->thread, publish_run, p) != 0) {
         free_publisher(p);
         return NULL;
     }
@@ -853,9 +849,9 @@ void publisher_event(publisher *p, const cw_event *event)
 {
     if (!(p->config->lcm.events >> event->kind & 1u))
         return;
-    rewind(p->event_stream);
-    output_event(p->event_stream, p->config, event);
-    (void)fputc('\0', p->event_stream); /* text of longer, earlier events follows it */
-    if (fflush(p->event_stream) == 0 && p->event_size > 0)
-        publish_lines(p, event, p->event_text);
+    rewind(p->event.out);
+    output_event(p->event.out, p->config, event);
+    (void)fputc('\0', p->event.out); /* text of longer, earlier events follows it */
+    if (memo_text(&p->event) && p->event.size > 0)
+        publish_lines(p, event, p->event.text);
 }

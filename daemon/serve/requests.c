@@ -9,6 +9,7 @@
 
 #include "base/jsonput.h"
 #include "base/nearest.h"
+#include "base/memo.h"
 #include "run/settings.h"
 
 #include <errno.h>
@@ -304,18 +305,15 @@ static bool run_inject(request *r)
     const bool keep = json_is_true(json_object_get(r->asked, "keep"));
     if (keep && !can_keep(r, text))
         return false;
-    char *errors = NULL;
-    size_t length = 0;
-    FILE *stream = open_memstream(&errors, &length);
-    if (!stream)
+    memo errors;
+    if (!memo_begin(&errors))
         return requests_refuse(r, "out of memory");
     cfg_rules *rules = inputs_inject(r->inputs, json_string_value(text), json_string_length(text),
-                                     name, stream);
-    (void)fclose(stream);
+                                     name, errors.out);
     if (rules)
         put(r->reply, "rules", names_of(rules));
     else
-        (void)refuse_lines(r, errors ? errors : "");
+        (void)refuse_lines(r, memo_text(&errors) ? errors.text : "");
     if (rules && *rules->warnings)
         put(r->reply, "warnings", lines_of(rules->warnings));
     const bool none = rules && keep && rules->count == 0;
@@ -323,7 +321,7 @@ static bool run_inject(request *r)
         (void)requests_refuse(r, "keep: the text has no rules");
     const bool good = rules && !none && note_injected(r, name, keep);
     cfg_free_rules(rules);
-    free(errors);
+    memo_end(&errors);
     return good;
 }
 
@@ -459,30 +457,23 @@ static bool run_set(request *r)
 /* Returns false for the time being: see request_reloaded(). */
 static bool run_reload(request *r)
 {
-    char *errors = NULL;
-    size_t length = 0;
-    FILE *stream = r->world->reload ? open_memstream(&errors, &length) : NULL;
-    if (!stream)
+    memo errors;
+    if (!r->world->reload || !memo_begin(&errors))
         return requests_refuse(r, r->world->reload ? "out of memory" : "there is no reload");
-    r->result->round = r->world->reload(r->world->reload_user, stream);
-    (void)fclose(stream);
+    r->result->round = r->world->reload(r->world->reload_user, errors.out);
     if (r->result->round == 0)
-        (void)refuse_lines(r, errors);
-    free(errors);
+        (void)refuse_lines(r, memo_text(&errors) ? errors.text : "");
+    memo_end(&errors);
     return false;
 }
 
 void request_reloaded(json_t *reply, const char *errors)
 {
     request r = {.reply = reply};
-    char *text = errors ? strdup(errors) : NULL;
     if (!errors)
         put_bool(reply, "ok", true);
-    else if (text)
-        (void)refuse_lines(&r, text);
     else
-        (void)requests_refuse(&r, "out of memory");
-    free(text);
+        (void)refuse_lines(&r, errors);
 }
 
 /* ---- Parsing --------------------------------------------------------------------------------- */

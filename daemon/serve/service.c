@@ -8,6 +8,7 @@
 #include "base/counted.h"
 #include "base/jsonput.h"
 #include "base/log.h"
+#include "base/memo.h"
 #include "base/unit.h"
 #include "config/files.h"
 #include "engine/reloader.h"
@@ -189,21 +190,18 @@ static uint64_t ask_for_reload(void *user, FILE *errors)
 
 void service_hang_up(service *s)
 {
-    char *text = NULL;
-    size_t size = 0;
+    memo errors;
     enter(s);
-    FILE *errors = open_memstream(&text, &size);
-    uint64_t round = errors ? ask_for_reload(s, errors) : 0;
-    if (errors)
-        (void)fclose(errors);
+    uint64_t round = memo_begin(&errors) ? ask_for_reload(s, errors.out) : 0;
     char none[] = "out of memory";
     if (round == 0) {
-        note_refusal(s, errors && text ? text : none);
-        log_refusal(s, errors && text ? text : none);
+        char *text = memo_text(&errors) ? errors.text : none;
+        note_refusal(s, text);
+        log_refusal(s, text);
         end_refusal(s);
     }
     s->hangups[round % 2] = round;
-    free(text);
+    memo_end(&errors);
     (void)log_enter(NULL);
 }
 

@@ -4,6 +4,7 @@
  */
 #include "sim/expect.h"
 
+#include "base/memo.h"
 #include "base/number.h"
 #include "trace/frametext.h"
 
@@ -573,17 +574,15 @@ static bool sim_expect_conclude(expect_report *report, expect *x, size_t i, cons
     expect_outcome o = {.name = e->name ? strdup(e->name) : NULL};
     uint64_t begin = e->when.time_begin > x->start.ticks ? e->when.time_begin : x->start.ticks;
     uint64_t end = e->when.time_end < bus->ticks ? e->when.time_end : bus->ticks;
-    size_t size;
-    FILE *wanted = open_memstream(&o.wanted, &size);
-    FILE *got = open_memstream(&o.got, &size);
-    if (wanted)
-        write_wanted(wanted, x->config, e);
-    if (got)
-        o.met = expect_judge(got, x, i, bus);
+    memo wanted, got;
+    if (memo_begin(&wanted))
+        write_wanted(wanted.out, x->config, e);
+    if (memo_begin(&got))
+        o.met = expect_judge(got.out, x, i, bus);
+    o.wanted = memo_take(&wanted);
+    o.got = memo_take(&got);
     o.ticks = end > begin ? end - begin : 0;
-    bool good = !e->name || o.name;
-    good = wanted && fclose(wanted) == 0 && good;
-    good = got && fclose(got) == 0 && good;
+    const bool good = o.wanted && o.got && (!e->name || o.name);
     return expect_report_add(report, o) && good;
 }
 

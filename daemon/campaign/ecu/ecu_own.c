@@ -4,6 +4,8 @@
  */
 #include "campaign/ecu/ecu_own.h"
 
+#include "base/memo.h"
+
 #include <jansson.h>
 #include <stdlib.h>
 #include <string.h>
@@ -56,18 +58,16 @@ static scenario *ecu_own_run(const char *file, uint64_t until_ns, FILE *messages
 
 static scenario *run_told(const char *file, const char *program, ecu_result *result)
 {
-    char *messages = NULL;
-    size_t size = 0;
-    FILE *out = open_memstream(&messages, &size);
+    memo said;
+    FILE *out = memo_begin(&said);
     scenario *s = out ? ecu_own_run(file, result->end_ns, out) : NULL;
-    if (out)
-        (void)fclose(out);
+    char *messages = memo_text(&said);
     if (!s) {
         if (messages)
             messages[strcspn(messages, "\n")] = '\0';
         (void)ecu_own_fail(result, program, messages && *messages ? messages : "out of memory");
     }
-    free(messages);
+    memo_end(&said);
     return s;
 }
 

@@ -6,6 +6,7 @@
 
 #include "base/jsontext.h"
 #include "base/plain.h"
+#include "base/memo.h"
 #include "campaign/ecu/ecu_keeper.h"
 #include "campaign/ecu/ecu_network.h"
 #include "campaign/ecu/ecu_own.h"
@@ -230,13 +231,11 @@ static outcome outcome_of(ecu_verdict verdict)
 static outcome write_replay(one *o, buffer *row)
 {
     char file[PATH_MAX + 16];
-    char *messages = NULL;
-    size_t size = 0;
-    FILE *out = open_memstream(&messages, &size);
+    memo said;
+    FILE *out = memo_begin(&said);
     (void)snprintf(file, sizeof file, "%s/" ECU_JOURNAL, o->folder.files);
     scenario *s = out ? scenario_replay(file, o->result.end_ns, out) : NULL;
-    if (out)
-        (void)fclose(out);
+    char *messages = memo_text(&said);
     outcome result = OUTCOME_BROKEN;
     if (!s)
         outcome_write_none(row, result, messages ? outcome_first_error(messages) : "out of memory");
@@ -245,7 +244,7 @@ static outcome write_replay(one *o, buffer *row)
     else
         result = outcome_write_as(row, s, outcome_of(o->result.verdict), o->result.why);
     scenario_close(s);
-    free(messages);
+    memo_end(&said);
     return result;
 }
 
@@ -360,14 +359,12 @@ static outcome write_row(one *o, buffer *row, bool has_journal)
 /* Returns false when the values make no scenario, which is in the row then. */
 static bool ecu_row_begin(one *o, buffer *row)
 {
-    char *messages = NULL;
-    size_t size = 0;
-    FILE *out = open_memstream(&messages, &size);
+    memo said;
+    FILE *out = memo_begin(&said);
     const bool good = out && check_scenario(o, out);
-    const bool told = out && fclose(out) == 0;
     if (!good)
-        (void)outcome_write_invalid(row, told ? messages : NULL);
-    free(messages);
+        (void)outcome_write_invalid(row, memo_text(&said));
+    memo_end(&said);
     return good;
 }
 

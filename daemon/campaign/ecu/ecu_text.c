@@ -45,11 +45,7 @@ static const char *ecu_text_load(change *c)
     if (yaml_text_load(&c->document, buffer_first(c->text), buffer_length(c->text),
                        &yaml_file_limits, errors))
         wrong = NULL;
-    FILE *nowhere = fopen("/dev/null", "re");
-    if (nowhere) {
-        diag_flush(errors, nowhere);
-        (void)fclose(nowhere);
-    }
+    diag_flush(errors, NULL);
     return wrong;
 }
 

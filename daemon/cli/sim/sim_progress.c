@@ -5,11 +5,11 @@
 #include "cli/sim/sim_progress.h"
 
 #include "base/counted.h"
+#include "base/memo.h"
 #include "base/wall.h"
 
 #include <inttypes.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
@@ -117,16 +117,13 @@ static void print_details(FILE *out, const progress_line *n, detail first)
 static bool sim_progress_print_line(char line[LINE_MAX_BYTES], size_t room, const progress_line *n,
                                     detail first)
 {
-    char *text = NULL;
-    size_t length = 0;
-    FILE *out = open_memstream(&text, &length);
-    if (!out)
-        return false;
-    print_details(out, n, first);
-    bool good = fclose(out) == 0 && length <= room;
+    memo whole;
+    if (memo_begin(&whole))
+        print_details(whole.out, n, first);
+    const bool good = memo_text(&whole) && whole.size <= room;
     if (good)
-        memcpy(line, text, length + 1);
-    free(text);
+        memcpy(line, whole.text, whole.size + 1);
+    memo_end(&whole);
     return good;
 }
 

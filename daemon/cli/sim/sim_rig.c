@@ -13,6 +13,7 @@
 #include "base/jsonput.h"
 #include "base/least.h"
 #include "base/plain.h"
+#include "base/memo.h"
 #include "cli/cli.h"
 #include "cli/gateways_text.h"
 #include "cli/sim/sim_endless.h"
@@ -248,14 +249,10 @@ static void sim_rig_pass_on(void *user, const cw_event *event)
 static char *sim_rig_text_of(const cfg *config, const cw_event *event,
                              void (*print)(FILE *out, const cfg *config, const cw_event *event))
 {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *out = open_memstream(&text, &size);
-    if (!out)
-        return NULL;
-    print(out, config, event);
-    (void)fclose(out);
-    return text;
+    memo line;
+    if (memo_begin(&line))
+        print(line.out, config, event);
+    return memo_take(&line);
 }
 
 /* Makes texts of the events of a bus that are not written yet: they have names of rules and nodes
