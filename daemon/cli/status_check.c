@@ -184,7 +184,7 @@ static void check_rules(check *c, const json_t *status)
         raise_to(c, CHECK_WARNING);
     }
     if (*unread) {
-        status_check_add(&c->text, ", %s", unread);
+        buffer_print(&c->text, ", %s", unread);
         raise_to(c, CHECK_WARNING);
     }
     if (*refused) {
