@@ -7,6 +7,7 @@
 #define CANWIRE_BASE_JSONTEXT_H
 
 #include "base/buffer.h"
+#include "base/chars.h"
 
 #include <stdint.h>
 
@@ -22,5 +23,25 @@ void jsontext_string(buffer *out, const char *key, const char *text);
 void jsontext_seconds(buffer *out, const char *key, uint64_t ticks);
 void jsontext_value(buffer *out, const char *key, const char *text); /* ... as it is, or its begin */
 void jsontext_key(buffer *out, const char *key);                     /* ... without the value */
+
+/* Write ,"key": and the value to memory that has room, as base/chars.h has it; they return the end.
+ * Keys are constants, and words need no escape. */
+#define AT_WORD(at, key, word) jsontext_end_word(chars_text(at, ",\"" key "\":\""), word)
+#define AT_NUMBER(at, key, number) chars_decimal(chars_text(at, ",\"" key "\":"), number)
+#define AT_SIGNED(at, key, number) jsontext_signed(chars_text(at, ",\"" key "\":"), number)
+
+static inline char *jsontext_end_word(char *at, const char *word)
+{
+    at = chars_text(at, word);
+    *at++ = '"';
+    return at;
+}
+
+static inline char *jsontext_signed(char *at, int64_t number)
+{
+    if (number < 0)
+        *at++ = '-';
+    return chars_decimal(at, number < 0 ? -(uint64_t)number : (uint64_t)number);
+}
 
 #endif

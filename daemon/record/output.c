@@ -4,12 +4,11 @@
  */
 #include "record/output.h"
 
-#include "record/local_time.h"
-
-#include "base/chars.h"
 #include "base/jsonput.h"
+#include "base/jsontext.h"
 #include "base/number.h"
 #include "config/portname.h"
+#include "record/local_time.h"
 #include "record/rate_load.h"
 #include "record/residual.h"
 #include "trace/frametext.h"
@@ -45,7 +44,6 @@ static void add_line(block *b, const char *name);
 static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus);
 static json_t *stats_of_rules(const cfg *config, const cw_bus *bus);
 
-static char *put_bus(char *at, const char *bus);
 static void output_write_event(FILE *out, const cfg *config, const cw_event *event,
                                const char *bus);
 
@@ -67,7 +65,9 @@ static void output_write_event(FILE *out, const cfg *config, const cw_event *eve
     if (event->kind == CW_EVENT_TOLERATED) {
         return;
     }
-    char *head_end = put_bus(put_head(b.head, event), bus);
+    char *head_end = put_head(b.head, event);
+    if (bus)
+        head_end = AT_WORD(head_end, "bus", bus);
     if (is_of_the_bus(event->kind)) {
         begin_block(&b, out, head_end, put_tail(b.tail, config, event));
         add_line(&b, "");
@@ -178,35 +178,14 @@ static bool is_of_the_bus(cw_event_kind kind)
     return kind == CW_EVENT_FAULT || kind == CW_EVENT_SKIP;
 }
 
-static char *put_word(char *at, const char *key, const char *word)
-{
-    at = chars_text(at, key);
-    at = chars_text(at, word);
-    *at++ = '"';
-    return at;
-}
-
-static char *put_signed(char *at, const char *key, int64_t number)
-{
-    at = chars_text(at, key);
-    if (number < 0)
-        *at++ = '-';
-    return chars_decimal(at, number < 0 ? -(uint64_t)number : (uint64_t)number);
-}
-
-static char *put_number(char *at, const char *key, uint64_t number)
-{
-    return chars_decimal(chars_text(at, key), number);
-}
-
 /* Names need no escaping: the configuration excludes such characters. */
 static char *put_rule(char *at, const cfg *config, const cw_event *event)
 {
     assert(event->rule < config->rule_count);
     const char *name = config->rules[event->rule].name;
     assert(strlen(name) < CW_RULE_NAME_MAX && name[strspn(name, NAME_CHARACTERS)] == '\0');
-    at = put_word(at, ",\"rule\":\"", name);
-    return put_number(at, ",\"hit\":", event->hit);
+    at = AT_WORD(at, "rule", name);
+    return AT_NUMBER(at, "hit", event->hit);
 }
 
 static char *put_frame(char *at, const cw_frame *frame)
@@ -218,25 +197,25 @@ static char *put_frame(char *at, const cw_frame *frame)
 
 static char *put_counters(char *at, const cw_event *event)
 {
-    at = put_number(at, ",\"tec\":", event->tec);
-    return put_number(at, ",\"rec\":", event->rec);
+    at = AT_NUMBER(at, "tec", event->tec);
+    return AT_NUMBER(at, "rec", event->rec);
 }
 
 static char *put_error(char *at, const cw_event *event)
 {
     const cw_error *error = &event->error;
 
-    at = put_word(at, ",\"role\":\"", error->role == CW_ROLE_TRANSMITTER ? "tx" : "rx");
-    at = put_word(at, ",\"type\":\"", cw_error_type_name(error->type));
-    at = put_word(at, ",\"field\":\"", cw_field_name(error->place.field));
-    at = put_number(at, ",\"index\":", error->place.index);
+    at = AT_WORD(at, "role", error->role == CW_ROLE_TRANSMITTER ? "tx" : "rx");
+    at = AT_WORD(at, "type", cw_error_type_name(error->type));
+    at = AT_WORD(at, "field", cw_field_name(error->place.field));
+    at = AT_NUMBER(at, "index", error->place.index);
     if (error->place.stuff) {
         at = chars_text(at, ",\"stuff\":true");
     }
     if (event->fast) {
         at = chars_text(at, ",\"rate\":\"data\"");
     }
-    at = put_word(at, ",\"flag\":\"", cw_flag_name(error->flag));
+    at = AT_WORD(at, "flag", cw_flag_name(error->flag));
     return put_counters(at, event);
 }
 
@@ -253,17 +232,17 @@ static char *put_pending(char *at, const cfg *config, const cw_event *event)
     if (event->from == 0) {
         return at;
     }
-    return put_word(at, ",\"pending_node\":\"", config->nodes[__builtin_ctzll(event->from)].name);
+    return AT_WORD(at, "pending_node", config->nodes[__builtin_ctzll(event->from)].name);
 }
 
 /* A hard synchronisation moves the whole bit, it has no phase error. */
 static char *put_sync(char *at, const cw_event *event)
 {
-    at = put_word(at, ",\"type\":\"", event->hard ? "hard" : "resync");
+    at = AT_WORD(at, "type", event->hard ? "hard" : "resync");
     if (event->hard)
         return at;
-    at = put_signed(at, ",\"phase_error_tq\":", event->phase_error_tq);
-    return put_signed(at, ",\"phase_error_ps\":", text_span_ps(event->phase_error));
+    at = AT_SIGNED(at, "phase_error_tq", event->phase_error_tq);
+    return AT_SIGNED(at, "phase_error_ps", text_span_ps(event->phase_error));
 }
 
 /* Writes the details of an event beyond time, node and kind. */
@@ -273,13 +252,13 @@ static char *put_details(char *at, const cfg *config, const cw_event *event)
     case CW_EVENT_FAULT:
         return put_rule(at, config, event);
     case CW_EVENT_LINK:
-        return put_word(at, ",\"state\":\"", event->up ? "up" : "down");
+        return AT_WORD(at, "state", event->up ? "up" : "down");
     case CW_EVENT_DROP:
         at = put_frame(at, &event->frame);
-        return put_word(at, ",\"why\":\"", cw_drop_name(event->why));
+        return AT_WORD(at, "why", cw_drop_name(event->why));
     case CW_EVENT_ARBITRATION_LOST:
         at = put_frame(at, &event->frame);
-        return put_number(at, ",\"bit\":", event->lost_bit);
+        return AT_NUMBER(at, "bit", event->lost_bit);
     case CW_EVENT_IMPROPER:
         return put_pending(at, config, event);
     case CW_EVENT_ERROR:
@@ -289,21 +268,21 @@ static char *put_details(char *at, const cfg *config, const cw_event *event)
         return put_frame(at, &event->frame);
     case CW_EVENT_TX:
         at = put_frame(at, &event->frame);
-        return event->trigger ? put_number(at, ",\"late_ns\":", text_ticks_ns(event->late)) : at;
+        return event->trigger ? AT_NUMBER(at, "late_ns", text_ticks_ns(event->late)) : at;
     case CW_EVENT_STATE:
-        at = put_word(at, ",\"state\":\"", cw_state_name(event->state));
+        at = AT_WORD(at, "state", cw_state_name(event->state));
         at = put_counters(at, event);
-        return event->state_before == CW_STATE_SLEEPING ? put_word(at, ",\"was\":\"", "sleeping")
+        return event->state_before == CW_STATE_SLEEPING ? AT_WORD(at, "was", "sleeping")
                                                         : at;
     case CW_EVENT_WAKE:
-        return put_word(at, ",\"by\":\"", cw_wake_name(event->why));
+        return AT_WORD(at, "by", cw_wake_name(event->why));
     case CW_EVENT_SKIP:
-        return put_number(at, ",\"skipped_ns\":", text_ticks_ns(event->ticks));
+        return AT_NUMBER(at, "skipped_ns", text_ticks_ns(event->ticks));
     case CW_EVENT_SYNC:
         return put_sync(at, event);
     case CW_EVENT_CAPTURE:
         at = put_frame(at, &event->frame);
-        return put_number(at, ",\"local-time\":", event->local_time);
+        return AT_NUMBER(at, "local-time", event->local_time);
     case CW_EVENT_RESTART:
     case CW_EVENT_OVERLOAD:
     case CW_EVENT_EXCEPTION:
@@ -320,19 +299,10 @@ static char *put_head(char *at, const cw_event *event)
     return text_print_seconds(chars_text(at, "{\"t\":"), event->tick);
 }
 
-static char *put_bus(char *at, const char *bus)
-{
-    if (!bus) {
-        return at;
-    }
-    at = chars_text(at, ",\"bus\":\"");
-    return chars_text(chars_text(at, bus), "\"");
-}
-
 /* Writes the text behind the name. */
 static char *put_tail(char *at, const cfg *config, const cw_event *event)
 {
-    at = put_word(at, ",\"event\":\"", cw_event_name(event->kind));
+    at = AT_WORD(at, "event", cw_event_name(event->kind));
     at = put_details(at, config, event);
     return chars_text(at, "}\n");
 }

@@ -7,6 +7,7 @@
 #include "base/chars.h"
 #include "base/epoch.h"
 #include "base/jsonput.h"
+#include "base/jsontext.h"
 #include "base/log.h"
 #include "base/moment.h"
 #include "base/number.h"
@@ -20,13 +21,11 @@
 
 #include <errno.h>
 #include <inttypes.h>
-#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
 #define LINE_BYTES 512 /* of a short line */
-#define BUS_KEY_BYTES 64 /* of ,"bus":"NAME" */
 #define RECORD_HEAD 16u /* bytes of the queue that a record takes in addition, at most */
 #define RETRY_MARKS 5u /* about this many seconds until a broken journal is tried again */
 #define JOURNAL_WHY_MAX 100
@@ -124,16 +123,6 @@ static void put_line(journal *j, char *line, size_t size)
     lose_line(j, error != 0 ? strerror(error) : "the disk is too slow");
 }
 
-static void __attribute__((format(printf, 2, 3))) put_short(journal *j, const char *format, ...)
-{
-    char line[LINE_BYTES + JOURNAL_SEAL_BYTES];
-    va_list args;
-    va_start(args, format);
-    int size = vsnprintf(line, LINE_BYTES, format, args);
-    va_end(args);
-    put_line(j, line, (size_t)size);
-}
-
 static void put_object(journal *j, json_t *object)
 {
     char *text = json_dumps(object, JSON_COMPACT | JSON_PRESERVE_ORDER);
@@ -214,27 +203,27 @@ static bool is_plain(const cw_frame *frame, const char *text)
 /* Writes a frame without a JSON object, since most lines are frames. */
 static void put_send(const journal_part *b, const input *what)
 {
-    char bus[BUS_KEY_BYTES] = "";
-    char frame[FRAME_TEXT_MAX];
-    char raw[LINE_BYTES / 2];
-    text_print_frame(frame, what->frame);
-    if (is_plain(what->frame, frame)) {
-        (void)snprintf(raw, sizeof raw, "\"frame\":\"%s\"", frame);
-    } else {
-        int used =
-            snprintf(raw, sizeof raw, "\"id\":%" PRIu32 ",\"flags\":%u,\"dlc\":%u,\"data\":\"",
-                     what->frame->id, (unsigned)what->frame->flags, (unsigned)what->frame->dlc);
-        for (size_t i = 0; i < data_room(what->frame); i++)
-            used += snprintf(raw + used, sizeof raw - (size_t)used, "%02X",
-                             (unsigned)what->frame->data[i]);
-        (void)snprintf(raw + used, sizeof raw - (size_t)used, "\"");
-    }
+    const cw_frame *frame = what->frame;
+    char line[LINE_BYTES + JOURNAL_SEAL_BYTES];
+    char text[FRAME_TEXT_MAX];
+    char *at = chars_decimal(chars_text(line, "{\"at\":"), what->now);
     if (b->named)
-        (void)snprintf(bus, sizeof bus, ",\"bus\":\"%s\"", b->config->bus_name);
-    put_short(b->journal,
-              "{\"at\":%" PRIu64 "%s%s,\"send\":\"%s\",%s,\"tick\":%" PRIu64 "}\n", what->now, bus,
-              what->advanced && what->now == b->last_at ? ",\"again\":true" : "",
-              b->config->nodes[what->node].name, raw, what->at_tick);
+        at = AT_WORD(at, "bus", b->config->bus_name);
+    if (what->advanced && what->now == b->last_at)
+        at = chars_text(at, ",\"again\":true");
+    at = AT_WORD(at, "send", b->config->nodes[what->node].name);
+    text_print_frame(text, frame);
+    if (is_plain(frame, text)) {
+        at = AT_WORD(at, "frame", text);
+    } else {
+        at = AT_NUMBER(at, "id", frame->id);
+        at = AT_NUMBER(at, "flags", frame->flags);
+        at = AT_NUMBER(at, "dlc", frame->dlc);
+        at = chars_bytes(chars_text(at, ",\"data\":\""), frame->data, (unsigned)data_room(frame));
+        *at++ = '"';
+    }
+    at = chars_text(AT_NUMBER(at, "tick", what->at_tick), "}\n");
+    put_line(b->journal, line, (size_t)(at - line));
 }
 
 static void put_inject(json_t *line, const input *what)
