@@ -91,3 +91,13 @@ void jsontext_seconds(buffer *out, const char *key, uint64_t ticks)
     (void)text_print_seconds(text, ticks);
     jsontext_value(out, key, text);
 }
+
+void jsontext_out(buffer *text, FILE *out)
+{
+    buffer_put(text, "\n");
+    if (text->no_memory)
+        json_no_memory();
+    else
+        (void)fwrite(buffer_first(text), 1, buffer_length(text), out);
+    buffer_free(text);
+}

@@ -10,6 +10,7 @@
 #include "base/chars.h"
 
 #include <stdint.h>
+#include <stdio.h>
 
 /* Appends a text in quotes. */
 void jsontext_quoted(buffer *out, const char *text);
@@ -23,6 +24,9 @@ void jsontext_string(buffer *out, const char *key, const char *text);
 void jsontext_seconds(buffer *out, const char *key, uint64_t ticks);
 void jsontext_value(buffer *out, const char *key, const char *text); /* ... as it is, or its begin */
 void jsontext_key(buffer *out, const char *key);                     /* ... without the value */
+
+/* Writes what has been made on a line, and frees it. Without memory see json_no_memory(). */
+void jsontext_out(buffer *text, FILE *out);
 
 /* Write ,"key": and the value to memory that has room, as base/chars.h has it; they return the end.
  * Keys are constants, and words need no escape. */

@@ -5,6 +5,7 @@
 #include "cli/timing_table.h"
 
 #include "base/decimal.h"
+#include "base/jsontext.h"
 #include "base/wide.h"
 #include "cli/timing_text.h"
 #include "config/phases.h"
@@ -13,7 +14,6 @@
 #include <inttypes.h>
 #include <string.h>
 
-#define PPB_DIGITS 9u
 #define PERMILLE_DIGITS 3u
 #define TICK_PS 12500
 #define PS_DIGITS 3u  /* of ns */
@@ -294,78 +294,75 @@ void timing_table_print(FILE *out, const cfg *config)
 
 /* ---- JSON ------------------------------------------------------------------------------------ */
 
-static void print_fraction(FILE *out, const char *key, int64_t ppb)
-{
-    fprintf(out, ",\"%s\":%s", key, decimal_signed(ppb, PPB_DIGITS).text);
-}
-
-/* Prints what depends on other nodes. */
-static void print_worst_json(FILE *out, const row *r)
+/* Puts what depends on other nodes. */
+static void put_worst_json(buffer *out, const row *r)
 {
     const timing_worst *worst = &r->worst;
 
-    print_fraction(out, "tolerance-left", timing_tolerance_left_ppb(&worst->clock_pair));
-    print_fraction(out, "sufficient-left", timing_sufficient_left_ppb(&worst->clock_pair));
-    fprintf(out, ",\"clock-node\":\"%s\",\"resynchronisations\":%u", r->clock_node,
-            worst->resynchronisations);
-    fprintf(out, ",\"round-trip\":%s,\"longest-line\":%s,\"line-node\":\"%s\"",
-            decimal(worst->line_pair.round_trip_ps, PS_DIGITS).text,
-            r->has_line ? decimal(r->line_mm, MM_DIGITS).text : "null", r->line_node);
+    timing_put_fraction(out, "tolerance-left", timing_tolerance_left_ppb(&worst->clock_pair));
+    timing_put_fraction(out, "sufficient-left", timing_sufficient_left_ppb(&worst->clock_pair));
+    jsontext_string(out, "clock-node", r->clock_node);
+    jsontext_number(out, "resynchronisations", worst->resynchronisations);
+    jsontext_value(out, "round-trip", decimal(worst->line_pair.round_trip_ps, PS_DIGITS).text);
+    jsontext_value(out, "longest-line", r->has_line ? decimal(r->line_mm, MM_DIGITS).text : "null");
+    jsontext_string(out, "line-node", r->line_node);
 }
 
-/* Prints the data phase of a CAN FD node. */
-static void print_data_json(FILE *out, const row *r)
+/* Puts the data phase of a CAN FD node. */
+static void put_data_json(buffer *out, const row *r)
 {
     const cw_tdc *tdc = &r->time->timing.data.tdc;
-
     const cfg_late_sample sample = cfg_find_late_sample(r->time);
 
-    timing_print_data_keys(out, &r->node->bit, &r->time->phase[1].bit);
-    fprintf(out, ",\"tdc-mode\":\"%s\"", data_timing_tdc_name(tdc->mode));
-    if (tdc->mode != CW_TDC_OFF)
-        fprintf(out, ",\"tdco\":%" PRIu32 ",\"tdcv\":%" PRIu64 ",\"secondary-sample\":%s",
-                tdc->tdco, sample.tdcv, nanoseconds(sample.at).text);
-    fprintf(out, ",\"sample-margin\":%s", nanoseconds(cfg_late_margin(&sample)).text);
+    timing_put_data(out, &r->node->bit, &r->time->phase[1].bit);
+    jsontext_string(out, "tdc-mode", data_timing_tdc_name(tdc->mode));
+    if (tdc->mode != CW_TDC_OFF) {
+        jsontext_number(out, "tdco", tdc->tdco);
+        jsontext_number(out, "tdcv", sample.tdcv);
+        jsontext_value(out, "secondary-sample", nanoseconds(sample.at).text);
+    }
+    jsontext_value(out, "sample-margin", nanoseconds(cfg_late_margin(&sample)).text);
 }
 
-static void print_row_json(FILE *out, const row *r)
+static void put_row_json(buffer *out, const row *r)
 {
     const bit_timing *t = &r->node->bit;
 
-    fprintf(out,
-            "{\"name\":\"%s\",\"clock\":%" PRIu32 ",\"tq\":%s,\"brp\":%" PRIu32
-            ",\"prop-seg\":%" PRIu32 ",\"phase-seg1\":%" PRIu32 ",\"phase-seg2\":%" PRIu32
-            ",\"sjw\":%" PRIu32,
-            r->name, t->clock_hz, decimal(timing_quanta_ps(t, 1), PS_DIGITS).text, t->brp,
-            t->prop_seg, t->phase_seg1, t->phase_seg2, t->sjw);
-    print_fraction(out, "sample-point", r->sample_ppb);
-    print_fraction(out, "sample-point-error", r->sample_error_ppb);
-    fprintf(out, ",\"ppm\":%" PRId32 ",\"bitrate-error\":%s", r->node->ppm,
-            decimal_signed(r->divider_ppb, PPB_OF_PPM).text);
-    print_fraction(out, "tolerance", timing_tolerance_ppb(t));
-    print_fraction(out, "sufficient", timing_sufficient_ppb(t));
+    jsontext_item(out, "{");
+    jsontext_string(out, "name", r->name);
+    jsontext_number(out, "clock", t->clock_hz);
+    jsontext_value(out, "tq", decimal(timing_quanta_ps(t, 1), PS_DIGITS).text);
+    timing_put_segments(out, t, false);
+    timing_put_fraction(out, "sample-point", r->sample_ppb);
+    timing_put_fraction(out, "sample-point-error", r->sample_error_ppb);
+    jsontext_value(out, "ppm", decimal_signed(r->node->ppm, 0).text);
+    jsontext_value(out, "bitrate-error", decimal_signed(r->divider_ppb, PPB_OF_PPM).text);
+    timing_put_fraction(out, "tolerance", timing_tolerance_ppb(t));
+    timing_put_fraction(out, "sufficient", timing_sufficient_ppb(t));
     if (r->has_others)
-        print_worst_json(out, r);
+        put_worst_json(out, r);
     if (r->time->phase[1].bit.clock_hz > 0)
-        print_data_json(out, r);
-    fputc('}', out);
+        put_data_json(out, r);
+    buffer_put(out, "}");
 }
 
 void timing_table_print_json(FILE *out, const cfg *config)
 {
+    buffer text = {.data = NULL};
     table all;
 
     fill(&all, config);
-    fprintf(out, "{\"bus\":\"%s\",\"bitrate\":%" PRIu32 ",\"sample-point\":%s",
-            config->bus_name, config->bitrate_bps,
-            decimal(wanted_permille(config), PERMILLE_DIGITS).text);
+    buffer_put(&text, "{");
+    jsontext_string(&text, "bus", config->bus_name);
+    jsontext_number(&text, "bitrate", config->bitrate_bps);
+    jsontext_value(&text, "sample-point", decimal(wanted_permille(config), PERMILLE_DIGITS).text);
     if (config->dbitrate_bps > 0)
-        fprintf(out, ",\"dbitrate\":%" PRIu32, config->dbitrate_bps);
-    fputs(",\"nodes\":[", out);
+        jsontext_number(&text, "dbitrate", config->dbitrate_bps);
+    jsontext_value(&text, "nodes", "[");
     for (size_t i = 0; i < config->node_count; i++) {
         const row r = row_of(&all, i);
-        fputs(i == 0 ? "" : ",", out);
-        print_row_json(out, &r);
+        put_row_json(&text, &r);
     }
-    fputs("]}\n", out);
+    buffer_put(&text, "]}");
+    jsontext_out(&text, out);
 }

@@ -5,6 +5,7 @@
 #include "cli/timing_text.h"
 
 #include "base/decimal.h"
+#include "base/jsontext.h"
 
 #include <inttypes.h>
 
@@ -106,37 +107,39 @@ void timing_print_data_text(FILE *out, const bit_timing *nominal, const bit_timi
         fprintf(out, "tdco          %" PRIu32 " clocks\n", timing_linux_tdco(data, limits));
 }
 
-void timing_print_data_keys(FILE *out, const bit_timing *nominal, const bit_timing *data)
+void timing_put_segments(buffer *out, const bit_timing *t, bool data)
 {
-    fprintf(out,
-            ",\"dbrp\":%" PRIu32 ",\"dprop-seg\":%" PRIu32 ",\"dphase-seg1\":%" PRIu32
-            ",\"dphase-seg2\":%" PRIu32 ",\"dsjw\":%" PRIu32
-            ",\"dtq\":%s,\"dsample-point\":%s,\"dtolerance\":%s",
-            data->brp, data->prop_seg, data->phase_seg1, data->phase_seg2, data->sjw,
-            ns_of_quanta(data, 1).text, decimal(timing_sample_point_ppb(data), PPB_DIGITS).text,
-            decimal(timing_data_tolerance_ppb(nominal, data), PPB_DIGITS).text);
+    static const char *const keys[] = {"dbrp", "dprop-seg", "dphase-seg1", "dphase-seg2", "dsjw"};
+    const uint32_t values[] = {t->brp, t->prop_seg, t->phase_seg1, t->phase_seg2, t->sjw};
+    for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++)
+        jsontext_number(out, data ? keys[i] : keys[i] + 1, values[i]);
 }
 
-/* Prints what Linux would compensate with, or nothing when it would not. */
-static void print_tdco(FILE *out, const bit_timing *data, const timing_limits *limits)
+void timing_put_fraction(buffer *out, const char *key, int64_t ppb)
 {
-    if (data->brp <= TIMING_TDC_BRP_MAX)
-        fprintf(out, ",\"tdco\":%" PRIu32, timing_linux_tdco(data, limits));
+    jsontext_value(out, key, decimal_signed(ppb, PPB_DIGITS).text);
+}
+
+void timing_put_data(buffer *out, const bit_timing *nominal, const bit_timing *data)
+{
+    timing_put_segments(out, data, true);
+    jsontext_value(out, "dtq", ns_of_quanta(data, 1).text);
+    timing_put_fraction(out, "dsample-point", timing_sample_point_ppb(data));
+    timing_put_fraction(out, "dtolerance", timing_data_tolerance_ppb(nominal, data));
 }
 
 void timing_print_json(FILE *out, const bit_timing *t, const bit_timing *data,
                        const timing_limits *limits)
 {
-    fprintf(out,
-            "{\"brp\":%" PRIu32 ",\"prop-seg\":%" PRIu32 ",\"phase-seg1\":%" PRIu32
-            ",\"phase-seg2\":%" PRIu32 ",\"sjw\":%" PRIu32
-            ",\"sample-point\":%s,\"tolerance\":%s",
-            t->brp, t->prop_seg, t->phase_seg1, t->phase_seg2, t->sjw,
-            decimal(timing_sample_point_ppb(t), PPB_DIGITS).text,
-            decimal(timing_tolerance_ppb(t), PPB_DIGITS).text);
-    if (data) {
-        timing_print_data_keys(out, t, data);
-        print_tdco(out, data, limits);
-    }
-    fputs("}\n", out);
+    buffer text = {.data = NULL};
+    buffer_put(&text, "{");
+    timing_put_segments(&text, t, false);
+    timing_put_fraction(&text, "sample-point", timing_sample_point_ppb(t));
+    timing_put_fraction(&text, "tolerance", timing_tolerance_ppb(t));
+    if (data)
+        timing_put_data(&text, t, data);
+    if (data && data->brp <= TIMING_TDC_BRP_MAX) /* Linux compensates */
+        jsontext_number(&text, "tdco", timing_linux_tdco(data, limits));
+    buffer_put(&text, "}");
+    jsontext_out(&text, out);
 }

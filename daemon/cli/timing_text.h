@@ -5,6 +5,7 @@
 #ifndef CANWIRE_CLI_TIMING_TEXT_H
 #define CANWIRE_CLI_TIMING_TEXT_H
 
+#include "base/buffer.h"
 #include "timing/data_phase.h"
 
 #include <stdio.h>
@@ -21,7 +22,13 @@ void timing_print_data_text(FILE *out, const bit_timing *nominal, const bit_timi
 void timing_print_json(FILE *out, const bit_timing *t, const bit_timing *data,
                        const timing_limits *limits);
 
-/* Prints the keys of the data phase with a comma before each. */
-void timing_print_data_keys(FILE *out, const bit_timing *nominal, const bit_timing *data);
+/* Puts brp and the segments; those of a data phase have a d before their keys. */
+void timing_put_segments(buffer *out, const bit_timing *t, bool data);
+
+/* Puts the keys of a data phase. */
+void timing_put_data(buffer *out, const bit_timing *nominal, const bit_timing *data);
+
+/* Puts parts of 10^9 as a fraction. */
+void timing_put_fraction(buffer *out, const char *key, int64_t ppb);
 
 #endif
