@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * jsonput.c - fills JSON objects and arrays and writes them.
+ * jsonput.c - fills JSON objects and arrays, writes them, and reads their members.
  */
 #include "base/jsonput.h"
 
@@ -58,6 +58,23 @@ bool json_has_text(const json_t *array, const char *text)
     for (size_t i = 0; i < json_array_size(array) && !found; i++)
         found = strcmp(json_string_value(json_array_get(array, i)), text) == 0;
     return found;
+}
+
+const char *get_text(const json_t *object, const char *key)
+{
+    return json_string_value(json_object_get(object, key));
+}
+
+const char *get_any_text(const json_t *object, const char *key)
+{
+    const char *text = get_text(object, key);
+    return text ? text : "";
+}
+
+uint64_t get_count(const json_t *object, const char *key)
+{
+    const json_int_t number = json_integer_value(json_object_get(object, key));
+    return number > 0 ? (uint64_t)number : 0;
 }
 
 json_t *text_to_json(const char *text, size_t length)

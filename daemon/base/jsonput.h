@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * jsonput.h - fills JSON objects and arrays and writes them.
+ * jsonput.h - fills JSON objects and arrays, writes them, and reads their members.
  *
  * Half a report would be read as zeros, so running out of memory ends the program, with status 1.
  * In libcanwire-sim the report is thrown away instead.
@@ -48,6 +48,15 @@ void put_text_last(json_t *array, const char *text);
 
 /* Returns true for one of an array of texts. */
 bool json_has_text(const json_t *array, const char *text);
+
+/* Returns a text of an object; NULL when there is none. */
+const char *get_text(const json_t *object, const char *key);
+
+/* Returns a text of an object; "" when there is none. */
+const char *get_any_text(const json_t *object, const char *key);
+
+/* Returns an integer of an object; 0 for one below 0, and when there is none. */
+uint64_t get_count(const json_t *object, const char *key);
 
 /* Makes a string from any bytes; '?' replaces non-ASCII bytes that are no UTF-8. */
 json_t *text_to_json(const char *text, size_t length);

@@ -237,7 +237,7 @@ static bool has_name(const char *path, const char *bus)
     reply_patience_s = patience_s;
     wait_ns = wait;
     const json_t *status = json_object_get(reply, "status");
-    const char *name = json_string_value(json_object_get(json_object_get(status, "bus"), "name"));
+    const char *name = get_text(json_object_get(status, "bus"), "name");
     const bool same = name && strcmp(name, bus) == 0;
     json_decref(reply);
     return same;
@@ -479,7 +479,7 @@ bool client_report_end(const client *c)
 static void print_refusal(const client *c, const json_t *reply)
 {
     const json_t *errors = json_object_get(reply, "errors");
-    const char *error = json_string_value(json_object_get(reply, "error"));
+    const char *error = get_text(reply, "error");
     for (size_t i = 0; i < json_array_size(errors); i++) {
         const char *text = json_string_value(json_array_get(errors, i));
         teller(text ? text : "?");

@@ -4,6 +4,8 @@
  */
 #include "cli/gateways_text.h"
 
+#include "base/jsonput.h"
+
 #include <inttypes.h>
 
 static intmax_t number(const json_t *object, const char *key)
@@ -24,8 +26,7 @@ static void print_direction(FILE *out, const json_t *gateway, const char *direct
         lost += number(json_array_get(rules, i), "lost");
     }
     fprintf(out, "gateway %s: %s to %s: forwarded %jd lost %jd dropped %jd\n",
-            json_string_value(json_object_get(gateway, "name")),
-            json_string_value(json_array_get(nodes, at)),
+            get_text(gateway, "name"), json_string_value(json_array_get(nodes, at)),
             json_string_value(json_array_get(nodes, 1 - at)), forwarded, lost,
             number(counts, "dropped"));
 }

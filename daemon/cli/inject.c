@@ -48,12 +48,11 @@ typedef struct injection {
 } injection;
 
 /* Returns false after a message. */
-static bool append(buffer *to, const char *bytes, size_t count)
+static bool is_whole(const buffer *text)
 {
-    bool good = buffer_append(to, bytes, count);
-    if (!good)
+    if (text->no_memory)
         fputs("canwire inject: out of memory\n", stderr);
-    return good;
+    return !text->no_memory;
 }
 
 /* Turns KEY=VALUE into a line of the map `with`. */
@@ -65,11 +64,10 @@ static bool add_parameter(void *user, const char *argument)
         plain_print(stderr, "canwire inject: --with %s: expected KEY=VALUE\n", argument);
         return false;
     }
-    bool good = buffer_length(&in->with) > 0 || append(&in->with, "\nwith:\n", 7);
-    return good && append(&in->with, "  ", 2) &&
-           append(&in->with, argument, (size_t)(equals - argument)) &&
-           append(&in->with, ": ", 2) && append(&in->with, equals + 1, strlen(equals + 1)) &&
-           append(&in->with, "\n", 1);
+    if (buffer_length(&in->with) == 0)
+        buffer_put(&in->with, "\nwith:\n");
+    buffer_print(&in->with, "  %.*s: %s\n", (int)(equals - argument), argument, equals + 1);
+    return is_whole(&in->with);
 }
 
 /* Reads the text, or as much as exceeds the limit; the bus then refuses it. */
@@ -173,9 +171,12 @@ static bool inject_read_text(injection *in, const char *bus, const char *word)
             return false;
     }
     in->name = !is_file ? "inject" : strcmp(word, "-") == 0 ? "stdin" : word;
-    if (is_file ? !inject_read_file(in, word) : !append(&in->text, word, strlen(word)))
+    if (!is_file)
+        buffer_put(&in->text, word);
+    else if (!inject_read_file(in, word))
         return false;
-    return append(&in->text, in->with.data, buffer_length(&in->with));
+    (void)buffer_append(&in->text, in->with.data, buffer_length(&in->with));
+    return is_whole(&in->text);
 }
 
 static int send_text(const char *bus, const injection *in)

@@ -9,6 +9,7 @@
 #include "cli/record_files.h"
 
 #include "base/fileuse.h"
+#include "base/jsonput.h"
 #include "base/spool.h"
 #include "config/portname.h"
 
@@ -83,7 +84,7 @@ static bool is_shared(const json_t *nodes, size_t node, const char *port)
 {
     size_t i = 0;
     while (i < node) {
-        const char *text = json_string_value(json_object_get(json_array_get(nodes, i), "port"));
+        const char *text = get_text(json_array_get(nodes, i), "port");
         if (text && strcmp(text, port) == 0)
             break;
         i++;
@@ -93,7 +94,7 @@ static bool is_shared(const json_t *nodes, size_t node, const char *port)
 
 static void add_port(bus_files *files, const json_t *nodes, size_t node)
 {
-    const char *text = json_string_value(json_object_get(json_array_get(nodes, node), "port"));
+    const char *text = get_text(json_array_get(nodes, node), "port");
     const portname port = portname_parse(text ? text : "");
     if (port.path && !is_shared(nodes, node, text))
         add_socket(files, port.path, "the bus' port");
@@ -118,7 +119,7 @@ static void add_files(bus_files *files, const json_t *status)
     add_file(files, status, (fileuse){.what = "the configuration"});
     for (size_t i = 0; i < json_array_size(reads); i++)
         add_name(files, json_array_get(reads, i), (fileuse){.what = "the bus' input"});
-    add_socket(files, json_string_value(json_object_get(status, "control")), "the bus' control");
+    add_socket(files, get_text(status, "control"), "the bus' control");
     for (size_t i = 0; i < json_array_size(nodes); i++)
         add_port(files, nodes, i);
     for (size_t i = 0; i < json_array_size(recordings); i++)

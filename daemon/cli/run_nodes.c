@@ -133,7 +133,7 @@ static bool run_nodes_take(search *s)
 
 static bool is_fd(const json_t *node)
 {
-    const char *kind = json_string_value(json_object_get(node, "kind"));
+    const char *kind = get_text(node, "kind");
     return kind && strcmp(kind, "fd") == 0;
 }
 
@@ -142,12 +142,12 @@ static bool find_in_status(search *s)
     json_t *reply = client_ask_exact(s->node->bus, client_request("status"));
     const json_t *status = json_object_get(reply, "status");
     const json_t *nodes = json_object_get(status, "nodes");
-    s->directory = json_string_value(json_object_get(status, "directory"));
-    s->time = json_string_value(json_object_get(json_object_get(status, "virtual"), "socket"));
+    s->directory = get_text(status, "directory");
+    s->time = get_text(json_object_get(status, "virtual"), "socket");
     for (size_t i = 0; i < json_array_size(nodes); i++) {
         const json_t *node = json_array_get(nodes, i);
-        const told_node told = {.name = json_string_value(json_object_get(node, "name")),
-                                .port = json_string_value(json_object_get(node, "port")),
+        const told_node told = {.name = get_text(node, "name"),
+                                .port = get_text(node, "port"),
                                 .fd = is_fd(node),
                                 .guest = json_object_get(node, "guest") != NULL};
         if (told.name)

@@ -5,6 +5,7 @@
 #include "cli/status_check.h"
 
 #include "base/counted.h"
+#include "base/jsonput.h"
 #include "base/number.h"
 #include "base/plain.h"
 
@@ -121,18 +122,6 @@ static void raise_to(check *c, check_level level)
         c->level = level;
 }
 
-static const char *status_check_text_of(const json_t *object, const char *key)
-{
-    const char *text = json_string_value(json_object_get(object, key));
-    return text ? text : "";
-}
-
-static uint64_t status_check_number_of(const json_t *object, const char *key)
-{
-    const json_int_t number = json_integer_value(json_object_get(object, key));
-    return number > 0 ? (uint64_t)number : 0;
-}
-
 /* Returns the highest level whose limit a value has reached. */
 static check_level reached(uint64_t value, uint64_t warning, uint64_t critical)
 {
@@ -143,8 +132,7 @@ static check_level reached(uint64_t value, uint64_t warning, uint64_t critical)
 
 static void status_check_check_node(check *c, const json_t *node)
 {
-    const char *state = status_check_text_of(node, "state"),
-               *link = status_check_text_of(node, "link");
+    const char *state = get_any_text(node, "state"), *link = get_any_text(node, "link");
     unsigned place;
     const check_level level =
         status_check_find(&place, states, COUNT_OF(states), state)
@@ -152,13 +140,13 @@ static void status_check_check_node(check *c, const json_t *node)
         : strcmp(state, SLEEPING) == 0 ? CHECK_OK
                                        : CHECK_UNKNOWN;
     if (level > CHECK_OK)
-        buffer_print(&c->text, ", %s %s", status_check_text_of(node, "name"),
+        buffer_print(&c->text, ", %s %s", get_any_text(node, "name"),
                      *state ? state : "without a state");
     raise_to(c, level);
     if (c->limits.links == CHECK_OK || *link == '\0' || strcmp(link, "up") == 0 ||
         json_object_get(node, "guest"))
         return;
-    buffer_print(&c->text, ", %s link %s", status_check_text_of(node, "name"), link);
+    buffer_print(&c->text, ", %s link %s", get_any_text(node, "name"), link);
     raise_to(c, c->limits.links);
 }
 
@@ -166,18 +154,17 @@ static void check_sink(check *c, const json_t *sink)
 {
     if (c->limits.sinks == CHECK_OK || json_is_true(json_object_get(sink, "good")))
         return;
-    const char *why = status_check_text_of(sink, "why");
-    buffer_print(&c->text, ", %s %s %s%s%s", status_check_text_of(sink, "kind"),
-                 status_check_text_of(sink, "name"), status_check_text_of(sink, "state"),
-                 *why ? ": " : "", why);
+    const char *why = get_any_text(sink, "why");
+    buffer_print(&c->text, ", %s %s %s%s%s", get_any_text(sink, "kind"),
+                 get_any_text(sink, "name"), get_any_text(sink, "state"), *why ? ": " : "", why);
     raise_to(c, c->limits.sinks);
 }
 
 static void check_rules(check *c, const json_t *status)
 {
-    const char *lost = status_check_text_of(json_object_get(status, "lost_rules"), "note");
-    const char *unread = status_check_text_of(status, "unread_rules");
-    const char *refused = status_check_text_of(status, "reload_refused");
+    const char *lost = get_any_text(json_object_get(status, "lost_rules"), "note");
+    const char *unread = get_any_text(status, "unread_rules");
+    const char *refused = get_any_text(status, "reload_refused");
     const json_t *kept = json_object_get(status, "kept_rules");
     if (*lost) {
         buffer_print(&c->text, ", %s", lost);
@@ -195,7 +182,7 @@ static void check_rules(check *c, const json_t *status)
         const json_t *one = json_array_get(kept, i);
         if (!json_is_true(json_object_get(one, "refused")))
             continue;
-        buffer_print(&c->text, ", rules of %s are refused", status_check_text_of(one, "name"));
+        buffer_print(&c->text, ", rules of %s are refused", get_any_text(one, "name"));
         raise_to(c, CHECK_WARNING);
     }
 }
@@ -219,7 +206,7 @@ static const char *lack_of(const json_t *status)
     const json_t *now = json_object_get(status, "bus");
     if (!json_is_object(status))
         return "a status";
-    if (*status_check_text_of(now, "name") == '\0')
+    if (*get_any_text(now, "name") == '\0')
         return "the name of a bus";
     if (!json_is_integer(json_object_get(now, "load_second_permille")))
         return "a load";
@@ -233,7 +220,7 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
     const json_t *now = json_object_get(status, "bus");
     const json_t *nodes = json_object_get(status, "nodes");
     const json_t *sinks = json_object_get(status, "sinks");
-    const uint64_t load = status_check_number_of(now, "load_second_permille");
+    const uint64_t load = get_count(now, "load_second_permille");
     if (buffer_length(&c->text) > 0)
         buffer_put(&c->text, "; ");
     if (!status) {
@@ -247,12 +234,12 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
         return;
     }
     buffer_print(&c->text, "%s: load %" PRIu64 ".%" PRIu64 " %%, %s, %s",
-                 status_check_text_of(now, "name"), load / 10, load % 10,
+                 get_any_text(now, "name"), load / 10, load % 10,
                  counted(json_array_size(nodes), "node").text,
                  counted(json_array_size(sinks), "sink").text);
     raise_to(c, reached(load, c->limits.load_permille[CHECK_WARNING],
                         c->limits.load_permille[CHECK_CRITICAL]));
-    add_figure(c, status_check_text_of(now, "name"), load);
+    add_figure(c, get_any_text(now, "name"), load);
     for (size_t i = 0; i < json_array_size(nodes); i++)
         status_check_check_node(c, json_array_get(nodes, i));
     for (size_t i = 0; i < json_array_size(sinks); i++)

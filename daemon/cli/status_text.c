@@ -3,6 +3,7 @@
  * status_text.c - the status of a bus as text, in the layout of `ip -details -statistics link`.
  */
 #include "base/counted.h"
+#include "base/jsonput.h"
 #include "serve/status.h"
 
 #include "base/decimal.h"
@@ -88,7 +89,7 @@ static const char *virtual_doing(const json_t *now)
 /* Prints how far virtual time is: "    virtual time, programs 2 of 2, holds for candump can0". */
 static void print_virtual(FILE *out, const json_t *now)
 {
-    const char *runs = json_string_value(json_object_get(now, "runs"));
+    const char *runs = get_text(now, "runs");
     if (!json_is_object(now))
         return;
     fprintf(out, "    virtual time, programs %jd of %jd, %s%s%s\n", number(now, "joined"),

@@ -46,9 +46,9 @@ static bool is_column(const char *key)
 /* Prints time, node and kind in columns, then the other members by name; a frame has no name. */
 static void print_event(json_t *event)
 {
-    const char *node = json_string_value(json_object_get(event, "node"));
-    const char *kind = json_string_value(json_object_get(event, "event"));
-    const char *frame = json_string_value(json_object_get(event, "frame"));
+    const char *node = get_text(event, "node");
+    const char *kind = get_text(event, "event");
+    const char *frame = get_text(event, "frame");
     printf("%15.9f  %-*s %-*s", json_real_value(json_object_get(event, "t")), NODE_WIDTH,
            node ? node : "-", frame || json_object_size(event) > 3 ? KIND_WIDTH : 0,
            kind ? kind : "?");

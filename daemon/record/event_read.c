@@ -4,15 +4,10 @@
  */
 #include "record/event_read.h"
 
+#include "base/jsonput.h"
 #include "trace/frametext.h"
 
 #include <string.h>
-
-static const char *event_read_text_of(const json_t *line, const char *key)
-{
-    const char *text = json_string_value(json_object_get(line, key));
-    return text ? text : "";
-}
 
 static unsigned event_read_number_of(const json_t *line, const char *key)
 {
@@ -86,36 +81,36 @@ static bool find_field(cw_field *field, const char *word)
 
 static bool read_error(cw_error *error, const json_t *line)
 {
-    bool sends = strcmp(event_read_text_of(line, "role"), "tx") == 0;
+    bool sends = strcmp(get_any_text(line, "role"), "tx") == 0;
     error->role = sends ? CW_ROLE_TRANSMITTER : CW_ROLE_RECEIVER;
     error->place.index = (uint16_t)event_read_number_of(line, "index");
     error->place.stuff = json_is_true(json_object_get(line, "stuff"));
-    return find_type(&error->type, event_read_text_of(line, "type")) &&
-           find_field(&error->place.field, event_read_text_of(line, "field"));
+    return find_type(&error->type, get_any_text(line, "type")) &&
+           find_field(&error->place.field, get_any_text(line, "field"));
 }
 
 /* Reads the details of an event beyond time, node and kind; returns false when they are not
  * understood. */
 static bool read_details(cw_event *out, const json_t *line)
 {
-    const char *frame = event_read_text_of(line, "frame");
+    const char *frame = get_any_text(line, "frame");
     if (*frame && text_parse_frame(&out->frame, frame) != NULL)
         return false;
     out->tec = (uint16_t)event_read_number_of(line, "tec");
     out->rec = (uint16_t)event_read_number_of(line, "rec");
     out->lost_bit = (uint8_t)event_read_number_of(line, "bit");
     if (out->kind == CW_EVENT_ERROR) {
-        out->fast = strcmp(event_read_text_of(line, "rate"), "data") == 0;
+        out->fast = strcmp(get_any_text(line, "rate"), "data") == 0;
         return read_error(&out->error, line);
     }
-    if (strcmp(event_read_text_of(line, "was"), cw_state_name(CW_STATE_SLEEPING)) == 0)
+    if (strcmp(get_any_text(line, "was"), cw_state_name(CW_STATE_SLEEPING)) == 0)
         out->state_before = CW_STATE_SLEEPING;
     if (out->kind == CW_EVENT_STATE)
-        return find_state(&out->state, event_read_text_of(line, "state"));
+        return find_state(&out->state, get_any_text(line, "state"));
     if (out->kind == CW_EVENT_WAKE)
-        return find_wake(&out->why, event_read_text_of(line, "by"));
+        return find_wake(&out->why, get_any_text(line, "by"));
     if (out->kind == CW_EVENT_DROP)
-        return find_drop(&out->why, event_read_text_of(line, "why"));
+        return find_drop(&out->why, get_any_text(line, "why"));
     if (out->kind == CW_EVENT_CAPTURE) {
         const json_int_t local = json_integer_value(json_object_get(line, "local-time"));
         out->local_time = local > 0 ? (uint64_t)local : 0;
@@ -129,7 +124,7 @@ static bool read_details(cw_event *out, const json_t *line)
 
 static bool event_read_find_node(uint64_t *nodes, const json_t *line, const cfg *config)
 {
-    const char *name = json_string_value(json_object_get(line, "node"));
+    const char *name = get_text(line, "node");
     uint8_t node = name ? cfg_find_node(config, name) : CW_NO_NODE;
     if (node != CW_NO_NODE)
         *nodes = UINT64_C(1) << node;
@@ -142,7 +137,7 @@ event_read_result event_read(cw_event *out, uint64_t *time_ns, const json_t *lin
     double seconds = json_number_value(json_object_get(line, "t"));
     *out = (cw_event){.kind = CW_EVENT_COUNT};
     if (!(seconds >= 0 && seconds < 1e9) ||
-        !event_read_find_kind(&out->kind, event_read_text_of(line, "event")) ||
+        !event_read_find_kind(&out->kind, get_any_text(line, "event")) ||
         !read_details(out, line))
         return EVENT_OTHER;
     *time_ns = (uint64_t)(seconds * 1e9 + 0.5); /* exact for the first hundred days */

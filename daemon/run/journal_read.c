@@ -9,6 +9,7 @@
 #include "base/arena.h"
 #include "base/buffer.h"
 #include "base/counted.h"
+#include "base/jsonput.h"
 #include "base/nearest.h"
 #include "base/number.h"
 #include "base/memo.h"
@@ -186,7 +187,7 @@ static bool read_hex(char *bytes, const char *hex, size_t count)
  * key. */
 static const char *read_bytes(journal_reader *r, size_t *size, const json_t *value, const char *key)
 {
-    const char *hex = json_string_value(json_object_get(value, "hex"));
+    const char *hex = get_text(value, "hex");
     const char *text = json_is_string(value) ? json_string_value(value) : hex;
     if (!text) {
         (void)wrong(r, key, "%s: expected a text or {\"hex\": ...}", key);
@@ -358,7 +359,7 @@ static bool read_counters(journal_reader *r, journal_entry *entry)
 
 static bool read_gap(journal_reader *r, journal_entry *entry)
 {
-    entry->why = json_string_value(json_object_get(journal_read_value_of(r, "gap"), "why"));
+    entry->why = get_text(journal_read_value_of(r, "gap"), "why");
     return entry->why || wrong(r, "gap", "gap: the key 'why' is missing");
 }
 

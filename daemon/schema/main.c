@@ -4,6 +4,7 @@
  *          their readers have (base/schema.h), and the tables of counters for scripts/man. The
  *          build runs it: json-schema FOLDER COUNTERS
  */
+#include "base/jsonput.h"
 #include "campaign/campaign_owner.h"
 #include "config/parts.h"
 #include "config/rig.h"
@@ -38,7 +39,7 @@ static void define_types(maker *self, json_t *value)
         define_types(self, json_object_iter_value(i));
     for (size_t i = 0; i < json_array_size(value); i++)
         define_types(self, json_array_get(value, i));
-    const char *name = json_string_value(json_object_get(value, "$ref"));
+    const char *name = get_text(value, "$ref");
     name = name ? name + strlen("#/$defs/") : NULL;
     if (!name || json_object_get(self->definitions, name))
         return;
@@ -111,7 +112,7 @@ static json_t *schema_value_of(maker *self, const schema_key *key)
 /* Returns true for maps and lists, which no parameter stands for. */
 static bool is_whole(const maker *self, const schema_key *key, const json_t *value)
 {
-    const char *type = json_string_value(json_object_get(value, "type"));
+    const char *type = get_text(value, "type");
     const json_t *form = key->type ? json_object_get(self->definitions, key->type) : NULL;
     return (key->map && !key->type) || json_object_get(form, "oneOf") ||
            (type && (strcmp(type, "object") == 0 || strcmp(type, "array") == 0));

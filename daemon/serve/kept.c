@@ -160,7 +160,7 @@ static bool has_good_losses(const json_t *state)
 static const char *find_fault(const kept *k, const json_t *state)
 {
     const json_t *entries = json_object_get(state, "kept");
-    const char *bus = json_string_value(json_object_get(state, "bus"));
+    const char *bus = get_text(state, "bus");
     if (json_integer_value(json_object_get(state, FORMAT_KEY)) != FORMAT || !bus ||
         !json_is_array(entries) || !all_texts(json_object_get(state, "passing")) ||
         !has_good_losses(state))
@@ -200,7 +200,7 @@ static void print_note(kept *k)
 static void note_crash(kept *k, const json_t *state, const struct stat *file)
 {
     json_t *passing = json_object_get(state, "passing");
-    const char *crashed = json_string_value(json_object_get(state, "crashed"));
+    const char *crashed = get_text(state, "crashed");
     struct tm date;
     json_t *lost = json_array();
     (void)json_array_extend(lost, json_object_get(state, "lost"));
@@ -287,7 +287,7 @@ static void log_refused(const char *name, char *errors)
 static void apply_entry(inputs *in, json_t *entry)
 {
     const json_t *text = json_object_get(entry, "text");
-    const char *name = json_string_value(json_object_get(entry, "name"));
+    const char *name = get_text(entry, "name");
     memo errors;
     if (!memo_begin(&errors))
         return;

@@ -5,6 +5,7 @@
 #include "serve/publish.h"
 
 #include "base/counted.h"
+#include "base/jsonput.h"
 #include "base/log.h"
 #include "base/number.h"
 #include "base/thread.h"
@@ -757,7 +758,7 @@ void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
 /* Returns a text that is only read while encoding; "" for a missing one. */
 static char *publish_text_of(const json_t *object, const char *key)
 {
-    const char *text = json_string_value(json_object_get(object, key));
+    const char *text = get_text(object, key);
     return (char *)(uintptr_t)(text ? text : "");
 }
 

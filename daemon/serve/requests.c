@@ -107,7 +107,7 @@ static bool refuse_lines(request *r, const char *text)
 /* Returns NULL for a missing key. */
 static const char *requests_text_of(const request *r, const char *key)
 {
-    return json_string_value(json_object_get(r->asked, key));
+    return get_text(r->asked, key);
 }
 
 /* Finds the node that `node` names. */

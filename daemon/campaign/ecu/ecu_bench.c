@@ -4,6 +4,7 @@
  */
 #include "campaign/ecu/ecu_bench.h"
 
+#include "base/jsonput.h"
 #include "base/wall.h"
 #include "campaign/ecu/ecu_command.h"
 #include "trace/frametext.h"
@@ -131,8 +132,8 @@ static void take_notify(ecu_bench *b)
 static void ecu_bench_take_frame(ecu_bench *b, const json_t *event)
 {
     cw_frame frame;
-    const char *node = json_string_value(json_object_get(event, "node"));
-    const char *text = json_string_value(json_object_get(event, "frame"));
+    const char *node = get_text(event, "node");
+    const char *text = get_text(event, "frame");
     const double t = json_number_value(json_object_get(event, "t"));
     if (!node || !text || text_parse_frame(&frame, text))
         return;

@@ -4,6 +4,7 @@
  */
 #include "campaign/ecu/ecu_own.h"
 
+#include "base/jsonput.h"
 #include "base/memo.h"
 
 #include <jansson.h>
@@ -30,12 +31,6 @@ static json_t *read_head(const char *file)
     free(line);
     (void)fclose(in);
     return head;
-}
-
-static const char *ecu_own_text_of(const json_t *head, const char *key)
-{
-    const char *text = json_string_value(json_object_get(head, key));
-    return text ? text : "";
 }
 
 /* Opens and runs it. Messages go to a stream. */
@@ -81,11 +76,11 @@ scenario *ecu_own_replay(const char *file, const char *program, ecu_result *resu
                                   "it has ended without a row; canwire.row() makes it")
                    : NULL;
     result->end_ns = (uint64_t)json_integer_value(json_object_get(head, "until_ns"));
-    if (result->verdict == ECU_CRASHED && *ecu_own_text_of(head, "failed"))
+    if (result->verdict == ECU_CRASHED && *get_any_text(head, "failed"))
         (void)snprintf(result->why, sizeof result->why, "%s: %s", program,
-                       ecu_own_text_of(head, "failed"));
-    if (*ecu_own_text_of(head, "broken"))
-        (void)ecu_own_fail(result, program, ecu_own_text_of(head, "broken"));
+                       get_any_text(head, "failed"));
+    if (*get_any_text(head, "broken"))
+        (void)ecu_own_fail(result, program, get_any_text(head, "broken"));
     else
         s = run_told(file, program, result);
     json_decref(head);

@@ -4,18 +4,13 @@
  */
 #include "campaign/report/candidates.h"
 
+#include "base/jsonput.h"
 #include "base/jsontext.h"
 #include "campaign/report/memory.h"
 #include "base/buffer.h"
 
 #include <stdlib.h>
 #include <string.h>
-
-static const char *candidates_text_of(const json_t *object, const char *key)
-{
-    const char *text = json_string_value(json_object_get(object, key));
-    return text ? text : "";
-}
 
 static unsigned degraded_of(const report_row *row)
 {
@@ -35,7 +30,7 @@ static void write_kind(buffer *kind, const report_row *row, const row_signs *sig
         buffer_put(kind, "\n");
     }
     for (size_t i = 0; i < sizeof keys / sizeof keys[0] && row->first_error; i++) {
-        buffer_put(kind, candidates_text_of(row->first_error, keys[i]));
+        buffer_put(kind, get_any_text(row->first_error, keys[i]));
         buffer_put(kind, "\n");
     }
     (void)buffer_text(kind);

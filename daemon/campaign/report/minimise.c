@@ -113,8 +113,7 @@ static bool minimise_load(work *w, uint64_t without)
         variant_text_without(&text, task->campaign, task->choices, without);
     else
         (void)buffer_append(&text, task->text, task->size);
-    const bool good = !text.no_memory && bundle_load(&w->bundle, task->name,
-                                                     buffer_first(&text),
+    const bool good = !text.no_memory && bundle_load(&w->bundle, task->name, buffer_first(&text),
                                                      buffer_length(&text));
     buffer_free(&text);
     return good;

@@ -4,6 +4,7 @@
  */
 #include "campaign/report/report.h"
 
+#include "base/jsonput.h"
 #include "campaign/report/memory.h"
 #include "campaign/report/valuetext.h"
 #include "campaign/sample.h"
@@ -122,9 +123,8 @@ static void add_expectations(report *r, const report_row *row)
 static void add_error(report *r, const report_row *row)
 {
     const json_t *e = row->first_error;
-    char *text = memory_print("%s at %s (%s)", json_string_value(json_object_get(e, "type")),
-                              json_string_value(json_object_get(e, "field")),
-                              json_string_value(json_object_get(e, "role")));
+    char *text = memory_print("%s at %s (%s)", get_text(e, "type"), get_text(e, "field"),
+                              get_text(e, "role"));
     report_count(&r->errors, text, row->class);
     free(text);
 }
@@ -133,10 +133,10 @@ static void add_losses(report *r, const report_row *row)
 {
     for (size_t i = 0; i < json_array_size(row->lost); i++) {
         const json_t *l = json_array_get(row->lost, i);
-        const char *rule = json_string_value(json_object_get(l, "rule"));
-        const char *node = json_string_value(json_object_get(l, "node"));
+        const char *rule = get_text(l, "rule");
+        const char *node = get_text(l, "node");
         char *text = memory_print("%s%s: %s", rule ? "rule " : "", rule ? rule : node,
-                                  json_string_value(json_object_get(l, "why")));
+                                  get_text(l, "why"));
         report_count(&r->lost, text, row->class);
         free(text);
     }

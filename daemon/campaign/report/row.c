@@ -4,6 +4,7 @@
  */
 #include "campaign/report/row.h"
 
+#include "base/jsonput.h"
 #include "base/number.h"
 #include "campaign/report/rowcheck.h"
 
@@ -13,12 +14,6 @@
 #define LARGE_DIGITS 19u /* of 2^63 */
 
 /* ---- Values ---------------------------------------------------------------------------------- */
-
-static uint64_t row_number_of(const json_t *object, const char *key)
-{
-    const json_int_t value = json_integer_value(json_object_get(object, key));
-    return value > 0 ? (uint64_t)value : 0;
-}
 
 /* Reads seconds with 9 decimals. */
 static uint64_t ns_of(const json_t *value)
@@ -108,7 +103,7 @@ bool row_signs_has(const row_signs *signs, const char *name)
 
 const char *report_row_failed(const report_row *row, size_t i)
 {
-    const char *name = json_string_value(json_object_get(json_array_get(row->failed, i), "name"));
+    const char *name = get_text(json_array_get(row->failed, i), "name");
     return name ? name : "";
 }
 
@@ -131,13 +126,12 @@ static void judge_expectations(report_row *row, const row_signs *signs)
 
 static void judge_node(class_facts *f, const json_t *node)
 {
-    const char *state = json_string_value(json_object_get(node, "state"));
-    const bool dropped =
-        row_number_of(node, "dropped") > 0 || row_number_of(node, "rx_dropped") > 0;
+    const char *state = get_text(node, "state");
+    const bool dropped = get_count(node, "dropped") > 0 || get_count(node, "rx_dropped") > 0;
     const bool active = state && strcmp(state, "error-active") == 0;
     f->degraded |= (dropped ? DEGRADED_DROPPED : 0u) | (active ? 0u : DEGRADED_STATE) |
-                   (row_number_of(node, "error_passive") > 0 ? DEGRADED_PASSIVE : 0u) |
-                   (row_number_of(node, "bus_off") > 0 ? DEGRADED_BUS_OFF : 0u);
+                   (get_count(node, "error_passive") > 0 ? DEGRADED_PASSIVE : 0u) |
+                   (get_count(node, "bus_off") > 0 ? DEGRADED_BUS_OFF : 0u);
 }
 
 /* Reads what only a scenario with a result has. Returns what is wrong, or NULL. */
@@ -159,10 +153,10 @@ static const char *read_result(report_row *row, const row_signs *signs)
     row->has_latency = json_is_number(latency);
     row->latency_ns = ns_of(latency);
     row->end_ns = ns_of(json_object_get(row->object, "t"));
-    f->hit = row_number_of(row->object, "faults") > 0;
-    f->error = row->first_error != NULL || row_number_of(row->object, "error_frames") > 0;
+    f->hit = get_count(row->object, "faults") > 0;
+    f->error = row->first_error != NULL || get_count(row->object, "error_frames") > 0;
     f->error_after_hit = row->has_latency;
-    f->degraded = row_number_of(row->object, "undetected_errors") > 0 ? DEGRADED_UNDETECTED : 0u;
+    f->degraded = get_count(row->object, "undetected_errors") > 0 ? DEGRADED_UNDETECTED : 0u;
     void *place;
     for (place = json_object_iter((json_t *)nodes); place;
          place = json_object_iter_next((json_t *)nodes, place))
@@ -177,15 +171,14 @@ static const char *read_keys(report_row *row, const row_signs *signs)
 {
     const json_t *number = json_object_get(row->object, "number");
     row->factors = json_object_get(row->object, "factors");
-    row->repeat = json_string_value(json_object_get(row->object, "repeat"));
+    row->repeat = get_text(row->object, "repeat");
     row->has_number = json_is_integer(number) && json_integer_value(number) >= 0;
-    row->number = row_number_of(row->object, "number");
+    row->number = get_count(row->object, "number");
     if (!json_is_object(row->object) || !row->repeat ||
         !read_seed(&row->seed, json_object_get(row->object, "seed")) || !number != !row->factors ||
         (number && (!row->has_number || !json_is_object(row->factors))))
         return NO_ROW;
-    if (!find_outcome(&row->facts.outcome,
-                      json_string_value(json_object_get(row->object, "outcome"))))
+    if (!find_outcome(&row->facts.outcome, get_text(row->object, "outcome")))
         return NO_ROW ": it has no outcome that is known";
     if (row->facts.outcome != OUTCOME_PASSED && row->facts.outcome != OUTCOME_FAILED)
         return NULL;

@@ -4,6 +4,8 @@
  */
 #include "campaign/report/rowcheck.h"
 
+#include "base/jsonput.h"
+
 #include <string.h>
 
 /* A key that is missing, or has another value than its kind allows, and the message about it. */
@@ -52,7 +54,7 @@ static const char *rowcheck_check_node(const json_t *node)
         COUNTER("tec"), COUNTER("rec"), COUNTER("tec_max"), COUNTER("rec_max"),
         OUTCOME_NODE_COUNTERS(COUNTER_OF_NODE)
     };
-    if (!is_state(json_string_value(json_object_get(node, "state"))))
+    if (!is_state(get_text(node, "state")))
         return "`nodes`: `state`: expected error-active, error-warning, error-passive, bus-off or "
                "sleeping";
     return check_counters(node, counters, sizeof counters / sizeof *counters);

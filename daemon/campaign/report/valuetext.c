@@ -17,19 +17,13 @@ static const char *end_text(buffer *out)
     return text;
 }
 
-static const char *string_of(const json_t *object, const char *key)
-{
-    const char *text = json_string_value(json_object_get(object, key));
-    return text ? text : "";
-}
-
 /* Returns place i of a fault, or NULL. */
 static const char *valuetext_place_of(const json_t *value, size_t i)
 {
     const json_t *places = json_object_get(value, "places");
     if (places)
         return json_string_value(json_array_get(places, i));
-    return i == 0 ? json_string_value(json_object_get(value, "place")) : NULL;
+    return i == 0 ? get_text(value, "place") : NULL;
 }
 
 bool value_is_space(const json_t *value)
@@ -39,7 +33,7 @@ bool value_is_space(const json_t *value)
 
 const char *value_frame(const json_t *value)
 {
-    return string_of(value, "frame");
+    return get_any_text(value, "frame");
 }
 
 /* Writes a place, or its field: "crc[3] stuff" is in the field "crc stuff". */

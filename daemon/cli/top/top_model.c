@@ -4,6 +4,7 @@
  */
 #include "cli/top/top_model.h"
 
+#include "base/jsonput.h"
 #include "base/plain.h"
 
 #include <stdio.h>
@@ -24,7 +25,7 @@ static void take_text(char text[TOP_NAME_MAX], const char *from)
 
 static void take_key(char text[TOP_NAME_MAX], const json_t *object, const char *key)
 {
-    take_text(text, json_string_value(json_object_get(object, key)));
+    take_text(text, get_text(object, key));
 }
 
 /* Takes the value of a counter after that time. NULL: there was no value before. */
