@@ -71,9 +71,14 @@ const char *get_any_text(const json_t *object, const char *key)
     return text ? text : "";
 }
 
+intmax_t get_number(const json_t *object, const char *key)
+{
+    return json_integer_value(json_object_get(object, key));
+}
+
 uint64_t get_count(const json_t *object, const char *key)
 {
-    const json_int_t number = json_integer_value(json_object_get(object, key));
+    const intmax_t number = get_number(object, key);
     return number > 0 ? (uint64_t)number : 0;
 }
 

@@ -55,6 +55,9 @@ const char *get_text(const json_t *object, const char *key);
 /* Returns a text of an object; "" when there is none. */
 const char *get_any_text(const json_t *object, const char *key);
 
+/* Returns an integer of an object; 0 when there is none. */
+intmax_t get_number(const json_t *object, const char *key);
+
 /* Returns an integer of an object; 0 for one below 0, and when there is none. */
 uint64_t get_count(const json_t *object, const char *key);
 

@@ -8,11 +8,6 @@
 
 #include <inttypes.h>
 
-static intmax_t number(const json_t *object, const char *key)
-{
-    return (intmax_t)json_integer_value(json_object_get(object, key));
-}
-
 /* Prints a direction of a gateway; `at` is the node that receives. */
 static void print_direction(FILE *out, const json_t *gateway, const char *direction, size_t at)
 {
@@ -22,13 +17,13 @@ static void print_direction(FILE *out, const json_t *gateway, const char *direct
     intmax_t forwarded = 0;
     intmax_t lost = 0;
     for (size_t i = 0; i < json_array_size(rules); i++) {
-        forwarded += number(json_array_get(rules, i), "forwarded");
-        lost += number(json_array_get(rules, i), "lost");
+        forwarded += get_number(json_array_get(rules, i), "forwarded");
+        lost += get_number(json_array_get(rules, i), "lost");
     }
     fprintf(out, "gateway %s: %s to %s: forwarded %jd lost %jd dropped %jd\n",
             get_text(gateway, "name"), json_string_value(json_array_get(nodes, at)),
             json_string_value(json_array_get(nodes, 1 - at)), forwarded, lost,
-            number(counts, "dropped"));
+            get_number(counts, "dropped"));
 }
 
 void gateways_print(FILE *out, const json_t *gateways)

@@ -109,7 +109,7 @@ static bool begin_watch(recording *r)
         put_text_last(array, kinds[i]);
     put(request, "events", array);
     json_t *reply = client_ask(&r->bus, request);
-    r->epoch_ns = (uint64_t)json_integer_value(json_object_get(reply, "epoch_ns"));
+    r->epoch_ns = (uint64_t)get_number(reply, "epoch_ns");
     json_decref(reply);
     return reply != NULL;
 }

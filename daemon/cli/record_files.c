@@ -31,8 +31,7 @@ typedef struct bus_files {
 static void record_files_find_folder(char folder[PATH_MAX], const json_t *status)
 {
     char link[64];
-    (void)snprintf(link, sizeof link, "/proc/%" JSON_INTEGER_FORMAT "/cwd",
-                   json_integer_value(json_object_get(status, "pid")));
+    (void)snprintf(link, sizeof link, "/proc/%jd/cwd", get_number(status, "pid"));
     ssize_t length = readlink(link, folder, PATH_MAX - 1);
     folder[length > 0 ? length : 0] = '\0';
 }
@@ -103,7 +102,7 @@ static void add_port(bus_files *files, const json_t *nodes, size_t node)
 /* Adds a "record" with its rotated files. */
 static void add_recording(bus_files *files, const json_t *recording)
 {
-    const json_int_t kept = json_integer_value(json_object_get(recording, "files"));
+    const json_int_t kept = get_number(recording, "files");
     const bool rotated = kept > 1 && kept <= SPOOL_FILES_MAX;
     add_file(files, recording,
              (fileuse){.what = "the bus' record",

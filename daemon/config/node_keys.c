@@ -6,6 +6,7 @@
  * schema and the man page all take them from here.
  */
 #include "base/chars.h"
+#include "base/jsonput.h"
 #include "config/live.h"
 #include "config/parts.h"
 #include "config/retime.h"

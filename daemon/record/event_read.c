@@ -11,7 +11,7 @@
 
 static unsigned event_read_number_of(const json_t *line, const char *key)
 {
-    json_int_t value = json_integer_value(json_object_get(line, key));
+    json_int_t value = get_number(line, key);
     return value > 0 && value <= UINT16_MAX ? (unsigned)value : 0;
 }
 
@@ -112,11 +112,11 @@ static bool read_details(cw_event *out, const json_t *line)
     if (out->kind == CW_EVENT_DROP)
         return find_drop(&out->why, get_any_text(line, "why"));
     if (out->kind == CW_EVENT_CAPTURE) {
-        const json_int_t local = json_integer_value(json_object_get(line, "local-time"));
+        const json_int_t local = get_number(line, "local-time");
         out->local_time = local > 0 ? (uint64_t)local : 0;
     }
     if (out->kind == CW_EVENT_SKIP) {
-        json_int_t ns = json_integer_value(json_object_get(line, "skipped_ns"));
+        json_int_t ns = get_number(line, "skipped_ns");
         out->ticks = ns > 0 ? (uint64_t)ns / 25 * 2 : 0;
     }
     return true;

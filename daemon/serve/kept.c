@@ -161,7 +161,7 @@ static const char *find_fault(const kept *k, const json_t *state)
 {
     const json_t *entries = json_object_get(state, "kept");
     const char *bus = get_text(state, "bus");
-    if (json_integer_value(json_object_get(state, FORMAT_KEY)) != FORMAT || !bus ||
+    if (get_number(state, FORMAT_KEY) != FORMAT || !bus ||
         !json_is_array(entries) || !all_texts(json_object_get(state, "passing")) ||
         !has_good_losses(state))
         return "it is damaged";

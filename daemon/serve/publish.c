@@ -762,11 +762,6 @@ static char *publish_text_of(const json_t *object, const char *key)
     return (char *)(uintptr_t)(text ? text : "");
 }
 
-static int64_t count_of(const json_t *object, const char *key)
-{
-    return json_integer_value(json_object_get(object, key));
-}
-
 static void publish_file(publisher *p, const sink_info *s)
 {
     const canwire_file_t m = {
@@ -794,7 +789,7 @@ static int64_t sum_of(const json_t *rules, const char *key)
 {
     int64_t sum = 0;
     for (size_t i = 0; i < json_array_size(rules); i++)
-        sum += count_of(json_array_get(rules, i), key);
+        sum += get_number(json_array_get(rules, i), key);
     return sum;
 }
 
@@ -814,7 +809,7 @@ static void publish_gateway(publisher *p, const json_t *gateway)
         .other = (char *)(uintptr_t)json_string_value(json_array_get(ends, forward)),
         .forwarded = sum_of(rules, "forwarded"),
         .lost = sum_of(rules, "lost"),
-        .dropped = count_of(direction, "dropped"),
+        .dropped = get_number(direction, "dropped"),
     };
     PUBLISH(p, p->channel_gateway, canwire_gateway_t, &m);
 }

@@ -153,7 +153,7 @@ static void take_status(ecu_bench *b, const json_t *reply)
     const json_t *now = programs ? json_object_get(programs, "now_ns")
                                  : json_object_get(bus, "time_ns");
     b->time_ns = (uint64_t)json_integer_value(now);
-    b->told = json_integer_value(json_object_get(reply, "id")) == (json_int_t)b->asked;
+    b->told = get_number(reply, "id") == (json_int_t)b->asked;
     b->rests = json_is_true(json_object_get(programs, "rests"));
     for (size_t i = 0; i < count_of(b) && !is_virtual(b); i++) {
         ecu_end *end = &b->result->ends[i];

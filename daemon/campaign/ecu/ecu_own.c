@@ -75,7 +75,7 @@ scenario *ecu_own_replay(const char *file, const char *program, ecu_result *resu
                    ? ecu_own_fail(result, program,
                                   "it has ended without a row; canwire.row() makes it")
                    : NULL;
-    result->end_ns = (uint64_t)json_integer_value(json_object_get(head, "until_ns"));
+    result->end_ns = (uint64_t)get_number(head, "until_ns");
     if (result->verdict == ECU_CRASHED && *get_any_text(head, "failed"))
         (void)snprintf(result->why, sizeof result->why, "%s: %s", program,
                        get_any_text(head, "failed"));

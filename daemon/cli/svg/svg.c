@@ -8,6 +8,7 @@
 #include "cli/svg/svg.h"
 
 #include "base/chars.h"
+#include "base/decimal.h"
 #include "base/xmltext.h"
 #include "cli/svg/svg_inside.h"
 #include "cli/svg/svg_layout.h"
@@ -197,13 +198,7 @@ static int bit_width(const pen *p, size_t bit)
 static void print_us(char out[SVG_LABEL_MAX], uint64_t tick)
 {
     uint64_t ns = text_ticks_ns(tick);
-    snprintf(out, SVG_LABEL_MAX, "%" PRIu64 ".%03u", ns / 1000, (unsigned)(ns % 1000));
-    size_t length = strlen(out);
-    while (out[length - 1] == '0')
-        length--;
-    if (out[length - 1] == '.')
-        length--;
-    out[length] = '\0';
+    snprintf(out, SVG_LABEL_MAX, "%s", decimal(ns, 3).text);
 }
 
 /* ---- Axis ------------------------------------------------------------------------------------ */

@@ -12,11 +12,6 @@
 
 #define MILLI_PER_SECOND_NS INT64_C(1000000000000) /* for rates in thousandths a second */
 
-static int64_t number(const json_t *object, const char *key)
-{
-    return (int64_t)json_integer_value(json_object_get(object, key));
-}
-
 static void take_text(char text[TOP_NAME_MAX], const char *from)
 {
     (void)snprintf(text, TOP_NAME_MAX, "%s", from ? from : "?");
@@ -68,12 +63,13 @@ static void take_node(top_node *n, const json_t *node, const top_model *before, 
         plain_make(n->state, '?');
     }
     const top_node *old = top_model_find_node(before, n->name);
-    n->tec = number(node, "tec");
-    n->rec = number(node, "rec");
-    n->tx = top_model_count(number(node, "tx_frames"), old ? &old->tx : NULL, passed_ns);
-    n->rx = top_model_count(number(node, "rx_frames"), old ? &old->rx : NULL, passed_ns);
-    n->errors = top_model_count(number(node, "bus_errors"), old ? &old->errors : NULL, passed_ns);
-    n->delay_max_ns = number(json_object_get(node, "delay"), "max_ns");
+    n->tec = get_number(node, "tec");
+    n->rec = get_number(node, "rec");
+    n->tx = top_model_count(get_number(node, "tx_frames"), old ? &old->tx : NULL, passed_ns);
+    n->rx = top_model_count(get_number(node, "rx_frames"), old ? &old->rx : NULL, passed_ns);
+    n->errors =
+        top_model_count(get_number(node, "bus_errors"), old ? &old->errors : NULL, passed_ns);
+    n->delay_max_ns = get_number(json_object_get(node, "delay"), "max_ns");
 }
 
 static const char *rule_state(const json_t *rule)
@@ -92,7 +88,7 @@ static void take_rule(top_rule *t, const json_t *rule, const top_model *before, 
     take_text(t->state, rule_state(rule));
     t->injected = json_is_true(json_object_get(rule, "injected"));
     const top_rule *old = top_model_find_rule(before, t->name);
-    t->hits = top_model_count(number(rule, "hits"), old ? &old->hits : NULL, passed_ns);
+    t->hits = top_model_count(get_number(rule, "hits"), old ? &old->hits : NULL, passed_ns);
 }
 
 static void take_rules(top_model *m, const json_t *faults, const top_model *before,
@@ -115,19 +111,19 @@ void top_model_take(top_model *m, const json_t *status, const json_t *faults)
     const size_t count_of_nodes = json_array_size(nodes);
     last = *m;
     *m = (top_model){
-        .known = true, .pid = number(status, "pid"), .time_ns = number(bus, "time_ns")};
+        .known = true, .pid = get_number(status, "pid"), .time_ns = get_number(bus, "time_ns")};
     int64_t passed_ns = m->time_ns - last.time_ns;
     const bool same = last.known && last.pid == m->pid && passed_ns >= 0;
     if (!same)
         last = (top_model){.known = false};
     passed_ns = same ? passed_ns : 0;
     take_key(m->name, bus, "name");
-    m->bitrate = number(bus, "bitrate");
-    m->load_permille = number(bus, "load_second_permille");
-    m->lag_ns = number(bus, "lag_ns");
-    m->frames = top_model_count(number(bus, "frames"), &last.frames, passed_ns);
-    m->errors = top_model_count(number(bus, "error_frames"), &last.errors, passed_ns);
-    m->faults = top_model_count(number(bus, "faults"), &last.faults, passed_ns);
+    m->bitrate = get_number(bus, "bitrate");
+    m->load_permille = get_number(bus, "load_second_permille");
+    m->lag_ns = get_number(bus, "lag_ns");
+    m->frames = top_model_count(get_number(bus, "frames"), &last.frames, passed_ns);
+    m->errors = top_model_count(get_number(bus, "error_frames"), &last.errors, passed_ns);
+    m->faults = top_model_count(get_number(bus, "faults"), &last.faults, passed_ns);
     m->node_count = (unsigned)(count_of_nodes < TOP_NODES_MAX ? count_of_nodes : TOP_NODES_MAX);
     for (unsigned i = 0; i < m->node_count; i++)
         take_node(&m->nodes[i], json_array_get(nodes, i), &last, passed_ns);
