@@ -2,7 +2,8 @@
 #
 # canwire - the wire between virtual ECUs. `make help` lists the targets.
 
-VERSION := 0.1.0
+# The one place of the version: programs, library, man pages and packages take it from here.
+VERSION := 0.2.0
 VARIANT ?= release
 CC ?= cc
 HOSTCC ?= cc
@@ -43,8 +44,6 @@ HARDEN_LINK := -pie -Wl,-z,relro -Wl,-z,now
 LIB_EXEMPT := -fno-stack-protector -fno-stack-clash-protection -U_FORTIFY_SOURCE
 endif
 
-PACKAGES := libev lcm yaml-0.1 libsystemd jansson
-# libev has no pkg-config file in Debian
 DAEMON_LIBS := -lev -llcm -lsystemd -lm
 TOOL_LIBS := -lyaml -ljansson -lm
 SCREEN_LIBS := -lncurses -ltinfo # of the tool alone
@@ -52,7 +51,7 @@ SCREEN_LIBS := -lncurses -ltinfo # of the tool alone
 CFLAGS ?=
 ALL_CFLAGS = -std=c17 -D_GNU_SOURCE $(OPTIMISE_$(VARIANT)) $(HARDEN) $(WARNINGS) -Ilib \
   -I$(GEN)/lib -MMD -MP $(CFLAGS)
-DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -isystem $(GEN) -DCANWIRE_VERSION='"$(VERSION)"'
+DAEMON_CFLAGS = $(ALL_CFLAGS) -Idaemon -I$(GEN)/daemon -isystem $(GEN)
 
 LIB_SOURCES := $(wildcard lib/*.c lib/*/*.c)
 # all of daemon/ but the main functions; an archive, so that each program takes what it needs
@@ -81,6 +80,7 @@ link = $(call tell,LD,$@) $(CC) $(ALL_CFLAGS) $(1) $(HARDEN_LINK) $(LDFLAGS) -o 
 LIB := $(BUILD)/libcanwire.a
 LIB_OBJECTS = $(call objects,$(LIB_SOURCES)) $(BUILD)/lib/format/tables.o
 LAYOUT := $(GEN)/lib/format/layout.h
+VERSION_HEADER := $(GEN)/daemon/base/version.h
 DAEMON := $(BUILD)/canwired
 TOOL := $(BUILD)/canwire
 PRELOAD := $(BUILD)/libcanwire-socketcan.so
@@ -150,7 +150,8 @@ bench: ## measure the cost of canwire, in ns and instructions, beside others; bu
 SCOPE ?= all
 check: ## static analysis: compiler, clang-tidy, cppcheck, shellcheck; needs of the library
 	@scripts/install-deps all
-	@$(MAKE) --no-print-directory LIB_FLAGS= BUILD=build/check build/check/libcanwire.a $(LCM_SOURCES)
+	@$(MAKE) --no-print-directory LIB_FLAGS= BUILD=build/check build/check/libcanwire.a $(LCM_SOURCES) \
+	  $(VERSION_HEADER)
 	@scripts/check build/check/libcanwire.a $(SCOPE)
 
 picture: build ## draw the picture in README.md again
@@ -403,7 +404,7 @@ $(BUILD)/pic/lib/format/tables.o: $(GEN)/lib/format/tables.c | $(LAYOUT)
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(filter-out -fPIE,$(LIB_COMPILE)) $(PIC)
 
-$(BUILD)/pic/daemon/%.o: daemon/%.c | $(LAYOUT)
+$(BUILD)/pic/daemon/%.o: daemon/%.c | $(LAYOUT) $(VERSION_HEADER)
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(CC) $(filter-out -fPIE,$(DAEMON_CFLAGS)) $(PIC) -c -o $@ $<
 
@@ -542,12 +543,18 @@ $(LAYOUT): $(GEN)/lib/format/generate
 $(GEN)/lib/format/tables.c: $(GEN)/lib/format/generate
 	@$< tables >$@
 
-$(BUILD)/daemon/%.o: daemon/%.c | $(LCM_SOURCES)
+# A header of its own: a new version compiles only the files that tell it.
+$(VERSION_HEADER): Makefile
+	@mkdir -p $(@D)
+	@line='#define CANWIRE_VERSION "$(VERSION)"'; \
+	  [ "$$(cat $@ 2>/dev/null)" = "$$line" ] || echo "$$line" >$@
+
+$(BUILD)/daemon/%.o: daemon/%.c | $(LCM_SOURCES) $(VERSION_HEADER)
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(CC) $(DAEMON_CFLAGS) -c -o $@ $<
 
 # Newer versions of cmocka have other names for the functions of older ones.
-$(BUILD)/tests/%.o: tests/%.c | $(LAYOUT)
+$(BUILD)/tests/%.o: tests/%.c | $(LAYOUT) $(VERSION_HEADER)
 	@mkdir -p $(@D)
 	$(call tell,CC,$<) $(CC) $(DAEMON_CFLAGS) -Wno-deprecated-declarations \
 	  -Itests/unit -DTESTS_DIR='"$(CURDIR)/tests"' -c -o $@ $<

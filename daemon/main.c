@@ -10,6 +10,7 @@
 #include "base/standardfds.h"
 #include "base/memo.h"
 #include "base/unit.h"
+#include "base/version.h"
 #include "config/files.h"
 #include "engine/engine.h"
 #include "engine/group.h"

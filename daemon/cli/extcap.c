@@ -6,6 +6,7 @@
  * reads lines such as "interface {value=NAME}{display=TEXT}". For a capture it makes a fifo.
  */
 #include "base/plain.h"
+#include "base/version.h"
 #include "cli/buses.h"
 #include "cli/cli.h"
 #include "cli/record_bus.h"
@@ -17,10 +18,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-
-#ifndef CANWIRE_VERSION
-#define CANWIRE_VERSION "0.1.0"
-#endif
 
 #define PREFIX "canwire-" /* of an interface; the name of a bus follows */
 #define LINKTYPE 227      /* LINKTYPE_CAN_SOCKETCAN */

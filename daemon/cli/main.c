@@ -6,15 +6,12 @@
 #include "base/nearest.h"
 #include "base/plain.h"
 #include "base/standardfds.h"
+#include "base/version.h"
 #include "cli/cli.h"
 
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>
-
-#ifndef CANWIRE_VERSION
-#define CANWIRE_VERSION "0.1.0"
-#endif
 
 typedef struct command {
     const char *name;

@@ -4,6 +4,7 @@
  */
 #include "embed/embed.h"
 
+#include "base/version.h"
 #include "config/doubts.h"
 #include "run/bus_make.h"
 

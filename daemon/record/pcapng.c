@@ -4,6 +4,7 @@
  */
 #include "record/pcapng.h"
 
+#include "base/version.h"
 #include "trace/errframe.h"
 #include "trace/pcapng_format.h"
 

@@ -14,6 +14,7 @@
 #include "base/spool.h"
 #include "base/thread.h"
 #include "base/unit.h"
+#include "base/version.h"
 #include "run/journal_keep.h"
 #include "run/journal_seal.h"
 #include "run/settings.h"

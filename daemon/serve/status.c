@@ -6,6 +6,7 @@
 
 #include "base/jsonput.h"
 #include "base/number.h"
+#include "base/version.h"
 #include "config/portname.h"
 #include "record/data_timing.h"
 #include "record/local_time.h"

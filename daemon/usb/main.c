@@ -6,6 +6,7 @@
 #include "base/plain.h"
 #include "base/standardfds.h"
 #include "base/unit.h"
+#include "base/version.h"
 #include "config/config.h"
 #include "config/rig.h"
 #include "usb/adapters.h"

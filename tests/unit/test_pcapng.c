@@ -5,6 +5,7 @@
 #include "record/pcapng.h"
 
 #include "base/number.h"
+#include "base/version.h"
 #include "trace/errframe.h"
 #include "trace/read.h"
 

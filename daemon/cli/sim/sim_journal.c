@@ -4,6 +4,7 @@
  */
 #include "cli/sim/sim_journal.h"
 
+#include "base/version.h"
 #include "record/pcapng.h"
 
 #include <string.h>

@@ -14,6 +14,7 @@
 #include "base/least.h"
 #include "base/plain.h"
 #include "base/memo.h"
+#include "base/version.h"
 #include "cli/cli.h"
 #include "cli/gateways_text.h"
 #include "cli/sim/sim_endless.h"
