@@ -50,7 +50,7 @@ static void count_kinds(cw_rule_set *set)
         set->error_rules += s->used && s->rule.trigger == CW_TRIGGER_ERROR;
         set->after_rules += s->used && s->rule.has_after;
         set->timed_rules += s->used && divides_bits(set, s);
-        set->raw_rules += s->used && s->rule.action == CW_ACTION_RAW;
+        set->raw_rules += s->used && cw_rule_is_raw(s);
         if (s->used && s->rule.action == CW_ACTION_JITTER)
             set->jitter += s->rule.jitter;
         if (s->used && s->rule.action == CW_ACTION_DUPLICATE)
@@ -95,7 +95,7 @@ void cw_rules_add(cw_rule_set *set, unsigned place, const cw_rule *rule)
         set->count++;
     cw_rule_state *s = &set->rules[place];
     *s = (cw_rule_state){.rule = *rule, .used = true, .fire_at = CW_NEVER, .armed_at = CW_NEVER,
-                         .error_at = CW_NEVER, .active_until = CW_NEVER, .next_at = CW_NEVER};
+                         .error_at = CW_NEVER, .active_until = CW_NEVER};
     s->rule.name = NULL; /* the name is the caller's */
     s->does = &cw_actions[rule->action];
     s->traits = s->does->traits;
@@ -152,6 +152,6 @@ cw_rule_stats cw_rules_get_stats(const cw_rule_set *set, unsigned rule)
     return (cw_rule_stats){.matches = s->matches,
                            .misses = s->matches - s->taken,
                            .hits = s->hits,
-                           .active = s->active || s->bits_left > 0,
+                           .active = s->active || cw_rule_is_at_work(s),
                            .over = cw_rule_is_over(s) || has_passed(set, s)};
 }

@@ -6,12 +6,19 @@
 
 #include "rule/list.h"
 
+/* Returns whether an action at a position is under way, or may come in the present frame. */
+static bool position_needs_bits(const cw_position_kept *kept)
+{
+    return kept->bound != 0 || kept->bits_left != 0 || kept->pulses;
+}
+
 bool cw_rule_needs_bits(const cw_rule_state *s)
 {
-    bool window = cw_rule_is(s, CW_EACH_BIT) || s->for_attempt;
-    bool deviates = s->outstanding != 0 && cw_rule_is(s, CW_DEVIATES);
-    return s->bound != 0 || s->bits_left != 0 || s->pulses || s->hit_now ||
-           (s->active && window) || deviates;
+    if (s->hit_now || cw_rule_is(s, CW_HAS_POSITION))
+        return s->hit_now || position_needs_bits(&s->position);
+    const bool window = cw_rule_is(s, CW_EACH_BIT) || s->for_attempt;
+    const bool deviates = cw_rule_is(s, CW_DEVIATES) && s->traffic.outstanding != 0;
+    return (s->active && window) || deviates;
 }
 
 /* Returns true for bits that do not come any more after an error. */
@@ -22,12 +29,12 @@ static bool is_in_frame(cw_field field)
 
 void cw_rule_unbind_ended(const cw_rule_set *set, cw_rule_state *s)
 {
-    for (uint64_t rest = s->bound; rest; rest &= rest - 1) {
+    for (uint64_t rest = s->position.bound; rest; rest &= rest - 1) {
         const cw_mac *mac = set->bus.macs[cw_lowest_node(rest)];
         bool ended = mac->role != CW_ROLE_TRANSMITTER ||
                      (is_in_frame(s->rule.field) && !cw_mac_is_sending(mac));
         if (ended)
-            s->bound &= ~(rest & (~rest + 1));
+            s->position.bound &= ~(rest & (~rest + 1));
     }
 }
 
@@ -46,7 +53,8 @@ void cw_rules_fall_asleep(cw_rule_set *set)
     for (unsigned i = 0; i < set->awake_count; i++) {
         unsigned rule = set->awake[i];
         cw_rule_state *s = cw_rule_at(set, rule);
-        cw_rule_unbind_ended(set, s);
+        if (cw_rule_is(s, CW_HAS_POSITION))
+            cw_rule_unbind_ended(set, s);
         s->awake = s->used && cw_rule_needs_bits(s);
         if (s->awake)
             set->awake[kept++] = (uint16_t)rule;
@@ -57,6 +65,6 @@ void cw_rules_fall_asleep(cw_rule_set *set)
 void cw_rules_unbind(cw_rule_set *set)
 {
     for (unsigned i = 0; i < set->awake_count; i++)
-        set->rules[set->awake[i]].bound = 0;
+        cw_rule_unbind(cw_rule_at(set, set->awake[i]), UINT64_MAX);
     cw_rules_fall_asleep(set);
 }

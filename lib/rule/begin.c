@@ -11,25 +11,49 @@ static uint64_t window_end(const cw_rule_set *set, const cw_rule *rule)
     return rule->trigger == CW_TRIGGER_TIME ? rule->time_end : CW_NEVER;
 }
 
+/* Forgets what the action has under way. Not so the frames of its traffic, which are still in
+ * queues, and the decision on a frame, which may go to further hosts. */
+static void end_kept(cw_rule_state *s)
+{
+    if (cw_rule_is(s, CW_HAS_POSITION)) {
+        s->position.bound = 0;
+        s->position.bits_left = 0;
+        s->position.disturbs = false;
+        s->position.pulses = false;
+    } else if (cw_rule_is(s, CW_RANDOM_BITS)) {
+        s->noise.in_burst = 0;
+    } else if (cw_rule_is_raw(s)) {
+        s->raw.waits = false;
+    }
+}
+
 void cw_rule_end_action(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
     s->active = false;
     s->scope = 0;
-    s->bound = 0;
-    s->bits_left = 0;
-    s->in_burst = 0;
-    s->disturbs = false;
-    s->pulses = false;
-    s->waits = false;
     s->to_act = false;
     s->active_until = CW_NEVER;
+    end_kept(s);
     cw_rule_let_go(set, rule);
     if (cw_rule_is(s, CW_REWIRES))
         cw_rules_rewire(set);
 }
 
 /* ---- Beginning ------------------------------------------------------------------------------- */
+
+/* Prepares what an action that lasts keeps. */
+static void begin_kept(cw_rule_set *set, cw_rule_state *s)
+{
+    if (cw_rule_is(s, CW_ON_LINE))
+        s->line.dominant_ticks = 0;
+    if (s->does->kind != CW_KIND_TRAFFIC)
+        return;
+    const bool sends = s->rule.action == CW_ACTION_SEND || cw_rule_is(s, CW_DEVIATES);
+    s->traffic.next_at = sends ? cw_rules_now(set) : CW_NEVER;
+    s->traffic.time_base = set->bus.effects->time(set->bus.self, &s->traffic.busy_base);
+    cw_rules_set_due(set, s->traffic.next_at);
+}
 
 void cw_rule_begin_window(cw_rule_set *set, unsigned rule, uint64_t scope)
 {
@@ -39,12 +63,8 @@ void cw_rule_begin_window(cw_rule_set *set, unsigned rule, uint64_t scope)
     s->scope = s->for_attempt ? s->scope | scope : 0;
     s->active = true;
     s->active_until = window_end(set, &s->rule);
-    s->dominant_ticks = 0;
-    const bool sends = s->rule.action == CW_ACTION_SEND || cw_rule_is(s, CW_DEVIATES);
-    s->next_at = sends ? cw_rules_now(set) : CW_NEVER;
-    s->time_base = set->bus.effects->time(set->bus.self, &s->busy_base);
+    begin_kept(set, s);
     cw_rules_set_due(set, s->active_until);
-    cw_rules_set_due(set, s->next_at);
     if (cw_rule_needs_bits(s))
         cw_rule_wake(set, rule);
     set->rewired = set->rewired || cw_rule_is(s, CW_REWIRES);
@@ -64,9 +84,9 @@ void cw_rule_act(cw_rule_set *set, unsigned rule)
     if (cw_rule_is(s, CW_LASTS)) {
         cw_rule_begin_window(set, rule, 0);
     } else if (s->rule.action == CW_ACTION_PULSE) {
-        s->pulses = true;
+        s->position.pulses = true;
         cw_rule_wake(set, rule);
-    } else if (s->rule.action == CW_ACTION_RAW) {
+    } else if (cw_rule_is_raw(s)) {
         cw_raw_act(set, rule);
     } else {
         command(set, &s->rule);

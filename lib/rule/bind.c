@@ -27,7 +27,7 @@ bool cw_rules_bind(cw_rule_set *set, unsigned node, const cw_frame *frame)
     uint64_t self = cw_node_bit(node);
     bool wrong_crc = false;
     for (unsigned i = 0; i < set->awake_count; i++)
-        cw_rule_at(set, set->awake[i])->bound &= ~self;
+        cw_rule_unbind(cw_rule_at(set, set->awake[i]), self);
     cw_candidates c;
     unsigned rule;
     cw_candidates_begin(&c, set, frame);
@@ -37,7 +37,7 @@ bool cw_rules_bind(cw_rule_set *set, unsigned node, const cw_frame *frame)
         if (!cw_rule_names(r->from, self) || !cw_rule_acts_on_wire(s))
             continue;
         if (cw_rule_is(s, CW_HAS_POSITION)) {
-            s->bound |= cw_rule_is_over(s) ? 0 : self;
+            s->position.bound |= cw_rule_is_over(s) ? 0 : self;
             cw_rule_wake(set, rule);
         } else if (!cw_rule_is(s, CW_IN_ENCODING)) {
             match_transmission(set, rule, node);

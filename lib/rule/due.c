@@ -47,8 +47,8 @@ static bool run_rule(cw_rule_set *set, unsigned rule)
     bool acts = s->to_act;
     bool fires = s->fire_at <= cw_rules_now(set);
     bool arms = cw_rule_next_arming(s) <= cw_rules_now(set);
-    bool goes_on = s->rule.action == CW_ACTION_RAW && (s->active || s->waits) &&
-                   s->next_at <= cw_rules_now(set);
+    bool goes_on = cw_rule_is_raw(s) && (s->active || s->raw.waits) &&
+                   s->raw.next_at <= cw_rules_now(set);
     if (ends)
         cw_rule_end_action(set, rule);
     if (goes_on && !cw_raw_go_on(set, rule))
@@ -65,6 +65,21 @@ static bool run_rule(cw_rule_set *set, unsigned rule)
     return ends || goes_on || acts || fires || arms;
 }
 
+static bool is_traffic(const cw_rule_state *s)
+{
+    return s->used && s->active && s->does->kind == CW_KIND_TRAFFIC;
+}
+
+/* Returns the tick at which an action under way goes on, or ends. */
+static uint64_t next_of_action(const cw_rule_state *s)
+{
+    if (cw_rule_is_raw(s))
+        return s->active || s->raw.waits ? s->raw.next_at : CW_NEVER;
+    if (is_traffic(s))
+        return cw_least(s->active_until, s->traffic.next_at);
+    return s->active ? s->active_until : CW_NEVER;
+}
+
 static void find_next_due(cw_rule_set *set)
 {
     uint64_t next = CW_NEVER;
@@ -73,8 +88,7 @@ static void find_next_due(cw_rule_set *set)
         if (!s->used)
             continue;
         next = cw_least(next, cw_least(s->fire_at, cw_rule_next_arming(s)));
-        if (s->active || s->waits)
-            next = cw_least(next, cw_least(s->active_until, s->next_at));
+        next = cw_least(next, next_of_action(s));
     }
     set->next_due = cw_least(next, cw_rules_next_held(set));
 }
@@ -92,11 +106,6 @@ static void run_rules(cw_rule_set *set)
     }
     if (set->rewired)
         cw_rules_rewire(set);
-}
-
-static bool is_traffic(const cw_rule_state *s)
-{
-    return s->used && s->active && s->does->kind == CW_KIND_TRAFFIC;
 }
 
 /* Goes from node to node. Otherwise a drop of an early node would have to go before all events of

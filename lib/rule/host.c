@@ -178,14 +178,14 @@ bool cw_let_overtake(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 static bool is_hit(cw_rule_set *set, unsigned rule, cw_side side, uint64_t tick)
 {
     cw_rule_state *s = &set->rules[rule];
-    bool decided = side == CW_SIDE_RX && s->rx_tick == tick;
+    bool decided = side == CW_SIDE_RX && s->host.rx_tick == tick;
     if (!decided) {
-        s->rx_tick = tick;
-        s->rx_hit = cw_rule_match(set, rule, tick, tick);
+        s->host.rx_tick = tick;
+        s->host.rx_hit = cw_rule_match(set, rule, tick, tick);
     }
-    if (s->rx_hit && !decided)
+    if (s->host.rx_hit && !decided)
         cw_rule_report_hit(set, rule, tick);
-    return s->rx_hit;
+    return s->host.rx_hit;
 }
 
 /* made_by: the protection of the frame for rules on what it has written, or NULL for all others. */

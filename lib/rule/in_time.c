@@ -45,12 +45,12 @@ static void pulse(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span
                               .lines = r->line == CW_LINE_TX ? self : 0,
                               .wires = wire ? s->on_wire : 0,
                               .samples = r->line == CW_LINE_RX ? self : r->at,
-                              .source = s->source,
+                              .source = s->position.source,
                               .effect = r->level ? CW_DISTURB_RECESSIVE : CW_DISTURB_DOMINANT,
                               .rule = (uint16_t)rule};
     cw_disturb(all, &d);
-    s->pulses = false;
-    s->bits_left = 0;
+    s->position.pulses = false;
+    s->position.bits_left = 0;
 }
 
 /* ---- Positions ------------------------------------------------------------------------------- */
@@ -71,7 +71,8 @@ static void end_bits(cw_rule_set *set, cw_disturbances *all, uint64_t nodes, cw_
         if (d->end != CW_SPAN_MAX || !(nodes >> d->source & 1u))
             continue;
         d->end = moment;
-        cw_rule_at(set, d->rule)->disturbs = false;
+        if (cw_rule_is(cw_rule_at(set, d->rule), CW_HAS_POSITION))
+            cw_rule_at(set, d->rule)->position.disturbs = false;
     }
 }
 
@@ -80,12 +81,12 @@ static void begin_bit(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_
     cw_rule_state *s = cw_rule_at(set, rule);
     const cw_disturb_effect effect = effect_now(set, s);
     const cw_disturbance d = {.begin = moment, .end = CW_SPAN_MAX, .wires = s->on_wire,
-                              .samples = s->at_nodes, .source = s->source,
+                              .samples = s->at_nodes, .source = s->position.source,
                               .effect = (uint8_t)effect, .rule = (uint16_t)rule};
     if (effect != CW_DISTURB_NOTHING)
         cw_disturb(all, &d);
-    s->disturbs = true;
-    cw_rule_pass_bit(s, length_of_bit(set, s->source));
+    s->position.disturbs = true;
+    cw_rule_pass_bit(s, length_of_bit(set, s->position.source));
 }
 
 /* Transmitters that begin a frame together reach a position at nearly the same moment: that is one
@@ -93,15 +94,16 @@ static void begin_bit(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_
 static bool was_just_reached(const cw_rule_set *set, const cw_rule_state *s, uint64_t nodes)
 {
     const uint64_t tick = cw_rules_now(set);
-    const bool other = !(nodes >> s->source & 1u);
-    return other && s->disturbs && tick - s->reached_at < cw_rules_bit_end(set) - tick;
+    const cw_position_kept *kept = &s->position;
+    const bool other = !(nodes >> kept->source & 1u);
+    return other && kept->disturbs && tick - kept->reached_at < cw_rules_bit_end(set) - tick;
 }
 
 /* Returns true when a transmitter reaches the position with a bit that begins at this tick. */
 static bool reaches(cw_rule_set *set, unsigned rule, uint64_t nodes, uint64_t tick)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
-    const uint64_t there = s->bound & nodes ? cw_rule_nodes_at_position(set, s, nodes) : 0;
+    const uint64_t there = s->position.bound & nodes ? cw_rule_nodes_at_position(set, s, nodes) : 0;
     if (!there || was_just_reached(set, s, there))
         return false;
     arm_for_bit(s, tick);
@@ -113,7 +115,7 @@ static bool reaches(cw_rule_set *set, unsigned rule, uint64_t nodes, uint64_t ti
 /* An edge has ended the bit of the hit early. */
 static void end_hit(cw_rule_state *s, uint64_t nodes, uint64_t tick)
 {
-    if (s->hit_now && (nodes >> s->source & 1u))
+    if (s->hit_now && (nodes >> s->position.source & 1u))
         s->hit_at = cw_least(s->hit_at, tick);
 }
 
@@ -122,14 +124,14 @@ static void begin_bits_of(cw_rule_set *set, cw_disturbances *all, unsigned rule,
 {
     cw_rule_state *s = cw_rule_at(set, rule);
     end_hit(s, nodes, tick);
-    bool begins = s->bits_left > 0 && (nodes >> s->source & 1u);
+    bool begins = s->position.bits_left > 0 && (nodes >> s->position.source & 1u);
     if (reaches(set, rule, nodes, tick)) {
         cw_disturb_end(all, rule, moment);
-        s->reached_at = cw_rules_now(set);
+        s->position.reached_at = cw_rules_now(set);
         begins = true;
     }
     if (begins && s->rule.action == CW_ACTION_PULSE)
-        pulse(set, all, rule, moment, length_of_bit(set, s->source));
+        pulse(set, all, rule, moment, length_of_bit(set, s->position.source));
     else if (begins)
         begin_bit(set, all, rule, moment);
 }
@@ -181,7 +183,7 @@ static void drive_raw(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_
 static void pulse_without_frame(cw_rule_set *set, cw_disturbances *all, unsigned rule,
                                 cw_span begin, cw_span end)
 {
-    cw_rule_at(set, rule)->source = CW_NO_NODE;
+    cw_rule_at(set, rule)->position.source = CW_NO_NODE;
     pulse(set, all, rule, begin, end - begin);
 }
 
@@ -218,7 +220,9 @@ static void end_stopped(cw_rule_set *set, cw_disturbances *all, cw_span moment)
 {
     for (unsigned i = 0; i < all->count; i++) {
         cw_disturbance *d = &all->list[i];
-        if (d->end == CW_SPAN_MAX && !cw_rule_at(set, d->rule)->disturbs)
+        const cw_rule_state *s = cw_rule_at(set, d->rule);
+        const bool disturbs = cw_rule_is(s, CW_HAS_POSITION) && s->position.disturbs;
+        if (d->end == CW_SPAN_MAX && !disturbs)
             d->end = moment;
     }
 }
@@ -230,7 +234,7 @@ void cw_rules_begin_bit_time(cw_rule_set *set, cw_disturbances *all, cw_span beg
         const unsigned rule = set->awake[i];
         cw_rule_state *s = cw_rule_at(set, rule);
         cw_rule_check_scope(set, rule);
-        if (s->pulses)
+        if (cw_rule_is(s, CW_HAS_POSITION) && s->position.pulses)
             pulse_without_frame(set, all, rule, begin, end);
         if (!s->active)
             continue;
@@ -238,7 +242,7 @@ void cw_rules_begin_bit_time(cw_rule_set *set, cw_disturbances *all, cw_span beg
             hold_line(set, all, rule, begin, end);
         else if (cw_rule_is(s, CW_RANDOM_BITS))
             flip_at_random(set, all, rule, begin, end);
-        else if (s->rule.action == CW_ACTION_RAW)
+        else if (cw_rule_is_raw(s))
             drive_raw(set, all, rule, begin, end);
         else if (s->rule.action == CW_ACTION_RAMP)
             drift(set, rule);

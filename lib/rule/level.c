@@ -26,14 +26,14 @@ static void set_level(uint64_t *levels, uint64_t nodes, bool level)
 static bool stuck_tx_level(const cw_rule_state *s)
 {
     const uint64_t timeout = s->rule.dominant_timeout;
-    return timeout && s->dominant_ticks >= timeout ? CW_RECESSIVE : s->rule.level;
+    return timeout && s->line.dominant_ticks >= timeout ? CW_RECESSIVE : s->rule.level;
 }
 
 bool cw_stuck_tx_level(const cw_rule_set *set, cw_rule_state *s)
 {
     const bool level = stuck_tx_level(s);
     if (level == CW_DOMINANT)
-        s->dominant_ticks += cw_rules_bit_end(set) - cw_rules_now(set);
+        s->line.dominant_ticks += cw_rules_bit_end(set) - cw_rules_now(set);
     return level;
 }
 
@@ -137,7 +137,7 @@ uint64_t cw_rule_nodes_at_position(const cw_rule_set *set, cw_rule_state *s, uin
 {
     uint64_t reached = 0;
     cw_rule_unbind_ended(set, s);
-    for (uint64_t rest = s->bound & nodes; rest; rest &= rest - 1)
+    for (uint64_t rest = s->position.bound & nodes; rest; rest &= rest - 1)
         if (is_reached(set, &s->rule, set->bus.macs[cw_lowest_node(rest)]))
             reached |= rest & (~rest + 1);
     return reached;
@@ -160,25 +160,27 @@ static bool lasts_for_a_time(const cw_rule *rule)
 
 static void begin_bits(cw_rule_state *s)
 {
-    s->bits_done = 0;
-    s->bits_left = lasts_for_a_time(&s->rule) ? 1 : s->rule.bits;
-    s->ticks_left = s->rule.for_ticks;
-    s->part = 0;
+    cw_position_kept *kept = &s->position;
+    kept->bits_done = 0;
+    kept->bits_left = lasts_for_a_time(&s->rule) ? 1 : s->rule.bits;
+    kept->ticks_left = s->rule.for_ticks;
+    kept->part = 0;
 }
 
 /* Lengths of bits may be rounded. So a bit counts as whole a little before its end. */
 void cw_rule_pass_bit(cw_rule_state *s, cw_span length)
 {
-    s->bits_done++;
+    cw_position_kept *kept = &s->position;
+    kept->bits_done++;
     if (!lasts_for_a_time(&s->rule)) {
-        s->bits_left--;
+        kept->bits_left--;
         return;
     }
-    const cw_span passed = s->part + length;
+    const cw_span passed = kept->part + length;
     const uint64_t ticks = (uint64_t)((passed + ROUNDING) / CW_TICK);
-    s->part = passed - (cw_span)ticks * CW_TICK;
-    s->ticks_left -= cw_least(ticks, s->ticks_left);
-    s->bits_left = s->ticks_left > 0;
+    kept->part = passed - (cw_span)ticks * CW_TICK;
+    kept->ticks_left -= cw_least(ticks, kept->ticks_left);
+    kept->bits_left = kept->ticks_left > 0;
 }
 
 /* A new hit while an action is under way begins it again. */
@@ -188,7 +190,7 @@ bool cw_rule_reaches(cw_rule_set *set, unsigned rule, uint64_t nodes, uint64_t b
     if (nodes == 0 || !cw_rule_match(set, rule, begin, end))
         return false;
     cw_rule_note_hit(set, rule, end);
-    s->source = (uint8_t)cw_lowest_node(nodes);
+    s->position.source = (uint8_t)cw_lowest_node(nodes);
     if (s->rule.at == 0)
         s->on_wire = wires_of(set, nodes); /* the bit of that wire alone */
     begin_bits(s);
@@ -213,7 +215,7 @@ void cw_force(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nod
 void cw_glitch(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)set;
-    const uint64_t i = s->bits_done;
+    const uint64_t i = s->position.bits_done;
     if (s->rule.pattern_mask >> i & 1u)
         set_level(levels, nodes, s->rule.pattern_level >> i & 1u);
 }
@@ -241,7 +243,7 @@ void cw_rule_aim(cw_rule_state *s)
 
 static inline bool acts_now(const cw_rule_state *s)
 {
-    return cw_rule_is(s, CW_HAS_POSITION) ? s->bits_left > 0 : s->active;
+    return cw_rule_is(s, CW_HAS_POSITION) ? s->position.bits_left > 0 : s->active;
 }
 
 void cw_rule_check_scope(cw_rule_set *set, unsigned rule)
@@ -260,20 +262,20 @@ void cw_rule_check_scope(cw_rule_set *set, unsigned rule)
 typedef struct bit_plan {
     uint64_t wire;  /* nodes whose wire rules change ... */
     uint64_t nodes; /* ... or whose samples */
-    uint64_t bits;  /* not 0: bits of positions are counted */
+    bool bits;      /* bits of positions are counted */
 } bit_plan;
 
 static inline void plan_rule(bit_plan *plan, cw_rule_set *set, unsigned rule, cw_rule_state *s)
 {
     cw_rule_check_scope(set, rule);
-    if (s->bound)
+    if (cw_rule_is(s, CW_HAS_POSITION) && s->position.bound)
         (void)cw_rule_reaches(set, rule, cw_rule_nodes_at_position(set, s, ALL_NODES),
                               cw_rules_now(set), cw_rules_bit_end(set));
     if (!acts_now(s))
         return;
     plan->wire |= s->on_wire;
     plan->nodes |= s->at_nodes;
-    plan->bits |= s->bits_left;
+    plan->bits = plan->bits || cw_rule_is(s, CW_HAS_POSITION);
 }
 
 static void change_wire(cw_rule_set *set, uint64_t *levels)
@@ -297,7 +299,7 @@ static void change_samples(cw_rule_set *set, uint64_t *levels)
 static void count_bits(cw_rule_set *set)
 {
     for (unsigned i = 0; i < set->awake_count; i++)
-        if (awake_rule(set, i)->bits_left > 0)
+        if (cw_rule_is_at_work(awake_rule(set, i)))
             cw_rule_pass_bit(awake_rule(set, i), cw_rule_bit_time(set));
 }
 

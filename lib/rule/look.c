@@ -252,9 +252,9 @@ static const cw_rule_state *awake_rule(const cw_rule_set *set, unsigned i)
 /* Such a rule has neither a position nor a line, or its node sends what no other would. */
 static inline unsigned touch_of(const cw_rule_state *s)
 {
-    if (s->for_attempt || s->rule.action == CW_ACTION_RAW || cw_rule_is(s, CW_DEVIATES))
+    if (s->for_attempt || cw_rule_is_raw(s) || cw_rule_is(s, CW_DEVIATES))
         return CW_TOUCH_CONTROLLERS | CW_TOUCH_MORE;
-    unsigned touch = s->bits_left > 0 ? CW_TOUCH_LEVELS : 0;
+    unsigned touch = cw_rule_is_at_work(s) ? CW_TOUCH_LEVELS : 0;
     if (s->active && cw_rule_is(s, CW_ON_LINE))
         touch |= CW_TOUCH_LEVELS;
     if (s->active && cw_rule_is(s, CW_STEADY_TRAFFIC))

@@ -56,13 +56,13 @@ static uint16_t shape_burst(const cw_rule *r, uint64_t state, unsigned node)
 static uint64_t go_on_with_bursts(cw_rule_state *s)
 {
     uint64_t flipped = 0;
-    for (uint64_t rest = s->in_burst; rest; rest &= rest - 1) {
+    for (uint64_t rest = s->noise.in_burst; rest; rest &= rest - 1) {
         const unsigned i = cw_lowest_node(rest);
-        if (s->bursts[i] & 1u)
+        if (s->noise.bursts[i] & 1u)
             flipped |= cw_node_bit(i);
-        s->bursts[i] >>= 1;
-        if (s->bursts[i] == 0)
-            s->in_burst &= ~cw_node_bit(i);
+        s->noise.bursts[i] >>= 1;
+        if (s->noise.bursts[i] == 0)
+            s->noise.in_burst &= ~cw_node_bit(i);
     }
     return flipped;
 }
@@ -71,8 +71,8 @@ static void begin_bursts(cw_rule_state *s, uint64_t nodes)
 {
     for (uint64_t rest = nodes; rest; rest &= rest - 1) {
         const unsigned i = cw_lowest_node(rest);
-        s->bursts[i] = shape_burst(&s->rule, s->prng.state, i);
-        s->in_burst |= cw_node_bit(i);
+        s->noise.bursts[i] = shape_burst(&s->rule, s->prng.state, i);
+        s->noise.in_burst |= cw_node_bit(i);
     }
 }
 
@@ -82,7 +82,7 @@ static uint64_t shape(cw_rule_state *s, uint64_t drawn)
     const bool wire = s->rule.at == 0;
     if (s->rule.burst_most == 0)
         return drawn;
-    begin_bursts(s, (wire ? drawn & 1u : drawn) & ~s->in_burst);
+    begin_bursts(s, (wire ? drawn & 1u : drawn) & ~s->noise.in_burst);
     const uint64_t flipped = go_on_with_bursts(s);
     return wire && flipped ? UINT64_MAX : flipped;
 }
@@ -117,7 +117,7 @@ static uint64_t first_flip(const cw_rule_set *set, const cw_rule_state *s, uint6
                            uint64_t bits)
 {
     cw_prng prng = s->prng;
-    if (s->in_burst)
+    if (s->noise.in_burst)
         return 0;
     cw_prng_skip(&prng, from * draws_of_bit(set, s));
     for (uint64_t i = 0; i < bits; i++)

@@ -46,10 +46,28 @@ static inline bool cw_rule_acts_on_wire(const cw_rule_state *state)
     return !cw_rule_is(state, CW_AT_HOST);
 }
 
-/* Returns true when the rule is active and does nothing else. */
+/* Returns true when the rule is active and does nothing else. Rules with a position never are. */
 static inline bool cw_rule_is_plain(const cw_rule_state *state)
 {
-    return state->active && !state->hit_now && state->bits_left == 0 && state->bound == 0;
+    return state->active && !state->hit_now;
+}
+
+/* Returns true when an action at a position changes the present bit. */
+static inline bool cw_rule_is_at_work(const cw_rule_state *state)
+{
+    return cw_rule_is(state, CW_HAS_POSITION) && state->position.bits_left > 0;
+}
+
+/* Unbinds a rule with a position from the transmissions of these nodes. */
+static inline void cw_rule_unbind(cw_rule_state *state, uint64_t nodes)
+{
+    if (cw_rule_is(state, CW_HAS_POSITION))
+        state->position.bound &= ~nodes;
+}
+
+static inline bool cw_rule_is_raw(const cw_rule_state *state)
+{
+    return state->rule.action == CW_ACTION_RAW;
 }
 
 /* A frame on its way between host and queue, as an action on the host side sees it. */

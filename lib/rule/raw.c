@@ -11,17 +11,17 @@
 
 static void look_again(cw_rule_set *set, cw_rule_state *s)
 {
-    s->next_at = cw_rules_bit_end(set);
-    cw_rules_set_due(set, s->next_at);
+    s->raw.next_at = cw_rules_bit_end(set);
+    cw_rules_set_due(set, s->raw.next_at);
 }
 
 /* The node drives its first bit from now on. Its controller leaves the bus before. */
 static void raw_begin(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
-    s->waits = false;
+    s->raw.waits = false;
     s->active = true;
-    s->bits_done = 0;
+    s->raw.bits_done = 0;
     set->rewired = true;
     cw_rule_wake(set, rule);
     look_again(set, s);
@@ -30,7 +30,7 @@ static void raw_begin(cw_rule_set *set, unsigned rule)
 static void wait_for_idle(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
-    s->waits = true;
+    s->raw.waits = true;
     if (!s->rule.raw_when_idle || set->bus.effects->is_idle(set->bus.self, s->rule.node))
         raw_begin(set, rule);
     else
@@ -40,16 +40,16 @@ static void wait_for_idle(cw_rule_set *set, unsigned rule)
 void cw_raw_act(cw_rule_set *set, unsigned rule)
 {
     const cw_rule_state *s = cw_rule_at(set, rule);
-    if (!s->active && !s->waits)
+    if (!s->active && !s->raw.waits)
         wait_for_idle(set, rule);
 }
 
 bool cw_raw_go_on(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
-    if (s->waits)
+    if (s->raw.waits)
         wait_for_idle(set, rule);
-    else if (++s->bits_done == s->rule.bits)
+    else if (++s->raw.bits_done == s->rule.bits)
         return false;
     else
         look_again(set, s);
@@ -58,7 +58,7 @@ bool cw_raw_go_on(cw_rule_set *set, unsigned rule)
 
 bool cw_raw_level(const cw_rule_state *s)
 {
-    return s->rule.raw[s->bits_done / 64] >> (s->bits_done % 64) & 1u;
+    return s->rule.raw[s->raw.bits_done / 64] >> (s->raw.bits_done % 64) & 1u;
 }
 
 uint64_t cw_raw_change_lines(const cw_rule_set *set, uint64_t driven)
@@ -66,7 +66,7 @@ uint64_t cw_raw_change_lines(const cw_rule_set *set, uint64_t driven)
     for (unsigned i = 0; i < set->awake_count; i++) {
         const cw_rule_state *s = &set->rules[set->awake[i]];
         const uint64_t self = cw_node_bit(s->rule.node) & ~set->cut;
-        if (s->active && s->rule.action == CW_ACTION_RAW)
+        if (s->active && cw_rule_is_raw(s))
             driven = cw_raw_level(s) ? driven | self : driven & ~self;
     }
     return driven;

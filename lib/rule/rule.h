@@ -38,6 +38,55 @@ typedef struct cw_flag_watch {
     uint64_t length; /* bits of it so far, the present one not included */
 } cw_flag_watch;
 
+/* ---- What an action keeps -------------------------------------------------------------------- */
+
+/* CW_HAS_POSITION: the bits that it changes, counted from the named one. */
+typedef struct cw_position_kept {
+    uint64_t bound;      /* nodes whose present transmission the rule looks at */
+    uint64_t bits_done;  /* of the action under way */
+    uint64_t bits_left;  /* of one that lasts for a time 1, until that has passed */
+    uint64_t ticks_left; /* of that time ... */
+    cw_span part;        /* ... but for this part of a tick */
+    uint64_t reached_at; /* tick of the bit time in which the position was last reached ... */
+    uint8_t source;      /* ... by this node, whose bits count */
+    bool disturbs;       /* it acts in the present bit of that node, see in_time.c */
+    bool pulses;         /* PULSE: one is to come in the next bit time */
+} cw_position_kept;
+
+/* CW_ON_LINE: a line that is stuck. */
+typedef struct cw_line_kept {
+    uint64_t dominant_ticks; /* of a TX line: its dominant time up to now */
+} cw_line_kept;
+
+/* CW_RANDOM_BITS: bursts of bits. */
+typedef struct cw_noise_kept {
+    uint64_t in_burst; /* nodes that are in a burst; bit 0 for the wire ... */
+    uint16_t bursts[CW_NODES_MAX]; /* ... and the bits to come of each, the next one lowest */
+} cw_noise_kept;
+
+/* RAW: the bits that a node drives without its controller. */
+typedef struct cw_raw_kept {
+    uint64_t bits_done;
+    uint64_t next_at; /* tick of the end of the present bit, while it drives or waits */
+    bool waits;       /* the bits come when the node is idle */
+} cw_raw_kept;
+
+/* CW_KIND_TRAFFIC but for replies: the frames that the rule sends. */
+typedef struct cw_traffic_kept {
+    uint64_t next_at;     /* SEND, RAW_FRAME: tick of the next frame. Else CW_NEVER */
+    uint64_t busy_base;   /* LOAD: busy time and time when it began */
+    uint64_t time_base;
+    uint16_t outstanding; /* frames in queues */
+} cw_traffic_kept;
+
+/* CW_KIND_HOST: one decision for all receivers of a frame. */
+typedef struct cw_host_kept {
+    uint64_t rx_tick; /* the last one on the RX side ... */
+    bool rx_hit;      /* ... and what it was */
+} cw_host_kept;
+
+/* ---- A rule in use --------------------------------------------------------------------------- */
+
 #define CW_ARMINGS_MAX 16u /* armings of a rule under way, further ones are lost */
 
 typedef struct cw_rule_state {
@@ -52,24 +101,11 @@ typedef struct cw_rule_state {
     bool to_act;          /* hit, and it acts at the end of the bit */
     bool for_attempt;     /* acts only while the transmissions of `scope` last */
     bool open;            /* no time, arming or place in a frame keeps it from a match */
-    uint16_t outstanding; /* frames of its traffic in queues */
     uint32_t armed;       /* hits allowed, when the rule must be armed */
     uint32_t to_pass;     /* matches to pass over before the next that is taken */
-    bool rx_hit;          /* the decision at rx_tick */
-    uint64_t bits_done;   /* of a position action under way */
-    uint64_t bits_left;   /* of an action that lasts for a time 1, until that has passed */
-    uint64_t ticks_left;  /* of that time ... */
-    cw_span part;         /* ... but for this part of a tick */
-    uint64_t reached_at;  /* tick of the bit time in which the position was last reached ... */
-    uint8_t source;       /* ... by this node, whose bits count */
-    bool pulses;          /* a pulse is to come in the next bit time */
-    bool waits;           /* RAW: its bits come when the node is idle */
-    bool disturbs;        /* it acts in the present bit of that node, see in_time.c */
     uint64_t on_wire;     /* nodes whose wire it acts on, if it acts on levels ... */
     uint64_t at_nodes;    /* ... and nodes whose samples it changes */
-    uint64_t rx_tick;     /* host rules on the RX side: one decision for all receivers of a frame */
-    uint64_t bound;       /* nodes whose present transmission the rule looks at */
-    uint64_t scope;
+    uint64_t scope;       /* for_attempt: nodes whose transmissions still last */
     uint64_t matches;
     uint64_t taken;       /* matches that were not passed over */
     uint64_t hits;
@@ -81,12 +117,14 @@ typedef struct cw_rule_state {
     uint64_t armed_at;    /* tick of the last arming; one at a tick */
     uint64_t error_at;    /* ERROR: tick of the last match; one at a tick */
     uint64_t active_until; /* tick; CW_NEVER: until cleared */
-    uint64_t next_at;     /* SEND, RAW_FRAME: tick of the next frame. RAW: end of the bit */
-    uint64_t in_burst;    /* NOISE: nodes that are in a burst; bit 0 for the wire ... */
-    uint16_t bursts[CW_NODES_MAX]; /* ... and the bits to come of each, the next one lowest */
-    uint64_t dominant_ticks; /* STUCK on a TX: its dominant time up to now */
-    uint64_t busy_base;   /* LOAD: busy time and time when it began */
-    uint64_t time_base;
+    union {               /* by the action: ask `traits` or `does` first, see above */
+        cw_noise_kept noise; /* the largest is first, so that all is 0 at the start */
+        cw_position_kept position;
+        cw_line_kept line;
+        cw_raw_kept raw;
+        cw_traffic_kept traffic;
+        cw_host_kept host;
+    };
 } cw_rule_state;
 
 /* The origin of a received frame, see cw_event. All 0 for frames on their way to the wire. */
@@ -542,7 +580,7 @@ bool cw_rules_take_held(cw_rule_set *set, unsigned node, cw_held_frame *frame);
 static inline void cw_rules_count_queued(cw_rule_set *set, unsigned source)
 {
     if (source)
-        set->rules[source - 1].outstanding++;
+        set->rules[source - 1].traffic.outstanding++;
 }
 
 /* Returns true when a frame of that source is followed by another one as soon as it is gone. */
@@ -553,8 +591,8 @@ static inline bool cw_rules_is_steady(const cw_rule_set *set, unsigned source)
 
 static inline void cw_rules_count_gone(cw_rule_set *set, unsigned source)
 {
-    if (source && set->rules[source - 1].outstanding)
-        set->rules[source - 1].outstanding--;
+    if (source && set->rules[source - 1].traffic.outstanding)
+        set->rules[source - 1].traffic.outstanding--;
 }
 
 /* Counts the frames of a node that rules hold back on each side. */

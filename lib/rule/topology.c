@@ -24,7 +24,7 @@ static uint64_t driving(const cw_rule_set *set)
     uint64_t nodes = 0;
     for (unsigned i = 0; i < set->count; i++) {
         const cw_rule_state *s = &set->rules[i];
-        if (s->used && s->active && s->rule.action == CW_ACTION_RAW)
+        if (s->used && s->active && cw_rule_is_raw(s))
             nodes |= cw_node_bit(s->rule.node);
     }
     return nodes;

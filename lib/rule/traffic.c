@@ -23,30 +23,32 @@ static void send(cw_rule_set *set, unsigned rule, const cw_frame *frame)
 static uint64_t time_of_load(const cw_rule_set *set, const cw_rule_state *s, uint64_t *busy)
 {
     uint64_t time = set->bus.effects->time(set->bus.self, busy);
-    *busy -= s->busy_base;
-    return time - s->time_base;
+    *busy -= s->traffic.busy_base;
+    return time - s->traffic.time_base;
 }
 
 /* A node that cannot take a frame is not asked in every bit. */
 static bool can_take(const cw_rule_set *set, const cw_rule_state *s)
 {
-    return s->outstanding == 0 && set->bus.effects->can_take(set->bus.self, s->rule.node);
+    return s->traffic.outstanding == 0 && set->bus.effects->can_take(set->bus.self, s->rule.node);
 }
 
 void cw_send_periodically(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = &set->rules[rule];
-    if (s->next_at > cw_rules_now(set))
+    uint64_t *next_at = &s->traffic.next_at;
+    const uint64_t period = s->rule.period_ticks;
+    if (*next_at > cw_rules_now(set))
         return;
     send(set, rule, &s->rule.frame);
-    if (s->rule.period_ticks == 0) {
+    if (period == 0) {
         s->active = false;
         return;
     }
-    uint64_t passed = (cw_rules_now(set) - s->next_at) / s->rule.period_ticks;
-    s->next_at += passed * s->rule.period_ticks; /* below a bit time this sends one frame a bit */
-    s->next_at = cw_after(s->next_at, s->rule.period_ticks);
-    cw_rules_set_due(set, s->next_at);
+    uint64_t passed = (cw_rules_now(set) - *next_at) / period;
+    *next_at += passed * period; /* below a bit time this sends one frame a bit */
+    *next_at = cw_after(*next_at, period);
+    cw_rules_set_due(set, *next_at);
 }
 
 void cw_babble(cw_rule_set *set, unsigned rule)
