@@ -20,6 +20,8 @@ static void report_pending(cw_bus *bus)
     }
 }
 
+/* Runs the restarts, wake-ups and triggers of nodes that are due now, and hands in the frames that
+ * come now. */
 static void run_due_nodes(cw_bus *bus)
 {
     if (bus->node_due > cw_now(bus)) {
@@ -54,6 +56,7 @@ static void run_due(cw_bus *bus)
              (nodes && bus->rules.awake_count));
 }
 
+/* Does so when there is something to run at this tick. */
 static void run_all_due(cw_bus *bus)
 {
     if (cw_first_due(bus) <= cw_now(bus) || bus->pending || bus->rules.awake_count)
@@ -62,6 +65,7 @@ static void run_all_due(cw_bus *bus)
 
 /* ---- Going on -------------------------------------------------------------------------------- */
 
+/* Goes one bit, and lets nodes with local time note a SOF in it (L3). */
 static void step_bit(cw_bus *bus)
 {
     cw_step_bit(bus);
@@ -125,6 +129,7 @@ static void assert_reached(const cw_bus *bus, uint64_t tick)
     assert(cw_first_due(bus) > cw_now(bus) && !bus->pending);
 }
 
+/* Goes up to a tick, or until `work` has been spent. Events count as work. */
 static cw_status bus_advance(cw_bus *bus, uint64_t tick, uint64_t work)
 {
     const unsigned events = bus->ring.count;

@@ -41,6 +41,7 @@ static void set_counters_of(cw_bus *bus, unsigned i, unsigned tec, unsigned rec)
         cw_sleep_forget(bus, i);
 }
 
+/* Sets TEC and REC; CW_KEEP leaves one as it is. */
 static void put_counters(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     const cw_mac *mac = cw_own_mac(bus, i);
@@ -49,12 +50,14 @@ static void put_counters(cw_bus *bus, unsigned i, const cw_rule *rule)
     set_counters_of(bus, i, tec, rec);
 }
 
+/* Raises the TEC to where the controller is bus-off at once (R10). */
 static void go_bus_off(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
     set_counters_of(bus, i, CW_BUS_OFF_LIMIT, cw_mac_rec(cw_own_mac(bus, i)));
 }
 
+/* Asks for the restart of a node that is bus-off (R12). For all others nothing happens. */
 static void restart(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
@@ -64,12 +67,14 @@ static void restart(cw_bus *bus, unsigned i, const cw_rule *rule)
     cw_find_node_due(bus);
 }
 
+/* Asks for overload frames, as the host may (O1 a). A controller that sleeps cannot send any. */
 static void overload(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     if (!(bus->asleep >> i & 1u))
         (void)cw_mac_request_overload(cw_own_mac(bus, i), rule->number);
 }
 
+/* The settings were found valid when the rule was added. */
 static void change_settings(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)cw_node_set(bus, i, &rule->settings);

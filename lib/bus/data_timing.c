@@ -27,6 +27,7 @@ bool cw_has_data_rate(const cw_bus_config *c)
     return false;
 }
 
+/* Returns the length of a bit by an exact clock. */
 static cw_span bit_length(const cw_bit_timing *t)
 {
     return t->quantum * cw_bit_timing_quanta(t);
@@ -38,6 +39,8 @@ cw_span cw_data_bit(const cw_bus_config *c, unsigned i, const cw_bit_timing *nom
     return bit_length(&data);
 }
 
+/* Returns the data timing that counts for the host: the next one, if it has been set and not taken
+ * up yet. */
 static const cw_data_timing *data_timing_now(const cw_bus *bus, unsigned i)
 {
     const cw_timed_rates *r = &bus->timed.rates[i];
@@ -70,6 +73,7 @@ void cw_init_rates(cw_bus *bus, unsigned i, const cw_data_timing *data,
 
 /* ---- Bits that all nodes have in common ------------------------------------------------------ */
 
+/* Returns true when both divide a bit in the same way. */
 static bool same_bit(const cw_bit_timing *a, const cw_bit_timing *b)
 {
     return a->quantum == b->quantum && cw_bit_timing_quanta(a) == cw_bit_timing_quanta(b) &&

@@ -30,6 +30,7 @@ unsigned cw_node_room(const cw_bus *bus, unsigned i)
     return used < n->queue_limit ? n->queue_limit - used : 0;
 }
 
+/* Drops the frames of a removed node that rules hold back. */
 static void flush_held(cw_bus *bus, unsigned i)
 {
     cw_held_frame held;
@@ -153,11 +154,13 @@ void cw_run_due_node(cw_bus *bus, unsigned i)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
+/* Returns the data timing that the settings bring, or NULL. */
 static const cw_data_timing *new_data(const cw_settings *s)
 {
     return s->which & CW_SET_DATA ? &s->data : NULL;
 }
 
+/* Returns the bit timing that a node would have with the settings. */
 static cw_bit_timing new_timing(const cw_bus *bus, unsigned i, const cw_settings *s)
 {
     const cw_bit_timing now = cw_timing_now(bus, i);
@@ -181,6 +184,8 @@ bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
            (!changes_way || cw_new_way_valid(bus, i, s));
 }
 
+/* Sets the time to the automatic restart. It counts from bus-off on, also for a node that is
+ * bus-off already (R12). */
 static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
 {
     cw_bus_node *n = &bus->nodes[i];
@@ -191,6 +196,7 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
     cw_find_node_due(bus);
 }
 
+/* Changes modes. A node that may not send any more loses its frames. */
 static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)
 {
     cw_bus_node *n = &bus->nodes[i];
@@ -206,6 +212,7 @@ static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)
     }
 }
 
+/* Sets filter, time and frames of the wake-up. A sleeping node goes on with the new ones. */
 static void set_wake(cw_bus *bus, unsigned i, const cw_settings *s)
 {
     cw_sleep_settings *now = &bus->sleeps[i].settings;
@@ -221,6 +228,7 @@ static void set_wake(cw_bus *bus, unsigned i, const cw_settings *s)
     cw_sleep_wait(bus, i);
 }
 
+/* Lets the host send its controller to sleep, or call it back. */
 static void set_sleep(cw_bus *bus, unsigned i, bool sleeps)
 {
     if (sleeps)

@@ -22,6 +22,7 @@ static bool is_subset(uint64_t part, uint64_t whole)
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
+/* Of the order it checks the frames that go first, since a long queue would cost too much. */
 static void assert_queue(const cw_queue *q, unsigned limit)
 {
     assert(q->count <= q->capacity && limit <= q->capacity);
@@ -57,6 +58,7 @@ static void assert_node(const cw_bus *bus, unsigned i)
     assert(!bus->buffers || !bus->buffers[i].boxes || (n->queue.count > 0) == (n->queue.boxed > 0));
 }
 
+/* Sums over all nodes are kept by hand; here they must be right. */
 static void assert_sums(const cw_bus *bus)
 {
     uint64_t queued = 0, handed_in = 0, stored = 0;
@@ -130,6 +132,7 @@ static void assert_view(const cw_bus *bus)
         assert(t->view == cw_view_wire(bus));
 }
 
+/* The newest events must be in the order of time. */
 static void assert_ring(const cw_event_ring *ring)
 {
     assert(ring->count <= ring->capacity && ring->first < ring->capacity);

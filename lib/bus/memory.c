@@ -8,6 +8,7 @@
 #include <assert.h>
 #include <string.h>
 
+/* Returns true when some node has anything between its controller and its host. */
 static bool has_buffers(const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->node_count; i++)
@@ -33,6 +34,7 @@ typedef struct arena {
     size_t used;
 } arena;
 
+/* Returns the next part of the memory. Without memory it only counts, and returns NULL. */
 static void *carve(arena *a, size_t count, size_t size)
 {
     size_t offset = a->used;
@@ -40,6 +42,7 @@ static void *carve(arena *a, size_t count, size_t size)
     return a->base ? a->base + offset : NULL;
 }
 
+/* Returns the mailboxes of a use, as bits. */
 static uint64_t boxes_for(const cw_host_config *h, cw_mailbox_use use)
 {
     uint64_t boxes = 0;
@@ -49,6 +52,7 @@ static uint64_t boxes_for(const cw_host_config *h, cw_mailbox_use use)
     return boxes;
 }
 
+/* Returns true when received frames go into mailboxes. */
 static bool is_boxed(const cw_host_config *h)
 {
     return h->mailbox_count > 0 && !h->receive_fifo;
@@ -78,6 +82,7 @@ static uint16_t queue_room(const cw_bus_config *c, unsigned node)
     return (uint16_t)(room + cw_count_bits(boxes_for(&n->host, CW_MAILBOX_REPLY)));
 }
 
+/* Returns how many nodes have a schedule; each can have one frame of it in the inbox. */
 static unsigned nodes_with_triggers(const cw_bus_config *c)
 {
     unsigned nodes = 0;
@@ -99,6 +104,7 @@ static unsigned least_ring(const cw_bus_config *c)
     return events;
 }
 
+/* The functions that follow lay out the parts of a bus. Without memory they only count. */
 static void carve_queues(arena *a, cw_bus_node *nodes, const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->node_count; i++) {
@@ -152,6 +158,7 @@ static bool has_local_time(const cw_bus_config *c)
     return false;
 }
 
+/* Begins local time and schedule of a node (L2, L5). */
 static void init_tt(cw_tt *tt, const cw_bus_config *c, unsigned node)
 {
     const cw_node_config *n = &c->nodes[node];
@@ -273,6 +280,7 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
                     .marks = marks, .mark_room = mark_room(c)};
 }
 
+/* Lays out a bus and all of its parts. Without memory it counts the bytes and returns NULL. */
 static cw_bus *lay_out(arena *a, const cw_bus_config *c)
 {
     unsigned events = c->events > least_ring(c) ? c->events : least_ring(c);
@@ -323,6 +331,7 @@ size_t cw_bus_size(const cw_bus_config *config)
     return a.used;
 }
 
+/* Makes the controller of a node, off the bus, and its times. */
 static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
 {
     cw_bus_node *n = &bus->nodes[i];

@@ -20,11 +20,13 @@ static void count_made(cw_bus *bus, unsigned i, cw_side side)
         stats->rx_made_by_rules++;
 }
 
+/* Returns true when a frame handed in now would not be dropped. */
 static bool can_take(const cw_bus *bus, unsigned i)
 {
     return cw_refusal(bus, i) == CW_DROP_COUNT;
 }
 
+/* Returns the time that load rules count, in bits, or in ticks where bits are divided. */
 static uint64_t time_so_far(const cw_bus *bus, uint64_t *busy)
 {
     const uint64_t unit = bus->load.unit, saved = bus->timed.short_ticks;
@@ -32,6 +34,7 @@ static uint64_t time_so_far(const cw_bus *bus, uint64_t *busy)
     return cw_bits_so_far(bus) * unit - saved;
 }
 
+/* A controller off the bus cannot tell, so the wire itself is asked. */
 static bool is_idle(const cw_bus *bus, unsigned i)
 {
     const cw_mac *m = cw_mac_of(bus, i);
@@ -74,6 +77,7 @@ void cw_link_rules(cw_bus *bus, uint64_t seed)
 
 /* ---- Rules come and go ----------------------------------------------------------------------- */
 
+/* Returns true when each node that a rule on settings names can have them. */
 static bool settings_fit(const cw_bus *bus, const cw_rule *r)
 {
     for (unsigned i = 0; r->action == CW_ACTION_SET && i < bus->node_count; i++)

@@ -98,6 +98,7 @@ static void take_over_queue(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsi
                            cw_mailboxes_is_reply(old_bus, old_node, k));
 }
 
+/* Returns true when two controllers are of one kind, so that one can go on for the other. */
 static bool are_alike(const cw_mac *a, const cw_mac *b)
 {
     return a->protocol == b->protocol && cw_mac_same_variant(a, b);
@@ -138,6 +139,7 @@ static void take_over_mac(cw_mac *m, const cw_mac *old)
         fd->compares_late = compares_late; /* a setting */
 }
 
+/* Puts a node into a set, or leaves it out, as its old number was in the old set. */
 static void take_over_set(uint64_t *set, unsigned i, uint64_t old, unsigned from)
 {
     *set &= ~cw_node_bit(i);
@@ -199,6 +201,7 @@ static void take_over_sync_stats(cw_bus *bus, const cw_bus *old, const uint8_t *
             bus->timed.records[i].stats = old->timed.records[from[i]].stats;
 }
 
+/* Takes over the frames with a tick to come, of nodes that are still there. */
 static void take_over_inbox(cw_bus *bus, const cw_bus *old, const uint8_t *to)
 {
     for (unsigned i = 0; i < old->inbox.count; i++) {
@@ -298,6 +301,8 @@ static void take_over_starts(cw_bus *bus, const cw_bus *old, const uint8_t *from
                                         .ready = renumber(old->starts[from[i]].ready, to)};
 }
 
+/* The new bus must be fresh, have the same rate and room for what waits. No two nodes may come from
+ * one. */
 static bool takeover_fits(const cw_bus *bus, const cw_bus *old, const uint8_t *from)
 {
     uint64_t taken = 0;

@@ -11,6 +11,7 @@ static cw_bit_timing default_timing(cw_span bit_time)
                            .prop_seg = 6, .phase_seg1 = 7, .phase_seg2 = 2, .sjw = 1};
 }
 
+/* A delay is at most CW_DELAY_MAX, and never negative. */
 static bool delay_valid(cw_span delay)
 {
     return delay >= 0 && delay <= CW_DELAY_MAX;
@@ -23,6 +24,7 @@ static bool ways_valid(const cw_node_timing *t)
            delay_valid(t->rx_delay[1]) && delay_valid(t->ringing);
 }
 
+/* Returns the whole ticks that the bits of the bus have. */
 static uint64_t ticks_of_bit(const cw_bus_config *c)
 {
     const cw_rate rate = cw_rate_of(c->bit_ticks);
@@ -35,16 +37,19 @@ static cw_span bit_time_of(const cw_bus_config *c)
     return CW_TICK * (cw_span)cw_least(ticks_of_bit(c), CW_DIVIDED_BIT_MAX);
 }
 
+/* Returns true when bits are short enough for moments within them to be counted. */
 static bool divides_bits(const cw_bus_config *c)
 {
     return ticks_of_bit(c) <= CW_DIVIDED_BIT_MAX;
 }
 
+/* Returns the length of a bit by a node's clock. */
 static cw_span bit_length(const cw_bit_timing *t)
 {
     return t->quantum * cw_bit_timing_quanta(t);
 }
 
+/* Returns true when all numbers of both are the same, not only the length of the bit. */
 static bool same_timing(const cw_bit_timing *a, const cw_bit_timing *b)
 {
     return a->quantum == b->quantum && a->prop_seg == b->prop_seg &&
@@ -58,6 +63,7 @@ cw_bit_timing cw_bit_timing_of(const cw_bus_config *c, unsigned i)
     return own->quantum ? *own : default_timing(bit_time_of(c));
 }
 
+/* Returns a node's way to the other nodes, as the cable knows it (T2). */
 static cw_way way_of(const cw_node_timing *t)
 {
     return (cw_way){.tx_delay = {t->tx_delay[0], t->tx_delay[1]},
@@ -211,6 +217,7 @@ cw_bus_finding cw_check_timing(const cw_bus_config *c)
     return check_ways(c);
 }
 
+/* Returns the shortest bit of any node, in thousandths of a bit of the bus. */
 static uint32_t fastest_permille(const cw_bus_config *c)
 {
     const cw_span permille = cw_shortest_bit(c) / (bit_time_of(c) / 1000);
@@ -285,12 +292,14 @@ cw_bit_timing cw_timing_with(const cw_bit_timing *now, const cw_settings *s)
     return next;
 }
 
+/* Replaces both delays, if they change. */
 static void change_delay(cw_span delay[2], const cw_span to[2], bool changes)
 {
     for (unsigned level = 0; changes && level < 2; level++)
         delay[level] = to[level];
 }
 
+/* Returns a way with the changes that settings bring. */
 static cw_way way_with(const cw_way *now, const cw_settings *s)
 {
     cw_way way = *now;
@@ -339,6 +348,7 @@ bool cw_bus_config_takes(const cw_bus_config *c, unsigned node, const cw_setting
 
 /* ---- Ways and ringing ------------------------------------------------------------------------ */
 
+/* Returns the longest ringing that may be on the wire, those from before a change included. */
 static cw_span longest_former_ringing(const cw_timed *t)
 {
     cw_span longest = 0;
@@ -362,6 +372,7 @@ static cw_span shortest_coming(const cw_timed *t, cw_span *longest)
     return shortest;
 }
 
+/* Returns true when a disturbance under way has the present delays, so that they must be kept. */
 static bool carries_others(const cw_timed *t)
 {
     return cw_disturbs_by(&t->disturbances, t->cable.ways);

@@ -28,6 +28,7 @@ static bool mailboxes_valid(const cw_host_config *h)
     return true;
 }
 
+/* Local time has 16 to 32 bits, and a unit that the clock can count (L2). */
 static bool local_time_valid(const cw_local_time *l)
 {
     return l->bits == 0 ||
@@ -36,6 +37,7 @@ static bool local_time_valid(const cw_local_time *l)
             (uint64_t)l->start >> l->bits == 0);
 }
 
+/* Its numbers must fit into the local time of its node (L5). */
 static bool trigger_valid(const cw_time_trigger *t, const cw_local_time *l)
 {
     return t->slot >= 1 && ((uint64_t)t->at >> l->bits) == 0 &&
@@ -43,6 +45,7 @@ static bool trigger_valid(const cw_time_trigger *t, const cw_local_time *l)
            (t->repeat == 0 || t->cycle < t->repeat) && cw_frame_valid(&t->frame);
 }
 
+/* A schedule needs local time, and its triggers come in the order of cycle time. */
 static bool schedule_valid(const cw_schedule *s, const cw_local_time *l)
 {
     bool valid = s->cycles <= CW_CYCLES_MAX && s->trigger_count <= CW_TRIGGERS_MAX &&
@@ -63,6 +66,7 @@ static bool node_config_valid(const cw_node_config *c)
            local_time_valid(&c->local) && schedule_valid(&c->schedule, &c->local);
 }
 
+/* They are sorted by node and identifier, each one at most once. */
 static bool protections_valid(const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->protection_count; i++) {

@@ -4,6 +4,7 @@
  */
 #include "bus/bus_private.h"
 
+/* Looks at a node between two bits; the wire comes later. */
 static inline void view_node(const cw_bus *bus, unsigned i, cw_bit_node *n)
 {
     const cw_mac *m = &bus->nodes[i].mac;

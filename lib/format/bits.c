@@ -195,6 +195,7 @@ unsigned cw_wire_index(const cw_stuffing *stuffing, unsigned u)
     return n;
 }
 
+/* Finds the wire bit of the index-th stuff bit. Returns false when the frame has fewer. */
 static bool find_stuff_bit(const cw_stuffing *stuffing, unsigned *n, unsigned index)
 {
     for (unsigned word = 0; word < stuffing->words; word++)

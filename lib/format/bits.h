@@ -66,6 +66,7 @@ static inline bool cw_bits_is_extended(const cw_bits *bits)
     return bits->format & CW_BITS_EXTENDED;
 }
 
+/* Returns the form of the frame, on which the lengths of some parts depend. */
 static inline cw_form cw_bits_form(const cw_bits *bits)
 {
     return (cw_form){.data_bits = (uint16_t)(8 * bits->bytes), .fd = cw_bits_is_fd(bits),

@@ -13,6 +13,7 @@ static inline bool cw_bitset_get(const uint64_t set[CW_BIT_WORDS], unsigned n)
     return (set[n / 64] >> (n % 64)) & 1u;
 }
 
+/* Returns the set with that node alone. */
 static inline uint64_t cw_node_bit(unsigned i)
 {
     return UINT64_C(1) << i;

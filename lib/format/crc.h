@@ -31,6 +31,7 @@ static inline uint16_t cw_crc15_next(uint16_t crc, bool bit)
     return (uint16_t)cw_crc_next(crc, bit, CW_CRC15_BITS, CW_CRC15_POLYNOMIAL);
 }
 
+/* Return the CRC-17 and the CRC-21 after one more bit (D6). cw_crc_begin() has the first value. */
 static inline uint32_t cw_crc17_next(uint32_t crc, bool bit)
 {
     return cw_crc_next(crc, bit, CW_CRC17_BITS, CW_CRC17_POLYNOMIAL);

@@ -43,6 +43,7 @@ typedef struct plain_bytes {
 
 /* ---- Not stuffed ----------------------------------------------------------------------------- */
 
+/* Returns the number that eight bytes are, the most significant one first. */
 static inline uint64_t load_be(const uint8_t b[8])
 {
     return (uint64_t)b[0] << 56 | (uint64_t)b[1] << 48 | (uint64_t)b[2] << 40 |
@@ -58,6 +59,7 @@ static inline void store_be(uint8_t b[8], uint64_t word)
     memcpy(b, &word, sizeof word);
 }
 
+/* Returns the header and the data of a frame as numbers, for whole bytes. */
 static inline content content_of(const cw_frame *frame)
 {
     const bool remote = cw_frame_is_remote(frame);
@@ -144,6 +146,8 @@ static inline unsigned put_levels(uint64_t level[4], const plain_bytes *plain)
     return stuffed;
 }
 
+/* Encodes a classical frame. inverted: bits of the CRC sequence, and deviations moved by
+ * CW_DEVIATES_SHIFT. */
 static void encode(cw_bits *bits, const cw_frame *frame, unsigned inverted)
 {
     plain_bytes plain;

@@ -44,6 +44,7 @@ static cw_head pad_head(const cw_frame *frame, unsigned *pad_bits)
     return (cw_head){.number = head.number | pad << head.bits, .bits = head.bits + *pad_bits};
 }
 
+/* Puts pad, header and data into whole bytes, without stuff bits. */
 static plain_bytes lay_out(const cw_frame *frame)
 {
     const unsigned length = cw_frame_length(frame);
@@ -104,6 +105,7 @@ typedef struct reversed_crc {
     const uint32_t *table;
 } reversed_crc;
 
+/* Returns the number with that many lowest bits in reverse order. */
 static uint32_t reverse(uint32_t number, unsigned bits)
 {
     uint32_t reversed = 0;
@@ -112,6 +114,7 @@ static uint32_t reverse(uint32_t number, unsigned bits)
     return reversed;
 }
 
+/* Begins the CRC of an FD frame (D6). Its bits are kept in reverse order. */
 static reversed_crc begin_crc(const cw_form *form)
 {
     reversed_crc c = {.bits = cw_part_bits(CW_PART_CRC, form)};
@@ -130,6 +133,7 @@ static void add_bits(reversed_crc *c, unsigned levels, unsigned count)
     }
 }
 
+/* Adds the first so many levels to the CRC, a byte at a time. */
 static void add_levels(reversed_crc *c, const uint64_t level[], unsigned count)
 {
     unsigned n = 0;
@@ -201,6 +205,7 @@ static unsigned measured(const cw_stuffed *all)
     return (unsigned)(all->lengths & LENGTHS_MASK);
 }
 
+/* Adds the stuffed lengths of some bytes. */
 static void measure_bytes(cw_stuffed *all, const uint8_t bytes[], unsigned count)
 {
     unsigned n = 0;

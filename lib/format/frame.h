@@ -44,6 +44,7 @@ static inline unsigned cw_dlc_length(unsigned dlc, bool remote)
 /* Returns the same of an FD frame (D2). */
 unsigned cw_fd_dlc_length(unsigned dlc);
 
+/* Returns the form of the frame, on which the lengths of some parts depend. */
 static inline cw_form cw_frame_form(const cw_frame *frame)
 {
     return (cw_form){.data_bits = (uint16_t)(8 * cw_frame_length(frame)),

@@ -19,6 +19,8 @@ typedef struct cw_head {
     unsigned bits;
 } cw_head;
 
+/* Return SOF to DLC of a base and of an extended frame as a number, the last bit lowest (F1,
+ * F2). */
 static inline cw_head cw_base_head(const cw_frame *frame, bool remote, unsigned dlc)
 {
     return (cw_head){.number = (uint64_t)frame->id << CW_BASE_SHIFT_BASE_ID |
@@ -72,6 +74,7 @@ static inline uint32_t cw_key_with_rtr(const cw_frame *frame, bool rtr)
                       << (CW_EXTENDED_ARBITRATION_END - CW_BASE_HEAD_BITS));
 }
 
+/* Returns a number that is lower for the frame that wins arbitration (M3). */
 static inline uint32_t cw_arbitration_key(const cw_frame *frame)
 {
     return cw_key_with_rtr(frame, cw_frame_is_remote(frame));

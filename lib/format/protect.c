@@ -33,6 +33,7 @@ bool cw_protection_fits(const cw_protection *p, const cw_frame *frame)
     return bits <= 8 * length && (sum == 0 || p->checksum.at + sum <= length);
 }
 
+/* Writes a value into the counter's bits, the most significant bit first. */
 static void write_counter(const cw_counter *n, uint8_t *data, uint32_t value)
 {
     for (unsigned i = 0; i < n->bits; i++) {
@@ -43,6 +44,7 @@ static void write_counter(const cw_counter *n, uint8_t *data, uint32_t value)
     }
 }
 
+/* Returns a CRC of that many bits after one more byte. */
 static unsigned crc_next(unsigned crc, unsigned byte, unsigned bits, unsigned polynomial)
 {
     crc ^= byte << (bits - 8);
@@ -51,6 +53,7 @@ static unsigned crc_next(unsigned crc, unsigned byte, unsigned bits, unsigned po
     return crc & ((1u << bits) - 1);
 }
 
+/* Returns the checksum after one more byte. */
 static unsigned sum_next(const cw_checksum *c, unsigned sum, unsigned byte)
 {
     switch (c->kind) {
@@ -69,6 +72,7 @@ static unsigned sum_next(const cw_checksum *c, unsigned sum, unsigned byte)
     return sum;
 }
 
+/* Adds the data ID: all of its bytes, or the one that the counter chooses. */
 static unsigned sum_id(const cw_checksum *c, unsigned sum, uint32_t counter)
 {
     if (c->id_length == 0)
@@ -80,6 +84,7 @@ static unsigned sum_id(const cw_checksum *c, unsigned sum, uint32_t counter)
     return sum;
 }
 
+/* Returns the checksum of a frame's data, with the bytes of the checksum itself left out. */
 static unsigned sum_of(const cw_checksum *c, const cw_frame *frame, uint32_t counter)
 {
     const unsigned end = c->at + checksum_bytes(c);

@@ -18,6 +18,7 @@ typedef struct cw_stuffed {
     uint32_t state;   /* the state of the tables */
 } cw_stuffed;
 
+/* Stuffs one byte: its levels come behind those before it. */
 static inline void cw_stuff_byte(cw_stuffed *p, uint8_t byte)
 {
     uint64_t entry = cw_stuff_table[p->state + byte];
@@ -26,6 +27,7 @@ static inline void cw_stuff_byte(cw_stuffed *p, uint8_t byte)
     p->state = cw_stuff_next[p->state + byte];
 }
 
+/* Stuffs five bytes, which are at most 50 levels and so fit into a word. */
 static inline void cw_stuff_five(cw_stuffed *p, const uint8_t bytes[CW_STUFF_BYTES])
 {
     p->level = p->lengths = 0;
@@ -46,6 +48,7 @@ static inline void cw_append(uint64_t level[], unsigned *at, uint64_t row, unsig
     *at += length;
 }
 
+/* Appends what has been stuffed to some levels, without the pad before it. */
 static inline void cw_append_stuffed(uint64_t level[], unsigned *at, const cw_stuffed *p,
                                      unsigned pad_bits)
 {
@@ -60,6 +63,7 @@ static inline void cw_measure_byte(cw_stuffed *p, uint8_t byte)
     p->state = cw_stuff_next[p->state + byte];
 }
 
+/* Does the same without levels, for the length alone. */
 static inline void cw_measure_five(cw_stuffed *p, const uint8_t bytes[CW_STUFF_BYTES])
 {
     cw_measure_byte(p, bytes[0]);

@@ -21,6 +21,7 @@ typedef struct cw_walk {
     uint32_t crc; /* of the bits so far */
 } cw_walk;
 
+/* Begins the walk at SOF. */
 static inline cw_walk cw_walk_begin(const cw_frame *frame)
 {
     cw_walk w = {.frame = frame, .form = cw_frame_form(frame)};
@@ -76,6 +77,7 @@ static inline bool cw_walk_level(const cw_walk *w)
     return (number >> (cw_walk_bits(w) - 1 - w->index)) & 1u;
 }
 
+/* Adds a level to the CRC of the frame's format and length (F6, D6). */
 static inline void cw_walk_add_to_crc(cw_walk *w, bool level)
 {
     if (!w->form.fd)

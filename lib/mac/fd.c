@@ -67,6 +67,7 @@ unsigned cw_mac_fd_fixed_number(const cw_mac *m)
 
 /* ---- Frames sent ----------------------------------------------------------------------------- */
 
+/* Returns the ESI that the transmitter owes by its counters (D8). */
 static unsigned esi_now(const cw_mac *m)
 {
     return cw_confinement_passive(&m->confinement) ? CW_FRAME_ESI : 0;

@@ -197,6 +197,7 @@ cw_status cw_mac_request_restart(cw_mac *m)
     return CW_OK;
 }
 
+/* Gives up the frame on offer and reports the reason. */
 static void drop_offer(cw_mac *m, cw_drop why, cw_mac_report *r)
 {
     m->offered = false;
@@ -385,6 +386,8 @@ void cw_mac_begin_frame(cw_mac *m, cw_role role)
         memset(&m->rx, 0, sizeof m->rx);
 }
 
+/* Starts with SOF when idle. In the third bit of the intermission the SOF of another node counts as
+ * its own (M6). */
 static void begin_transmission(cw_mac *m)
 {
     m->started = true;
@@ -399,6 +402,8 @@ static void begin_transmission(cw_mac *m)
     m->tx_next = 1;
 }
 
+/* Returns the level that a node drives in a frame: a transmitter its bits, a receiver its ACK bit
+ * (M5). */
 static bool drive_frame(const cw_mac *m)
 {
     if (cw_mac_is_transmitter(m))
@@ -418,6 +423,7 @@ static bool is_hidden(const cw_mac *m)
     return m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK);
 }
 
+/* Returns the level that the phase asks for. Outside of frames only flags are dominant. */
 static bool drive_phase(const cw_mac *m)
 {
     if (m->phase == CW_MAC_FRAME)
@@ -430,6 +436,8 @@ bool cw_mac_level(const cw_mac *m)
     return is_hidden(m) ? CW_RECESSIVE : drive_phase(m);
 }
 
+/* Returns the level for the bus. The node's own view of it stays in `driven`, for modes that hide
+ * it from the bus (M11, M15). */
 static bool drive_on(cw_mac *m)
 {
     m->may_join = false;
@@ -533,6 +541,8 @@ bool cw_mac_force_error(cw_mac *m)
     return (report.what & CW_REPORT_DROPPED) && report.why == CW_DROP_ONE_SHOT;
 }
 
+/* Begins an overload flag (O2). A node that sends no flags waits for an idle bus instead (D19,
+ * L1). */
 static void signal_overload(cw_mac *m, cw_mac_report *r)
 {
     if (sends_no_flags(m)) {
@@ -605,6 +615,8 @@ static bool judge_ack(cw_mac *m, cw_mac_report *r)
     return true;
 }
 
+/* Judges the second bit of the ACK slot of an FD frame, which matters to its transmitter alone
+ * (D7). */
 static bool judge_second_ack(cw_mac *m, cw_mac_report *r)
 {
     if (!cw_mac_is_transmitter(m))
@@ -635,6 +647,7 @@ static bool take_fdf(cw_mac *m, cw_mac_report *r)
     return true;
 }
 
+/* Takes res of an FD frame. Recessive, it is a protocol exception (D16). */
 static bool take_res(cw_mac *m, cw_mac_report *r)
 {
     return !cw_mac_last_level(m) || make_exception(m, r);
@@ -666,6 +679,7 @@ static bool accept_frame(const cw_mac *m, cw_mac_report *r)
     return true;
 }
 
+/* Takes the end of EOF, where the frame becomes valid for its transmitter (M7, R7). */
 static bool finish_frame(cw_mac *m, cw_mac_report *r)
 {
     if (cw_mac_is_transmitter(m)) {
@@ -743,6 +757,7 @@ static bool take_effect(cw_mac *m, cw_mac_report *r)
     return true;
 }
 
+/* Returns the bits of the present part. The number of some follows from the frame. */
 static unsigned bits_of_part(const cw_mac *m)
 {
     const unsigned bits = cw_parts[m->part].bits;
@@ -769,6 +784,8 @@ __attribute__((noinline)) void cw_mac_end_part(cw_mac *m, cw_mac_report *r)
         m->run = CW_STUFF_RUN; /* D3, D4: a fixed stuff bit comes first, whatever the run was */
 }
 
+/* Makes a receiver of the transmitter, from the next bit on, and reports the number of the lost bit
+ * (M2). */
 static void lose_arbitration(cw_mac *m, cw_mac_report *r)
 {
     r->what |= CW_REPORT_ARBITRATION_LOST;
@@ -809,6 +826,8 @@ static void detect_own_stuff_bit(cw_mac *m, cw_mac_report *r)
         detect(m, CW_ERROR_BIT, r);
 }
 
+/* Takes a bit in the place of a stuff bit: the complement of the bit before it, or an error (E1,
+ * E2, D14). */
 static void sample_stuff_bit(cw_mac *m, bool level, cw_mac_report *r)
 {
     if (cw_mac_is_transmitter(m) && level != m->driven) {
@@ -894,6 +913,8 @@ static void sample_frame_bit(cw_mac *m, bool level, cw_mac_report *r)
         cw_mac_end_part(m, r);
 }
 
+/* Takes a bit of a frame. An error found at a secondary sample point acts here, at the next sample
+ * point (D13). */
 static void sample_frame(cw_mac *m, bool level, cw_mac_report *r)
 {
     if (m->fd && m->fd->late_error) {
@@ -938,6 +959,7 @@ void cw_mac_end_integration(cw_mac *m)
     cw_mac_become_idle(m);
 }
 
+/* Counts recessive bits in a row. After eleven the node is on the bus (M10). */
 static void sample_integrating(cw_mac *m, bool level, cw_mac_report *r)
 {
     (void)r;
@@ -946,6 +968,7 @@ static void sample_integrating(cw_mac *m, bool level, cw_mac_report *r)
         cw_mac_end_integration(m);
 }
 
+/* Takes a dominant bit for SOF: the node joins if it has a frame to send (M1). */
 static void sample_idle(cw_mac *m, bool level, cw_mac_report *r)
 {
     if (!level)
@@ -966,6 +989,8 @@ void cw_mac_end_intermission(cw_mac *m)
         cw_mac_become_idle(m);
 }
 
+/* A dominant bit is an overload condition in the first two bits (O1 b), and a SOF in the third
+ * (M6). */
 static void sample_intermission(cw_mac *m, bool level, cw_mac_report *r)
 {
     bool third = m->count == CW_INTERMISSION_BITS - 1;
@@ -979,6 +1004,7 @@ static void sample_intermission(cw_mac *m, bool level, cw_mac_report *r)
         cw_mac_end_intermission(m);
 }
 
+/* Counts the eight bits of M8. A dominant one is the SOF of another node (M1). */
 static void sample_suspend(cw_mac *m, bool level, cw_mac_report *r)
 {
     if (!level)
@@ -1057,6 +1083,7 @@ static void sample_wait(cw_mac *m, bool level, cw_mac_report *r)
     count_dominant(m, r);
 }
 
+/* Takes a bit of an error or overload delimiter (E8, O1 d). */
 static void sample_delimiter(cw_mac *m, bool level, cw_mac_report *r)
 {
     bool last = m->count == CW_DELIMITER_BITS - 1;
@@ -1072,6 +1099,7 @@ static void sample_delimiter(cw_mac *m, bool level, cw_mac_report *r)
 
 /* ---- Sample: away from the bus --------------------------------------------------------------- */
 
+/* Phases in which the node is off the bus, so that no level means anything. */
 static void sample_nothing(cw_mac *m, bool level, cw_mac_report *r)
 {
     (void)m;
@@ -1087,6 +1115,7 @@ static void sample_bus_off(cw_mac *m, bool level, cw_mac_report *r)
         drop_offer(m, CW_DROP_BUS_OFF, r);
 }
 
+/* Ends bus-off, after 128 groups of eleven recessive bits (R12). */
 static void end_recovery(cw_mac *m)
 {
     cw_confinement_reset(&m->confinement);

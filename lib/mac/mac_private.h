@@ -41,7 +41,10 @@ static inline bool cw_mac_in_fd_frame(const cw_mac *mac)
     return mac->fd && (mac->fd->rx.flags & CW_FRAME_FD);
 }
 
+/* Enters idle: the role ends. A controller that is to sleep falls asleep instead. */
 void cw_mac_become_idle(cw_mac *mac);
+
+/* Enters a frame at its SOF, in a role. Nothing is left of the frame before. */
 void cw_mac_begin_frame(cw_mac *mac, cw_role role);
 
 /* Takes a bit of a frame that is no stuff bit; the caller increments the index. */
@@ -59,6 +62,7 @@ static inline bool cw_mac_has_fixed_stuffing(const cw_mac *mac)
     return cw_part_is((cw_part)mac->part, CW_PART_FIXED_STUFFED) && cw_mac_in_fd_frame(mac);
 }
 
+/* Returns whether the present part of the frame has a flag, CW_PART_STUFFED etc. */
 static inline bool cw_mac_part_is(const cw_mac *mac, unsigned flag)
 {
     return cw_part_is((cw_part)mac->part, flag);

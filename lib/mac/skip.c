@@ -60,6 +60,8 @@ static uint64_t tolerated_bits(const cw_mac *m)
     return first ? 0 : 7u - m->count % 8u;
 }
 
+/* Returns the bits to come, all of them dominant, in which the controller only counts and reports
+ * nothing. */
 static uint64_t steady_dominant_bits(const cw_mac *m)
 {
     switch ((cw_mac_phase)m->phase) {
@@ -111,6 +113,7 @@ static uint64_t groups_to_idle(const cw_mac *m)
     return m->waits_long ? CW_RECOVERY_GROUPS - (uint64_t)m->groups : 1;
 }
 
+/* Returns the same for recessive bits. */
 static uint64_t steady_recessive_bits(const cw_mac *m)
 {
     switch ((cw_mac_phase)m->phase) {
@@ -160,12 +163,14 @@ uint64_t cw_mac_steady_bits(const cw_mac *m, bool level)
 
 /* ---- Taking them ----------------------------------------------------------------------------- */
 
+/* Takes bits of a frame that are neither stuff bits nor the last one of a part. */
 static void skip_frame_bits(cw_mac *m, unsigned bits, bool level)
 {
     for (; bits > 0; bits--, m->index++)
         cw_mac_take_bit(m, level);
 }
 
+/* Takes bits of a flag, up to so many in all. */
 static void skip_flag(cw_mac *m, unsigned count, bool level)
 {
     m->count = (uint8_t)count;
@@ -186,6 +191,8 @@ static void skip_to_idle(cw_mac *m, uint64_t bits, unsigned end)
         cw_mac_become_idle(m);
 }
 
+/* Takes recessive bits from the wait for a delimiter or from within it. They may go on into the
+ * intermission and idle. */
 static void skip_delimiter(cw_mac *m, unsigned bits)
 {
     bool error = m->phase == CW_MAC_ERROR_WAIT || m->phase == CW_MAC_ERROR_DELIMITER;
@@ -199,6 +206,7 @@ static void skip_delimiter(cw_mac *m, unsigned bits)
     skip_to_idle(m, count - CW_DELIMITER_BITS, CW_INTERMISSION_BITS);
 }
 
+/* Takes bits behind a flag: recessive ones begin the delimiter, dominant ones count for R6. */
 static void skip_wait(cw_mac *m, unsigned bits, bool level)
 {
     if (level)
@@ -207,6 +215,7 @@ static void skip_wait(cw_mac *m, unsigned bits, bool level)
         m->count = (uint8_t)(m->count + bits);
 }
 
+/* Counts groups of eleven recessive bits in bus-off (R12). */
 static void skip_recovery(cw_mac *m, uint64_t bits, bool level)
 {
     uint64_t seen = level ? m->count + bits : 0;
@@ -214,6 +223,7 @@ static void skip_recovery(cw_mac *m, uint64_t bits, bool level)
     m->count = (uint8_t)(seen % CW_INTEGRATION_BITS);
 }
 
+/* Takes bits of integration. With eleven recessive ones the node is on the bus (M10). */
 static void skip_integration(cw_mac *m, uint64_t bits, bool level)
 {
     const uint64_t seen = level ? m->count + bits : 0;

@@ -10,11 +10,13 @@
 
 /* ---- The two rates --------------------------------------------------------------------------- */
 
+/* Returns the bit timing of the present rate (D10). */
 static const cw_bit_timing *timing_of(const cw_timed_mac *c)
 {
     return c->fast ? &c->data_timing : &c->timing;
 }
 
+/* Returns the prescaler of the present rate. */
 static uint32_t brp_of(const cw_timed_mac *c)
 {
     return c->fast ? c->data_brp : c->brp;
@@ -35,6 +37,7 @@ bool cw_timed_mac_is_fast(const cw_timed_mac *c)
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
+/* Begins a bit of which so many clocks have passed already, and drives its level. */
 static void begin_bit(cw_timed_mac *c, unsigned passed)
 {
     cw_pcs_begin_bit(&c->pcs, timing_of(c));
@@ -118,6 +121,7 @@ static bool sampled_level(const cw_timed_mac *c)
     return timing_of(c)->triple_sampling ? c->seen[0] + c->seen[1] + c->seen[2] >= 2 : c->seen[0];
 }
 
+/* Samples the bit. The rate changes at this point where BRS or the CRC delimiter says so (D10). */
 static void sample(cw_timed_mac *c, cw_mac_report *report)
 {
     const bool level = sampled_level(c);

@@ -7,6 +7,7 @@
 #include "format/bits.h"
 #include "rule/list.h"
 
+/* Returns the first place that no rule has; it may be one behind all others. */
 static unsigned free_place(const cw_rule_set *set)
 {
     unsigned place = 0;
@@ -75,6 +76,8 @@ static bool is_in_each_frame(const cw_rule_set *set, const cw_rule *r)
     return true;
 }
 
+/* Returns true when no time, arming or place in a frame can keep the rule from a match, see
+ * cw_rule_state. */
 static bool is_open(const cw_rule_set *set, const cw_rule *r)
 {
     return r->time_begin <= cw_rules_now(set) && r->time_end == CW_NEVER &&

@@ -4,6 +4,7 @@
  */
 #include "rule/private.h"
 
+/* Returns the tick at which an action that begins now ends. */
 static uint64_t window_end(const cw_rule_set *set, const cw_rule *rule)
 {
     if (rule->for_ticks)
@@ -116,6 +117,7 @@ void cw_rule_fire(cw_rule_set *set, unsigned rule)
     cw_rule_act(set, rule);
 }
 
+/* Reports the hit of a bit that has ended, as an event at its end. */
 static void emit(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);

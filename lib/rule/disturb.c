@@ -18,6 +18,7 @@ static void remove_at(cw_disturbances *all, unsigned place)
             (all->count - place) * sizeof all->list[0]);
 }
 
+/* Makes room: the one that has ended first can hardly matter any more. */
 static void remove_oldest(cw_disturbances *all)
 {
     unsigned oldest = 0;
@@ -72,6 +73,8 @@ void cw_disturb_rebase(cw_disturbances *all, cw_span by)
 
 /* ---- Levels ---------------------------------------------------------------------------------- */
 
+/* Returns true when a node that looks at a moment sees the disturbance. It comes as late as an edge
+ * of its source. */
 static bool acts(const cw_disturbance *d, const cw_cable *cable, unsigned source, unsigned node,
                  cw_span moment)
 {
@@ -81,6 +84,7 @@ static bool acts(const cw_disturbance *d, const cw_cable *cable, unsigned source
     return d->begin < moment - late && (d->end == CW_SPAN_MAX || moment - late <= d->end);
 }
 
+/* Returns the level that it makes of a level. */
 static bool changed(const cw_disturbance *d, bool level)
 {
     if (d->effect == CW_DISTURB_INVERT)
@@ -88,6 +92,7 @@ static bool changed(const cw_disturbance *d, bool level)
     return d->effect == CW_DISTURB_NOTHING ? level : d->effect == CW_DISTURB_RECESSIVE;
 }
 
+/* Does the same for the levels of some nodes, where they are made. */
 static uint64_t changed_at_source(const cw_disturbance *d, cw_span moment, uint64_t nodes,
                                   uint64_t levels)
 {

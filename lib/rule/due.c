@@ -4,6 +4,7 @@
  */
 #include "rule/private.h"
 
+/* Arms a rule, and lets it act at once if that is its trigger. */
 static void due_arm(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
@@ -80,6 +81,7 @@ static uint64_t next_of_action(const cw_rule_state *s)
     return s->active ? s->active_until : CW_NEVER;
 }
 
+/* Finds the first tick at which a rule or a frame held back is due. */
 static void find_next_due(cw_rule_set *set)
 {
     uint64_t next = CW_NEVER;

@@ -20,11 +20,13 @@ bool cw_rules_hold(cw_rule_set *set, const cw_held_frame *frame)
     return true;
 }
 
+/* Queues a frame that counts as the host's, not as traffic of a rule. */
 static void queue(const cw_rule_set *set, unsigned node, const cw_frame *frame, uint64_t tick)
 {
     set->bus.effects->queue(set->bus.self, node, frame, tick, 0);
 }
 
+/* Lets a frame that was held back go on to its queue or host. No rule sees it again. */
 static void deliver_held(cw_rule_set *set, const cw_held_frame *h, uint64_t tick)
 {
     if (h->side == CW_SIDE_TX)
@@ -150,6 +152,7 @@ bool cw_drop_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
     return false;
 }
 
+/* Returns true when there is no room to hold the frame back, so that it goes on. */
 static bool hold_back(cw_rule_set *set, const cw_rule *rule, const cw_passing *p, uint64_t due,
                       uint32_t behind)
 {
@@ -216,6 +219,7 @@ static bool run_rules(cw_rule_set *set, unsigned node, cw_frame *frame, cw_side 
 
 /* ---- Replies --------------------------------------------------------------------------------- */
 
+/* Sends the frame of a reply, after its time. */
 static void reply(cw_rule_set *set, unsigned rule, unsigned node)
 {
     const cw_rule *r = &set->rules[rule].rule;
@@ -230,6 +234,7 @@ static void reply(cw_rule_set *set, unsigned rule, unsigned node)
         queue(set, node, &h.frame, cw_rules_now(set));
 }
 
+/* Lets replies to a received frame act. `from` has its transmitters. */
 static void host_answer(cw_rule_set *set, unsigned node, const cw_frame *frame, uint64_t from)
 {
     cw_candidates c;

@@ -76,6 +76,7 @@ static void end_bits(cw_rule_set *set, cw_disturbances *all, uint64_t nodes, cw_
     }
 }
 
+/* The rule acts on the source's bit that begins. Its end is known only when the next one begins. */
 static void begin_bit(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span moment)
 {
     cw_rule_state *s = cw_rule_at(set, rule);
@@ -119,6 +120,7 @@ static void end_hit(cw_rule_state *s, uint64_t nodes, uint64_t tick)
         s->hit_at = cw_least(s->hit_at, tick);
 }
 
+/* Goes on with an action under way, or begins one, for bits of these nodes. */
 static void begin_bits_of(cw_rule_set *set, cw_disturbances *all, unsigned rule, uint64_t nodes,
                           cw_span moment, uint64_t tick)
 {
@@ -167,6 +169,7 @@ static void hold_line(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_
     cw_disturb(all, &d);
 }
 
+/* The node drives its raw bit in place of what its controller drives. */
 static void drive_raw(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span begin,
                       cw_span end)
 {
@@ -187,6 +190,7 @@ static void pulse_without_frame(cw_rule_set *set, cw_disturbances *all, unsigned
     pulse(set, all, rule, begin, end - begin);
 }
 
+/* Noise draws once for each bit time, as on a bus with common bits. */
 static void flip_at_random(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span begin,
                            cw_span end)
 {
@@ -251,6 +255,7 @@ void cw_rules_begin_bit_time(cw_rule_set *set, cw_disturbances *all, cw_span beg
 
 /* ---- Edges ----------------------------------------------------------------------------------- */
 
+/* Returns true for a rule on jitter that acts now. */
 static bool delays_edges(const cw_rule_state *s)
 {
     return s->used && s->active && s->rule.action == CW_ACTION_JITTER;

@@ -11,6 +11,7 @@
 
 /* ---- Frames and filters ---------------------------------------------------------------------- */
 
+/* Returns true when one of the filters takes the identifier, or there is none. */
 static bool id_matches(uint32_t id, const cw_filter *filters, unsigned count)
 {
     for (unsigned i = 0; i < count; i++) {
@@ -26,12 +27,14 @@ bool cw_frame_matches(const cw_frame *frame, const cw_filter *filters, unsigned 
     return id_matches(cw_frame_can_id(frame), filters, count);
 }
 
+/* Returns true when the data field of the frame has the rate that the rule asks for. */
 static bool rate_matches(const cw_rule *rule, const cw_frame *frame)
 {
     const bool fast = (frame->flags & CW_FRAME_FD) && (frame->flags & CW_FRAME_BRS);
     return rule->rate == CW_RATE_ANY || (rule->rate == CW_RATE_DATA) == fast;
 }
 
+/* Compares what the filters of identifiers leave open: the rate, and the first data bytes. */
 static bool content_matches(const cw_rule *rule, const cw_frame *frame)
 {
     if (!rate_matches(rule, frame) || rule->data_length > cw_frame_length(frame))
@@ -107,12 +110,14 @@ static unsigned index_find_key(const cw_rule_set *set, unsigned class, uint32_t 
     return low;
 }
 
+/* Notes that frames with the hash of this identifier may have a rule in that class. */
 static void note_id(cw_rule_set *set, const cw_rule_key *k)
 {
     uint8_t *classes = &set->id_classes[id_hash(k->id)];
     *classes = (uint8_t)(*classes | 1u << k->class);
 }
 
+/* Adds a key in its place. The classes behind its own begin one later. */
 static void add_key(cw_rule_set *set, cw_rule_key key)
 {
     unsigned place = index_find_key(set, key.class, key.id, key.rule);
@@ -147,6 +152,7 @@ static void count_keys(cw_rule_set *set)
     }
 }
 
+/* Removes the keys of a rule. Hashes are found anew, since keys share them. */
 static void remove_keys(cw_rule_set *set, unsigned rule)
 {
     unsigned kept = 0;

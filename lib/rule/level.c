@@ -37,6 +37,7 @@ bool cw_stuck_tx_level(const cw_rule_set *set, cw_rule_state *s)
     return level;
 }
 
+/* Returns true for a stuck TX line: it changes what the node drives, not what is sampled. */
 static bool is_stuck_tx(const cw_rule_state *s)
 {
     return s->active && cw_rule_is(s, CW_ON_LINE) && s->rule.line == CW_LINE_TX;
@@ -75,6 +76,7 @@ static bool at_own_place(const cw_rule_set *set, const cw_rule *rule, const cw_m
     return place.field == rule->field && place.index == rule->index;
 }
 
+/* Returns true in the index-th bit of the first flag of this attempt. */
 static bool in_flag(const cw_flag_watch *flag, unsigned index)
 {
     return flag->now && !flag->over && flag->length == index;
@@ -158,6 +160,7 @@ static bool lasts_for_a_time(const cw_rule *rule)
     return rule->action == CW_ACTION_FORCE && rule->for_ticks > 0;
 }
 
+/* Begins the action, or begins it again, in the bit that has been reached. */
 static void begin_bits(cw_rule_state *s)
 {
     cw_position_kept *kept = &s->position;
@@ -241,6 +244,7 @@ void cw_rule_aim(cw_rule_state *s)
     s->at_nodes = r->at;
 }
 
+/* Returns true when the action changes levels in the present bit. */
 static inline bool acts_now(const cw_rule_state *s)
 {
     return cw_rule_is(s, CW_HAS_POSITION) ? s->position.bits_left > 0 : s->active;
@@ -265,6 +269,7 @@ typedef struct bit_plan {
     bool bits;      /* bits of positions are counted */
 } bit_plan;
 
+/* Finds what a rule does in this bit, after a look at its position. */
 static inline void plan_rule(bit_plan *plan, cw_rule_set *set, unsigned rule, cw_rule_state *s)
 {
     cw_rule_check_scope(set, rule);
@@ -278,6 +283,7 @@ static inline void plan_rule(bit_plan *plan, cw_rule_set *set, unsigned rule, cw
     plan->bits = plan->bits || cw_rule_is(s, CW_HAS_POSITION);
 }
 
+/* Changes the levels of whole wires, which all of their nodes sample. */
 static void change_wire(cw_rule_set *set, uint64_t *levels)
 {
     for (unsigned i = 0; i < set->awake_count; i++) {
@@ -287,6 +293,7 @@ static void change_wire(cw_rule_set *set, uint64_t *levels)
     }
 }
 
+/* Changes the samples of single nodes, after their wires. */
 static void change_samples(cw_rule_set *set, uint64_t *levels)
 {
     for (unsigned i = 0; i < set->awake_count; i++) {
@@ -296,6 +303,7 @@ static void change_samples(cw_rule_set *set, uint64_t *levels)
     }
 }
 
+/* Counts the bit of each action at a position, after all have acted. */
 static void count_bits(cw_rule_set *set)
 {
     for (unsigned i = 0; i < set->awake_count; i++)

@@ -45,6 +45,7 @@ static bool takes_any_bit(const cw_rule_state *s)
            r->hold_off == 0 && r->state_nodes == 0;
 }
 
+/* Adds a rule to those that wait for the frame. With several no short cut is left. */
 static void add_watcher(cw_watch *w, const cw_rule_set *set, unsigned rule)
 {
     const cw_rule_state *s = &set->rules[rule];
@@ -62,6 +63,8 @@ static bool is_undemanding(const cw_rule *r)
            r->rate == CW_RATE_ANY;
 }
 
+/* Finds what rules without filters mean for a frame. If they ask for nothing else, it is the same
+ * for each one. */
 static void find_usual(cw_rule_set *set)
 {
     set->usual = (cw_watch){.rule = CW_NO_RULE};
@@ -75,6 +78,7 @@ static void find_usual(cw_rule_set *set)
     }
 }
 
+/* Notes the result of the comparison for a node, one bit in each set. */
 static void note_watch(cw_rule_set *set, unsigned node, cw_watch w)
 {
     const uint64_t self = cw_node_bit(node);
@@ -97,6 +101,7 @@ static void watch_anew(cw_rule_set *set)
         note_watch(set, i, set->usual);
 }
 
+/* Compares the frame with all rules that may match it. */
 static cw_watch watch_closely(const cw_rule_set *set, unsigned node, const cw_frame *frame)
 {
     cw_watch w = {.rule = CW_NO_RULE};
@@ -136,6 +141,7 @@ static bool is_out_of_time(const cw_rule_set *set, const cw_rule *r)
     return r->time_end <= cw_rules_now(set) || r->time_begin >= end;
 }
 
+/* Returns true when the position comes after SOF. */
 static bool has_later_position(const cw_rule_state *s)
 {
     const cw_rule *r = &s->rule;

@@ -21,6 +21,7 @@ static unsigned draws_of_bit(const cw_rule_set *set, const cw_rule_state *s)
     return s->rule.at == 0 ? 1 : cw_count_bits(s->rule.at & set->bus.all);
 }
 
+/* Draws for one level: true flips it, or begins a burst. */
 static bool draw(const cw_rule *r, cw_prng *prng)
 {
     return cw_prng_next(prng) < r->error_rate;
@@ -67,6 +68,7 @@ static uint64_t go_on_with_bursts(cw_rule_state *s)
     return flipped;
 }
 
+/* A node's burst is ready when it begins, so that later bits cost no draws. */
 static void begin_bursts(cw_rule_state *s, uint64_t nodes)
 {
     for (uint64_t rest = nodes; rest; rest &= rest - 1) {
@@ -87,6 +89,7 @@ static uint64_t shape(cw_rule_state *s, uint64_t drawn)
     return wire && flipped ? UINT64_MAX : flipped;
 }
 
+/* Each flipped bit is a hit, and the last one allowed ends the noise. */
 static void flip(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t flipped)
 {
     *levels ^= flipped;
@@ -106,6 +109,7 @@ void cw_flip_at_random(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uin
 
 /* ---- Looking ahead --------------------------------------------------------------------------- */
 
+/* Returns true for noise that can be looked at ahead: nothing but its draws decides. */
 static bool is_steady_noise(const cw_rule_state *s)
 {
     return cw_rule_is(s, CW_RANDOM_BITS) && !s->for_attempt && cw_rule_is_plain(s);

@@ -92,6 +92,7 @@ bool cw_rule_is_for(const cw_rule_state *state, const cw_protected *made_by);
 
 /* ---- Effects on the bus ---------------------------------------------------------------------- */
 
+/* Traffic of a node is no fault, so its hits are not reported. */
 static inline void cw_rule_report_hit(const cw_rule_set *set, unsigned rule, uint64_t tick)
 {
     if (!set->rules[rule].rule.quiet)

@@ -9,6 +9,7 @@
 
 #include <string.h>
 
+/* Compares by node, then by identifier: the order of the list. */
 static bool comes_before(const cw_protection *p, unsigned node, uint32_t id)
 {
     return p->node < node || (p->node == node && p->id < id);
@@ -31,11 +32,13 @@ cw_protected *cw_rules_protection(const cw_rule_set *set, unsigned node, uint32_
     return p->what.node == node && p->what.id == id ? p : NULL;
 }
 
+/* Returns the value after one, from the greatest on to 0. */
 static uint32_t next_value(const cw_protected *p, uint32_t value)
 {
     return value < p->what.counter.max ? value + 1 : 0;
 }
 
+/* Writes counter and checksum, wrong ones where a fault asks for it. */
 static void write(const cw_protected *p, cw_frame *frame)
 {
     cw_protection_write(&p->what, frame, p->value);

@@ -9,6 +9,7 @@
 
 /* ---- Bits without a controller --------------------------------------------------------------- */
 
+/* Looks again at the end of the present bit. */
 static void look_again(cw_rule_set *set, cw_rule_state *s)
 {
     s->raw.next_at = cw_rules_bit_end(set);
@@ -27,6 +28,7 @@ static void raw_begin(cw_rule_set *set, unsigned rule)
     look_again(set, s);
 }
 
+/* Begins at once, unless the rule has to wait for an idle bus. */
 static void wait_for_idle(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = cw_rule_at(set, rule);

@@ -9,6 +9,7 @@ bool cw_rule_is_over(const cw_rule_state *s)
     return s->rule.count != 0 && s->hits >= s->rule.count;
 }
 
+/* Returns true when all nodes that the rule names are in one of its states. */
 static bool states_match(const cw_rule_set *set, const cw_rule *rule)
 {
     for (uint64_t rest = rule->state_nodes; rest; rest &= rest - 1) {
@@ -21,6 +22,7 @@ static bool states_match(const cw_rule_set *set, const cw_rule *rule)
     return true;
 }
 
+/* Returns true when something other than numbers and chance keeps the rule from a match. */
 static bool is_gated(const cw_rule_set *set, const cw_rule_state *s, uint64_t start)
 {
     const cw_rule *r = &s->rule;
@@ -52,6 +54,7 @@ static inline bool count_match(const cw_rule_set *set, cw_rule_state *s, uint64_
     return false;
 }
 
+/* Draws for `probability`. A rule without it consumes no draw. */
 static bool draw_match(cw_rule_state *s)
 {
     if (s->rule.probability == UINT64_MAX)

@@ -318,6 +318,7 @@ static inline cw_held_frame *cw_held_at(const cw_rule_set *set, unsigned i)
     return (cw_held_frame *)(void *)(set->held + (size_t)i * set->held_size);
 }
 
+/* Copies a held frame, in the form that the bus keeps it in. */
 static inline void cw_held_copy(const cw_rule_set *set, cw_held_frame *to,
                                 const cw_held_frame *from)
 {
@@ -326,6 +327,7 @@ static inline void cw_held_copy(const cw_rule_set *set, cw_held_frame *to,
 
 /* ---- add.c, begin.c -------------------------------------------------------------------------- */
 
+/* Returns true when a rule is in use at that place. */
 static inline bool cw_rules_has(const cw_rule_set *set, unsigned rule)
 {
     return rule < set->count && set->rules[rule].used;

@@ -8,6 +8,7 @@
 #define LOAD_ID_FIRST 0x600u /* random identifiers stay out of the way of usual traffic */
 #define LOAD_ID_COUNT 0x1F0u
 
+/* Queues a frame as the rule's traffic, so that it counts in `outstanding`. */
 static void send(cw_rule_set *set, unsigned rule, const cw_frame *frame)
 {
     const cw_rule_effects *effects = set->bus.effects;
@@ -58,6 +59,7 @@ void cw_babble(cw_rule_set *set, unsigned rule)
         send(set, rule, &s->rule.frame);
 }
 
+/* Draws a frame of 0 to 8 bytes for the load. */
 static cw_frame random_frame(cw_prng *prng)
 {
     uint64_t draw = cw_prng_next(prng);

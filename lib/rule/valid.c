@@ -6,6 +6,7 @@
 
 #include <string.h>
 
+/* Returns true when the bus has all of these nodes. */
 static bool nodes_exist(const cw_rule_set *set, uint64_t nodes)
 {
     return set->bus.node_count == CW_NODES_MAX || nodes >> set->bus.node_count == 0;
@@ -34,6 +35,7 @@ static bool moment_known(const cw_rule *r, unsigned traits)
            (!(traits & CW_HAS_POSITION) || position);
 }
 
+/* Reads a number of the rule, of two or four bytes, as its row says. */
 static uint32_t valid_read_number(const cw_rule *r, const cw_action_range *range)
 {
     const unsigned char *at = (const unsigned char *)r + range->offset;

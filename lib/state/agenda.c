@@ -10,6 +10,7 @@
 #include <assert.h>
 #include <string.h>
 
+/* Empties a list. The place behind the last entry has a moment that never comes. */
 static void agenda_clear(cw_agenda_list *list)
 {
     list->first = list->behind = list->entries;
@@ -56,6 +57,7 @@ void cw_agenda_remove(cw_agenda *agenda, unsigned node)
     list->behind--;
 }
 
+/* Moves all entries back, since moments count from a later one now. */
 static void rebase(cw_agenda_list *list, cw_span by)
 {
     for (cw_agenda_entry *e = list->first; e < list->behind; e++)

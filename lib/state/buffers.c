@@ -24,6 +24,7 @@ static void buffers_deliver(cw_bus *bus, unsigned i, cw_frame *frame, const cw_f
 
 /* ---- Buffers --------------------------------------------------------------------------------- */
 
+/* Returns the n-th of the frames that wait for the host, the oldest first. */
 static cw_stored_frame *stored_at(const cw_buffers *b, unsigned n)
 {
     return &b->stored[(b->first + n) % (b->limit + 1)];
@@ -111,6 +112,7 @@ static void buffers_add(cw_bus *bus, unsigned i, const cw_frame *frame,
     bus->node_due = cw_least(bus->node_due, stored_at(b, 0)->due);
 }
 
+/* Keeps a received frame for the host, or loses it when the buffers are full. */
 static void store(cw_bus *bus, unsigned i, const cw_frame *frame, const cw_frame_origin *origin)
 {
     cw_buffers *b = &bus->buffers[i];
@@ -137,6 +139,7 @@ static cw_stored_frame *last_for(const cw_buffers *b, const cw_frame *frame)
     return stored_at(b, n);
 }
 
+/* Returns the receive mailboxes whose frames the host has not fetched yet. */
 static uint64_t full_boxes(const cw_buffers *b, uint64_t now)
 {
     uint64_t full = 0;
@@ -155,6 +158,7 @@ static void overwrite(cw_bus *bus, unsigned i, cw_stored_frame *s, const cw_fram
     cw_frame_copy(&s->frame, frame);
 }
 
+/* Keeps a received frame in a free mailbox that takes it, or in place of an older one. */
 static void store_in_box(cw_bus *bus, unsigned i, const cw_frame *frame,
                          const cw_frame_origin *origin)
 {

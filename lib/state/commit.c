@@ -20,6 +20,7 @@ static const cw_queue_slot *offered_slot(const cw_bus_node *n)
     return cw_queue_at(&n->queue, n->offered_slot);
 }
 
+/* Counts a frame for its transmitter, and for the bus if it was on the wire (M15). */
 static void count_sent(cw_bus *bus, cw_bus_node *n, const cw_queue_slot *slot, unsigned wire_bits)
 {
     n->stats.tx_frames++;

@@ -31,6 +31,7 @@ static inline cw_inbox_entry *front(const cw_inbox *box)
     return (cw_inbox_entry *)(void *)(box->entries + (size_t)box->first * box->entry_size);
 }
 
+/* Copies an entry, in the form that the bus keeps it in. */
 static void copy(const cw_inbox *box, unsigned to, unsigned from)
 {
     memcpy(cw_inbox_at(box, to), cw_inbox_at(box, from), box->entry_size);
@@ -46,11 +47,13 @@ static void move_forward(const cw_inbox *box, unsigned from, unsigned to)
     memcpy(cw_inbox_at(box, to), &moved, box->entry_size);
 }
 
+/* Finds the tick of the first frame to come. */
 static void find_next(cw_inbox *box)
 {
     box->next = box->count ? front(box)->at_tick : CW_NEVER;
 }
 
+/* Frames go by tick, then by node. */
 static bool comes_after(const cw_inbox_entry *a, uint64_t at_tick, unsigned node)
 {
     return a->at_tick > at_tick || (a->at_tick == at_tick && a->node > node);
@@ -211,6 +214,7 @@ __attribute__((flatten)) static void hand_in(cw_bus *bus, cw_inbox_entry *entry)
     cw_rules_passed(&bus->rules, entry->node, CW_SIDE_TX, entry->at_tick);
 }
 
+/* Takes the first frame out and hands it in. */
 static void inbox_take_first(cw_bus *bus)
 {
     cw_inbox *box = &bus->inbox;
@@ -222,6 +226,7 @@ static void inbox_take_first(cw_bus *bus)
     hand_in(bus, &first.entry);
 }
 
+/* Does the same for a frame in the middle. */
 static void take_nth(cw_bus *bus, unsigned n)
 {
     cw_inbox *box = &bus->inbox;

@@ -27,6 +27,7 @@ uint64_t cw_mailboxes_full(const cw_queue *q)
     return full;
 }
 
+/* Returns the mailbox that a slot of the queue is in, or CW_NO_BOX. */
 static unsigned box_of(const cw_queue *q, uint16_t slot)
 {
     for (unsigned n = 0; n < q->boxed; n++)

@@ -52,6 +52,7 @@ cw_place cw_view_place(const cw_bus *bus, const cw_mac *m)
     return place;
 }
 
+/* Notes where a node is. A waiting node takes a dominant level for SOF only when it samples it. */
 static void note_place(const cw_bus *bus, cw_bit_node *n, const cw_mac *m, bool level)
 {
     if (takes_sof(m, level))
@@ -77,6 +78,7 @@ static void clear_bit(uint64_t *levels, unsigned i)
     *levels &= ~cw_node_bit(i);
 }
 
+/* Notes what a node wants on the wire, what it samples and where it is. */
 static void note_node(cw_bus *bus, unsigned i, const cw_mac *m, bool sampled)
 {
     cw_bit_note *note = &bus->note;

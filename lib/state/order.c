@@ -28,6 +28,7 @@ static uint32_t key_of(const cw_frame *frame)
     return cw_key_with_rtr(frame, CW_DOMINANT);
 }
 
+/* Returns true when a controller may send in the next free bit, so far as it can tell. */
 static bool could_send(const cw_mac *m)
 {
     static const bool waits[CW_MAC_PHASE_COUNT] = {
@@ -40,6 +41,7 @@ static bool could_send(const cw_mac *m)
     return !waits[m->phase] && !will_suspend && !(m->modes & silent);
 }
 
+/* Returns the nodes on the same wire as this one. */
 static uint64_t nodes_on_wire_of(const cw_bus *bus, unsigned i)
 {
     unsigned g = 0;

@@ -27,6 +27,8 @@ uint32_t cw_queue_priority(const cw_frame *frame)
     return cw_key_with_rtr(frame, CW_DOMINANT);
 }
 
+/* Returns the key of a frame's place. Lower ones go first; with equal keys the order of arrival
+ * counts. */
 static uint32_t place_key(const cw_queue *q, const cw_frame *frame)
 {
     return q->mode == CW_ORDER_PRIORITY ? cw_queue_priority(frame) : 0;
@@ -58,6 +60,7 @@ __attribute__((noinline)) static void put_fd(cw_queue_slot *slot, const cw_frame
     cw_frame_copy(slot->frame, frame);
 }
 
+/* Writes a classical frame into a slot, with all that is needed to send it. */
 static inline void put_classical(cw_queue_slot *slot, const cw_frame *frame, uint64_t handed_in,
                                  uint32_t number)
 {
@@ -94,6 +97,7 @@ static bool came_after(const cw_queue *q, const cw_queue_place *a, const cw_queu
     return (int32_t)(cw_queue_at(q, a->slot)->number - cw_queue_at(q, b->slot)->number) > 0;
 }
 
+/* Compares two places by key, then by arrival. */
 static bool goes_after(const cw_queue *q, const cw_queue_place *a, const cw_queue_place *b)
 {
     return a->key > b->key || (a->key == b->key && came_after(q, a, b));

@@ -11,6 +11,7 @@ static cw_state told_state(const cw_bus *bus, unsigned i, cw_state state)
     return silent && state == CW_STATE_ERROR_PASSIVE ? CW_STATE_ERROR_WARNING : state;
 }
 
+/* Reports a change of state, unless the host would see none. */
 static void tell_state(cw_bus *bus, unsigned i, cw_state before, cw_state after)
 {
     before = told_state(bus, i, before);

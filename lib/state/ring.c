@@ -40,12 +40,14 @@ bool cw_ring_has_room_now(const cw_bus *bus)
     return room >= worst || bus->ring.count == 0;
 }
 
+/* Returns the i-th event, the oldest first. */
 static cw_event *event_at(const cw_event_ring *ring, unsigned i)
 {
     unsigned place = ring->first + i;
     return cw_ring_at(ring, place < ring->capacity ? place : place - ring->capacity);
 }
 
+/* Copies an event, in the form that the bus keeps it in. */
 static void copy(const cw_event_ring *ring, cw_event *to, const cw_event *from)
 {
     memcpy(to, from, ring->event_size);
@@ -56,6 +58,7 @@ static cw_event *newest_event(cw_event_ring *ring)
     return event_at(ring, ring->count - 1);
 }
 
+/* Returns the first node of a set, as a set. */
 static uint64_t lowest(uint64_t nodes)
 {
     return nodes & (~nodes + 1);
@@ -81,6 +84,7 @@ uint64_t cw_event_part_behind(const cw_event *e, const cw_event *added)
     return e->kind == CW_EVENT_FAULT ? 0 : nodes_behind(e, added->kind, added->nodes);
 }
 
+/* Makes room for one more event at a place. */
 static void open_gap(cw_event_ring *ring, unsigned place)
 {
     for (unsigned i = ring->count++; i > place; i--)
@@ -108,6 +112,8 @@ static unsigned ring_find_place(cw_event_ring *ring, const cw_event *added)
     return place;
 }
 
+/* Puts an event in its place in the order of time. One that nobody wants, or that has no room, goes
+ * to a place of its own, where it can be completed all the same. */
 static cw_event *ring_insert(cw_bus *bus, const cw_event *added)
 {
     cw_event_ring *ring = &bus->ring;

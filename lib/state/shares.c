@@ -35,6 +35,7 @@ static void add_received(const cw_shares *c, cw_node_stats *stats)
     stats->rx_bytes += c->rx_bytes;
 }
 
+/* Does the reverse, when a node begins to listen. */
 static void subtract_received(const cw_shares *c, cw_node_stats *stats)
 {
     stats->rx_accepted -= c->rx_frames;

@@ -59,6 +59,7 @@ static void listen(cw_bus *bus, unsigned i)
     cw_mac_set_modes(m, CW_MODE_LISTEN_ONLY);
 }
 
+/* Gives the controller its own modes again, and it sleeps. */
 static void stop_listening(cw_bus *bus, unsigned i)
 {
     cw_mac *m = &bus->nodes[i].mac;
@@ -145,6 +146,7 @@ static void leave_sets(cw_bus *bus, unsigned i)
     cw_queue_changed(bus, i);
 }
 
+/* Wakes a controller, which comes to the bus by integration (M10). */
 static void integrate(cw_bus *bus, unsigned i)
 {
     leave_sets(bus, i);

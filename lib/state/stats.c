@@ -18,6 +18,8 @@ uint64_t cw_delay_bucket_ticks(unsigned bucket)
     return (UINT64_C(4) + bucket % 4) << (octave + DELAY_SHIFT - 2);
 }
 
+/* Returns the bucket of a time. There are four for each power of two, and the last one has no
+ * end. */
 static unsigned bucket_of(uint64_t ticks)
 {
     const unsigned last = CW_DELAY_BUCKETS / 4 - 1;
@@ -57,6 +59,7 @@ uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille)
 
 /* ---- Synchronisations ------------------------------------------------------------------------ */
 
+/* Returns the span without its sign. */
 static cw_span magnitude(cw_span span)
 {
     return span < 0 ? -span : span;
@@ -137,6 +140,7 @@ unsigned cw_load_permille(const cw_bus_stats *before, const cw_bus_stats *after)
 
 /* ---- Balance --------------------------------------------------------------------------------- */
 
+/* Adds drops for all reasons. */
 static uint64_t sum_of_drops(const uint64_t dropped[CW_DROP_COUNT])
 {
     uint64_t sum = 0;

@@ -6,6 +6,7 @@
 
 #include <string.h>
 
+/* Takes a node off its wire, brings it back, or changes how it acknowledges. */
 static void put_node(cw_bus *bus, unsigned i, const cw_topology *topology)
 {
     uint64_t self = cw_node_bit(i);

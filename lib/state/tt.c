@@ -13,6 +13,7 @@
 
 #define HAND_IN_EARLY_BITS 4u /* of the node, or of the bus, whichever are longer */
 
+/* Returns true for a reference message of the node's schedule (L4). */
 static bool matches_reference(const cw_tt *s, const cw_frame *frame)
 {
     return s->schedule.cycles > 0 && cw_frame_matches(frame, &s->schedule.reference, 1);
@@ -30,6 +31,7 @@ static cw_instant sample_point(const cw_bus *bus, unsigned i, uint64_t begin)
     return cw_instant_after(begin, timing->quantum * cw_bit_timing_sample_at(timing));
 }
 
+/* Returns local time at the sample point of a bit that began at a tick (L3). */
 static uint64_t local_at_sample(const cw_bus *bus, unsigned i, uint64_t begin)
 {
     return cw_local_at(&bus->tt[i].clock, sample_point(bus, i, begin));
@@ -40,6 +42,7 @@ static uint64_t ticks_of_bit(const cw_bus *bus)
     return cw_rate_ticks(cw_wire_rate(&bus->time), 1);
 }
 
+/* Returns a moment in the time of local clocks. */
 static cw_instant instant_of(const cw_bus *bus, cw_span moment)
 {
     return cw_instant_after(bus->timed.epoch, moment);
@@ -89,11 +92,13 @@ void cw_tt_see_eof_at(cw_bus *bus, unsigned i, cw_span moment)
 
 /* ---- Triggers -------------------------------------------------------------------------------- */
 
+/* Notes that a trigger or a deadline of the node comes. */
 static void note_due(cw_bus *bus, unsigned i)
 {
     bus->node_due = cw_least(bus->node_due, cw_tt_due(bus, i));
 }
 
+/* Returns true when a trigger sends the reference message: the node is time master (L4). */
 static bool is_reference(const cw_tt *s, unsigned k)
 {
     return matches_reference(s, &s->schedule.triggers[k].frame);
@@ -303,6 +308,7 @@ void cw_tt_failed(cw_bus *bus, unsigned i, unsigned slot)
 
 /* ---- Captures -------------------------------------------------------------------------------- */
 
+/* Keeps the newest capture in front of the older ones (L7). */
 static void tt_keep(cw_tt_capture kept[CW_TT_CAPTURES_KEPT], const cw_tt_capture *newest)
 {
     memmove(&kept[1], &kept[0], (CW_TT_CAPTURES_KEPT - 1) * sizeof kept[0]);
@@ -329,6 +335,7 @@ static void begin_cycle(cw_bus *bus, unsigned i)
     plan(bus, i);
 }
 
+/* Reports the capture of a frame, when it has become valid (L3). */
 static void report_capture(cw_bus *bus, unsigned i)
 {
     const cw_tt *s = &bus->tt[i];
@@ -365,6 +372,7 @@ static void publish(cw_bus *bus, unsigned i)
     report_capture(bus, i);
 }
 
+/* Notes a valid frame whose capture may still come, at the last bit of EOF. */
 static void note_pending(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t from)
 {
     cw_tt *s = &bus->tt[i];
@@ -499,6 +507,7 @@ static unsigned find_pairs(const cw_bus *bus, const cw_tt *s, cw_time_pair pairs
     return found;
 }
 
+/* Finds the time of the master of the last reference message, at this node (L7). */
 static bool global_time(const cw_bus *bus, unsigned i, uint64_t now, cw_node_time *out)
 {
     const cw_tt *s = &bus->tt[i];
@@ -549,6 +558,7 @@ static bool is_same_trigger(const cw_time_trigger *a, const cw_time_trigger *b)
            a->repeat == b->repeat && cw_frame_equal(&a->frame, &b->frame);
 }
 
+/* Returns true when both schedules are the same, so that a node can go on with its cycle. */
 static bool is_same_schedule(const cw_schedule *a, const cw_schedule *b)
 {
     bool same = a->trigger_count == b->trigger_count && a->cycles == b->cycles &&
@@ -575,6 +585,7 @@ static void go_into_cycle(cw_bus *bus, unsigned i)
     plan(bus, i);
 }
 
+/* Changes the masters' numbers to those of a new bus. */
 static void renumber(cw_tt_capture kept[CW_TT_CAPTURES_KEPT], const uint8_t to[CW_NODES_MAX])
 {
     for (unsigned k = 0; k < CW_TT_CAPTURES_KEPT; k++)

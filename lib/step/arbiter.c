@@ -21,6 +21,7 @@
 #define NODE_MASK 0x3Fu
 #define TIES_MASK 0xFFu
 
+/* Returns the entry of a node: its first frame, or NO_ENTRY. */
 static uint64_t entry_of(const cw_bus *bus, unsigned i)
 {
     const cw_queue *q = &bus->nodes[i].queue;
@@ -30,6 +31,7 @@ static uint64_t entry_of(const cw_bus *bus, unsigned i)
            i << NODE_SHIFT;
 }
 
+/* Returns the entry that wins, with one more tie if the keys are equal. */
 static uint64_t play(uint64_t a, uint64_t b)
 {
     const bool tie = (a ^ b) >> KEY_SHIFT == 0;
@@ -47,6 +49,7 @@ void cw_arbiter_init(cw_arbiter *c, unsigned nodes)
         c->entries[i] = play(c->entries[2 * i], c->entries[2 * i + 1]);
 }
 
+/* Repeats the matches of a node whose first frame is another one. */
 static void play_again(cw_bus *bus, unsigned i)
 {
     cw_arbiter *c = &bus->arbiter;

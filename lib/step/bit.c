@@ -67,6 +67,7 @@ void cw_note_start(cw_bus *bus, unsigned i)
     cw_bind_rules(bus, i, slot->frame, slot->source);
 }
 
+/* Notes that a node sends SOF, for traces and for triggers (L5). */
 static void note_start(cw_bus *bus, unsigned i)
 {
     cw_note_start(bus, i);
@@ -168,6 +169,8 @@ static void look_for_wake_ups(cw_bus *bus, uint64_t levels, bit_reports *reports
     reports->from |= woken;
 }
 
+/* Lets all controllers sample, those that share one together. Collects who has anything to
+ * report. */
 static void sample_all(cw_bus *bus, uint64_t levels, bit_reports *reports)
 {
     cw_split_followers(bus, levels);
@@ -185,6 +188,7 @@ static void sample_all(cw_bus *bus, uint64_t levels, bit_reports *reports)
         look_for_wake_ups(bus, levels, reports);
 }
 
+/* Turns the reports of a bit into events, in the order of the nodes. */
 static void commit(cw_bus *bus, const bit_reports *reports)
 {
     bool reception = reports->from == reports->together && reports->common.what == CW_REPORT_RX;
@@ -212,6 +216,7 @@ static void gather(cw_bus *bus, const bit_reports *reports)
     }
 }
 
+/* The bit is over: time goes on, and recessive bits in a row are counted. */
 static void end_bit(cw_bus *bus)
 {
     cw_wire_pass(&bus->time, 1);
@@ -232,6 +237,7 @@ void cw_find_levels(cw_bus *bus, cw_levels *levels)
     bus->wire = (bus->all & ~levels->wire) == 0;
 }
 
+/* Ends a bit whose levels are known: nodes sample, rules report, events follow. */
 static void finish_bit(cw_bus *bus, const cw_levels *levels)
 {
     bit_reports reports;

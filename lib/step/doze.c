@@ -21,6 +21,8 @@ static uint64_t on_wire(const cw_bus *bus)
     return bus->dozing & ~bus->rules.off;
 }
 
+/* Returns the ticks of some bits, in units of moments. The number is cut off where it could not be
+ * added to. */
 static uint64_t in_ticks(const cw_bus *bus, uint64_t bits)
 {
     const uint64_t ticks = cw_rate_ticks_or_never(cw_wire_rate(&bus->time), bits);
@@ -64,6 +66,7 @@ static bool sees_one_level(const cw_bus *bus, cw_span begin)
     return t->calm && cw_timed_is_plain(bus) && t->cable.newest + t->cable.longest < begin;
 }
 
+/* Returns the level that a node sees. One that is cut off sees recessive. */
 static bool level_at(const cw_bus *bus, unsigned i, cw_span moment)
 {
     return on_wire(bus) >> i & 1u ? cw_timed_level(bus, i, moment) : CW_RECESSIVE;

@@ -21,12 +21,14 @@
 
 /* ---- Bits to go ------------------------------------------------------------------------------ */
 
+/* Goes on by bits, and counts nothing. */
 static void frame_move(cw_bus *bus, unsigned bits)
 {
     bus->frame_step.at = (uint16_t)(bus->frame_step.at + bits);
     cw_wire_pass(&bus->time, bits);
 }
 
+/* Goes on by bits and counts them; noise uses up its draws. */
 static void pass(cw_bus *bus, unsigned bits)
 {
     if (bus->frame_step.fast.to) {
@@ -168,6 +170,7 @@ static bool rules_let_pass(cw_bus *bus)
     return step->look.bit == CW_NO_LOOK;
 }
 
+/* Returns true when nothing can be seen of the rest of the frame but its end. */
 static bool can_go_to_end(cw_bus *bus, uint64_t tick)
 {
     const cw_frame_step *step = &bus->frame_step;
@@ -209,6 +212,8 @@ static void look_at_stop(cw_bus *bus)
         bus->frame_step.look = cw_frame_step_next_look(bus, bus->frame_step.at + 1u);
 }
 
+/* Goes on to the next moment of the frame, up to a tick. Ends the step where single bits are
+ * needed. */
 static void frame_go_on(cw_bus *bus, uint64_t tick)
 {
     cw_frame_step *step = &bus->frame_step;

@@ -37,6 +37,7 @@ static bool error_rules_may_act(const cw_bus *bus, uint64_t contenders, unsigned
            (several || bus->outlook.counting || bus->nodes[winner].mac.confinement.tec > 0);
 }
 
+/* Returns true when losers keep their frames (M13) and no rule on errors acts. */
 static bool suits_step(const cw_bus *bus, uint64_t contenders, unsigned winner)
 {
     const cw_outlook *outlook = &bus->outlook;

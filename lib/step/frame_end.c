@@ -16,6 +16,7 @@ typedef struct points {
     cw_fd_part fd[PROTOCOLS_MAX];
 } points;
 
+/* Finds the point at which a receiver with that protocol is. */
 static void find_point(cw_mac *m, cw_fd_part *fd, const cw_bus *bus, unsigned protocol)
 {
     cw_bits room;
@@ -39,11 +40,13 @@ static const cw_mac *point_of(points *p, const cw_bus *bus, const cw_mac *m)
     return &p->mac[i];
 }
 
+/* Moves a receiver to its point. */
 static void go_to_point(points *p, const cw_bus *bus, cw_mac *m)
 {
     cw_mac_go_to_point(m, point_of(p, bus, m));
 }
 
+/* Moves the sender to its point, with its frame on offer again. */
 static void resume_sending(cw_bus *bus, unsigned i, points *p)
 {
     cw_bus_node *n = &bus->nodes[i];

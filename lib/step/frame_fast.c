@@ -9,11 +9,13 @@
 
 #include "mac/late.h"
 
+/* Returns the ticks that the first n bits are shorter than nominal ones (D10). */
 static uint64_t saved_by(const cw_bus *bus, unsigned n)
 {
     return cw_fast_saved(&bus->timed.fast, &bus->frame_step.fast, n);
 }
 
+/* Returns the number, but at least and at most so much. */
 static unsigned limit(unsigned n, unsigned least, unsigned most)
 {
     n = n < least ? least : n;

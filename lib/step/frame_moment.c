@@ -30,6 +30,7 @@ static void copy_received(cw_frame *to, const cw_frame *from, unsigned length)
         to->data[i] = 0;
 }
 
+/* Lets all listeners receive in one event, as no rule may treat them differently. */
 static inline void receive_at_once(cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
@@ -40,6 +41,7 @@ static inline void receive_at_once(cw_bus *bus)
     copy_received(&e->frame, slot->frame, slot->bytes);
 }
 
+/* The frame becomes valid for receivers, at the end of the last but one bit of EOF (M7). */
 static void frame_moment_receive(cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
@@ -55,6 +57,7 @@ static void frame_moment_receive(cw_bus *bus)
         cw_receive(bus, cw_lowest_node(rest), &frame);
 }
 
+/* The frame becomes valid for its transmitter, at the end of EOF (M7). */
 static void finish_transmission(cw_bus *bus)
 {
     const unsigned i = bus->frame_step.node;

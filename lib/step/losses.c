@@ -16,6 +16,7 @@ typedef struct victor {
     uint32_t key;
 } victor;
 
+/* Finds what the losers need to know of the frame on the wire. */
 static void find_victor(victor *v, const cw_bus *bus)
 {
     cw_bits room;
@@ -34,12 +35,14 @@ static unsigned find_lost_bit(const cw_bus *bus, unsigned i, const victor *v)
     return (unsigned)__builtin_clz(cw_arbitration_key(frame) ^ v->key);
 }
 
+/* Notes the next loss, if this one comes before it. */
 static void note_loss(cw_frame_step *step, unsigned i)
 {
     if (step->lost_at[i] < step->next_loss)
         step->next_loss = step->lost_at[i];
 }
 
+/* Finds the bit in which a node loses, and keeps its frame first in the queue until then. */
 static void find_loss(cw_bus *bus, unsigned i, const victor *v)
 {
     cw_frame_step *step = &bus->frame_step;
@@ -50,6 +53,7 @@ static void find_loss(cw_bus *bus, unsigned i, const victor *v)
     step->pinned |= cw_node_bit(i);
 }
 
+/* Counts the attempt, which is a retransmission if the frame has been tried before. */
 static void begin_attempt(cw_bus *bus, unsigned i)
 {
     cw_bus_node *n = &bus->nodes[i];
@@ -59,6 +63,7 @@ static void begin_attempt(cw_bus *bus, unsigned i)
     slot->tried = true;
 }
 
+/* Returns the nodes that begin with the winner and lose. */
 static uint64_t losers(const cw_frame_step *step)
 {
     return step->contenders & ~cw_node_bit(step->node);

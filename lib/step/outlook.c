@@ -19,6 +19,7 @@ static bool is_calm(const cw_mac *m)
            m->reported_state == m->confinement.state && m->overloads_wanted == 0;
 }
 
+/* Notes in which of the sets a node is, as long as it stays as it is. */
 static void count_node(cw_outlook *outlook, const cw_bus_node *n, bool has_boxes, uint64_t self)
 {
     const cw_mac *m = &n->mac;

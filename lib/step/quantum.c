@@ -21,11 +21,13 @@ static cw_timed_node *node_at(cw_bus *bus, unsigned i)
     return &bus->timed.nodes[i];
 }
 
+/* Returns the moment that many quanta after the begin of the node's bit. */
 static cw_span after_quanta(const cw_timed_node *n, unsigned quanta)
 {
     return n->begin + quanta * n->timing.quantum;
 }
 
+/* Returns true when the bit has anything to commit at its end. */
 static bool has_report(const cw_timed_node *n)
 {
     return (n->report.what & ~CW_REPORT_STARTED) || n->sync_count > 0;
@@ -170,6 +172,7 @@ static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
         cw_timed_alert(bus);
 }
 
+/* Drives the level of a bit that begins. A frame that has come by then may begin with it. */
 static void drive(cw_bus *bus, unsigned i, cw_span moment)
 {
     cw_bus_node *n = &bus->nodes[i];
@@ -202,6 +205,7 @@ __attribute__((noinline)) static void retime(cw_bus *bus, unsigned i, cw_span mo
         cw_tt_retime(bus, i, cw_instant_after(bus->timed.epoch, moment));
 }
 
+/* Begins a bit of a node by its clock, and plans the look at its sample point. */
 static void begin_bit(cw_bus *bus, unsigned i, cw_span moment)
 {
     cw_timed_node *n = node_at(bus, i);
@@ -281,12 +285,14 @@ __attribute__((noinline)) static void take_some_frames(cw_bus *bus, unsigned i, 
     end_steadiness(bus);
 }
 
+/* Hands in the node's frames that come before its next bit. */
 static void take_frames(cw_bus *bus, unsigned i, cw_span moment)
 {
     if (cw_inbox_first(bus) < cw_tick_of(bus, node_at(bus, i)->next_begin))
         take_some_frames(bus, i, moment);
 }
 
+/* Samples at a moment, and plans when the node looks or acts next. */
 static void sample(cw_bus *bus, unsigned i, cw_span moment)
 {
     cw_timed_node *n = node_at(bus, i);
@@ -394,6 +400,7 @@ __attribute__((noinline)) static void look_after_sample(cw_bus *bus, unsigned i,
 
 /* ---- End of a bit ---------------------------------------------------------------------------- */
 
+/* Commits what the bit has brought, at the tick of its end. */
 static void end_bit(cw_bus *bus, unsigned i, cw_span moment)
 {
     cw_timed_node *n = node_at(bus, i);
@@ -437,6 +444,7 @@ static void rewire(cw_bus *bus, cw_span moment)
 
 /* ---- One bit time ---------------------------------------------------------------------------- */
 
+/* Lets a node look: at its sample point, or where an edge may have come. */
 static void quantum_look(cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_timed_node *n = node_at(bus, i);

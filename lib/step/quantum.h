@@ -30,6 +30,7 @@ static inline cw_span cw_moment_of(const cw_bus *bus, uint64_t tick)
     return (cw_span)(tick - bus->timed.epoch) * CW_TICK;
 }
 
+/* Returns the tick of a moment, the next one if it lies between two. */
 static inline uint64_t cw_tick_of(const cw_bus *bus, cw_span moment)
 {
     assert(moment >= 0);
@@ -110,6 +111,7 @@ void cw_timed_levels_at_nodes(const cw_bus *bus, uint64_t *came, uint64_t *sampl
  * long before. */
 bool cw_timed_find_sample(const cw_bus *bus, unsigned node, cw_span moment);
 
+/* Returns the level that a node samples. In the calm all nodes have seen the last edge. */
 static inline bool cw_timed_sample(const cw_bus *bus, unsigned node, cw_span moment)
 {
     const cw_cable *cable = &bus->timed.cable;

@@ -27,6 +27,7 @@ static begin_of_bit begin_early(const cw_timed_node *n, cw_span planned, cw_span
     return (begin_of_bit){.counted = begin, .driven = begin};
 }
 
+/* Returns where a node begins its bit, with the edges that it sees until then. */
 static begin_of_bit begin_of(const cw_bus *bus, const cw_common_edge *edge, unsigned i)
 {
     const cw_span planned = edge->begin[i], arrival = edge->arrival[i];
@@ -55,6 +56,7 @@ static cw_span arrive(const cw_bus *bus, cw_common_edge *edge, unsigned from, ui
     return latest;
 }
 
+/* Returns the node whose edge comes first. */
 static unsigned first_driver(const cw_common_edge *edge, uint64_t drivers)
 {
     unsigned first = cw_lowest_node(drivers);
@@ -64,6 +66,7 @@ static unsigned first_driver(const cw_common_edge *edge, uint64_t drivers)
     return first;
 }
 
+/* Finds when the edge comes to each node. Later drivers move only nodes that come still later. */
 static void find_arrivals(const cw_bus *bus, cw_common_edge *edge)
 {
     const cw_span least = bus->timed.proof.least_delay;

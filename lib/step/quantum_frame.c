@@ -49,6 +49,7 @@ static bool is_between_frames(const cw_mac *m)
     return m->phase == CW_MAC_IDLE || m->phase == CW_MAC_INTERMISSION;
 }
 
+/* Returns true when nothing but the frame itself can change what the nodes do. */
 static bool may_go(const cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;
@@ -184,6 +185,7 @@ static bool wins_improperly(cw_bus *bus, const clean_frame *f)
     return cw_order_is_improper(bus, f->sender, cw_queue_first(q));
 }
 
+/* Returns true when the sender's frame is clean for sure, with no state or rule to look at. */
 static bool may_send(const cw_bus *bus, const clean_frame *f)
 {
     const cw_mac *m = &bus->nodes[f->sender].mac;
@@ -227,6 +229,7 @@ static void plan_ack(clean_frame *f, const cw_bus *bus, unsigned edge, unsigned 
     f->ack.begin[f->sender] = f->begin + slot * bus->timed.proof.bit[f->sender];
 }
 
+/* Finds the length of the frame and the course of its acknowledgement. */
 static bool find_course(clean_frame *f, cw_bus *bus)
 {
     cw_bits bits;
@@ -289,6 +292,7 @@ static bool is_undisturbed(const cw_bus *bus, const clean_frame *f, uint64_t tic
 
 /* ---- Its effects ----------------------------------------------------------------------------- */
 
+/* Counts bit times for load and statistics. */
 static void count_bits(cw_bus *bus, uint64_t bits, bool busy)
 {
     bus->stats.busy_bits += busy ? bits : 0;
@@ -319,6 +323,7 @@ static void count_load(cw_bus *bus, const clean_frame *f)
     bus->stats.bits += f->bit_times;
 }
 
+/* Begins to send the first frame of the queue: a retransmission if it has been tried before. */
 static void begin_attempt(cw_bus *bus, unsigned i)
 {
     cw_bus_node *n = &bus->nodes[i];
@@ -351,6 +356,7 @@ static unsigned sort_receivers(const cw_bus *bus, const clean_frame *f, uint8_t 
     return count;
 }
 
+/* Hands the frame to the receivers, each at its own tick, in the order of time. */
 static void quantum_frame_receive(cw_bus *bus, const clean_frame *f)
 {
     const cw_bus_node *n = &bus->nodes[f->sender];
@@ -370,6 +376,7 @@ static void quantum_frame_receive(cw_bus *bus, const clean_frame *f)
     }
 }
 
+/* The frame becomes valid for its transmitter, at the tick of its end of EOF (M7). */
 static void finish_transmission(cw_bus *bus, const clean_frame *f)
 {
     const unsigned i = f->sender;
@@ -393,6 +400,7 @@ static void place_node(cw_bus *bus, const clean_frame *f, unsigned i)
         cw_mac_go_behind_frame(&bus->nodes[i].mac, role, sampled);
 }
 
+/* Does all that the frame brings, then places the nodes behind it. */
 static void go_to_end(cw_bus *bus, const clean_frame *f)
 {
     const uint64_t now = cw_now(bus);

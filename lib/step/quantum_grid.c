@@ -95,6 +95,7 @@ static void take_over_node(cw_bus *bus, unsigned i, const cw_bus *old, unsigned 
     n->retimed = true;
 }
 
+/* Takes over the edges that may still be under way. The nodes have new numbers. */
 static void take_over_edges(cw_cable *cable, const cw_cable *old, const uint8_t *to)
 {
     const unsigned kept = old->count < old->capacity ? (unsigned)old->count : old->capacity;

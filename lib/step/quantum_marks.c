@@ -52,6 +52,7 @@ typedef struct level_walk {
     cw_span begin;
 } level_walk;
 
+/* Returns the next mark of a level that is driven, or NULL. */
 static const cw_mark *next_drive(const cw_timed *t, level_walk *w)
 {
     while (w->next < w->count && t->marks[w->next].kind != CW_MARK_DRIVE)
@@ -68,6 +69,7 @@ static cw_span next_change(const cw_timed *t, level_walk *w, cw_span moment)
     return mark && w->begin + mark->at < rule ? w->begin + mark->at : rule;
 }
 
+/* Goes on with the levels up to a moment. */
 static void take_drives(const cw_timed *t, level_walk *w, cw_span moment)
 {
     const cw_mark *m;

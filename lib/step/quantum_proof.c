@@ -24,6 +24,7 @@ static cw_span greater(cw_span a, cw_span b)
     return a > b ? a : b;
 }
 
+/* Returns how long an edge to a level is under way. */
 static cw_span delay(const cw_bus *bus, unsigned from, unsigned to, bool level)
 {
     return cw_cable_delay(&bus->timed.cable, from, to, level);
@@ -57,6 +58,7 @@ static bool reads_itself(const cw_bus *bus, unsigned i)
     return longest + bus->timed.nodes[i].timing.quantum < bus->timed.proof.to_first_look[i];
 }
 
+/* Finds the length of the node's bit, and where in it the node looks. */
 static void find_spans(cw_clean_proof *proof, unsigned i, const cw_timed_node *n)
 {
     const cw_bit_timing *t = &n->timing;
@@ -65,6 +67,7 @@ static void find_spans(cw_clean_proof *proof, unsigned i, const cw_timed_node *n
     proof->to_first_look[i] = proof->to_sample[i] - (t->triple_sampling ? 2 * t->quantum : 0);
 }
 
+/* Finds who reads the sender right for sure, and how long its edges are under way. */
 static void find_harmless(cw_bus *bus, unsigned sender)
 {
     cw_clean_proof *proof = &bus->timed.proof;

@@ -214,6 +214,7 @@ static void align(cw_bus *bus, unsigned i, cw_span moment)
     cw_agenda_put(&bus->timed.agenda, i, CW_BEGINS, moment);
 }
 
+/* Lets bits of nodes that are away begin with those of the others. */
 static void align_away(cw_bus *bus, cw_span moment)
 {
     for (unsigned i = 0; i < bus->node_count; i++)
@@ -231,6 +232,7 @@ __attribute__((noinline)) void cw_timed_show_wire(cw_bus *bus)
 
 /* ---- The end of the bit that begins now ------------------------------------------------------ */
 
+/* Returns a node's controller, the common one if it shares it. */
 static const cw_mac *controller_of(const cw_bus *bus, unsigned i)
 {
     return bus->followers >> i & 1u ? &bus->common : &bus->nodes[i].mac;
@@ -313,6 +315,7 @@ void cw_timed_set_bit(cw_bus *bus, cw_span common)
         align_away(bus, cw_moment_of(bus, cw_bit_end(bus)));
 }
 
+/* Returns true when a bit of the data rate is there or near. */
 static bool may_be_fast(const cw_mac *m)
 {
     return cw_mac_is_fast(m) || cw_mac_comes_to_data_phase(m);

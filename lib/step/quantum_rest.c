@@ -44,6 +44,7 @@ static bool is_periodic(const cw_bus *bus, unsigned i)
            cable->newest + cable->longest + cw_timed_longest_ringing(&bus->timed, i) < n->looked;
 }
 
+/* Returns true when no node, rule or edge changes anything in the bits to come. */
 static bool all_rest(const cw_bus *bus)
 {
     const cw_timed *t = &bus->timed;

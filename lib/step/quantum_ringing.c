@@ -7,6 +7,7 @@
  */
 #include "step/quantum.h"
 
+/* Forgets ringings from before a change. */
 static void forget_former(cw_timed *t)
 {
     t->rings = t->rings_before = false;

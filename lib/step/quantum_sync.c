@@ -31,6 +31,7 @@ void cw_sync_begin_bit_time(cw_bus *bus)
 
 /* ---- Synchronisations ------------------------------------------------------------------------ */
 
+/* Counts one synchronisation of a node. */
 static void count_sync(cw_bus *bus, unsigned i, const cw_sync *sync)
 {
     const cw_span quantum = bus->timed.nodes[i].timing.quantum;
@@ -74,6 +75,7 @@ void cw_sync_commit(cw_bus *bus, unsigned i)
     n->sync_count = 0;
 }
 
+/* Keeps the least margin. */
 static void count_margin(cw_sync_stats *stats, cw_span margin)
 {
     if (margin < stats->margin)

@@ -27,6 +27,7 @@ static bool level_of_wires(const cw_bus *bus, cw_span moment)
     return CW_RECESSIVE;
 }
 
+/* Ends a bit time of the bus: nodes that sleep look at it, rules report their hits. */
 static void end_bit_time(cw_bus *bus, cw_span end)
 {
     if (bus->dozing)
@@ -110,6 +111,7 @@ static void count_rates(cw_bus *bus, unsigned view)
     bus->stats.data_ticks += ticks;
 }
 
+/* Counts a bit time for load and statistics, by what the bus showed at its begin. */
 static void count_bit_time(cw_bus *bus, unsigned view)
 {
     cw_watch_view(bus, view, 1);

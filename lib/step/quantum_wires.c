@@ -10,6 +10,7 @@
 
 #include <string.h>
 
+/* Returns true when the wires are still those of the bus. */
 static bool are_those_of(const cw_wires *wires, const cw_bus *bus)
 {
     return wires->count == bus->group_count &&

@@ -22,6 +22,7 @@ static bool is_ordinary(const cw_mac *m)
            !cw_confinement_passive(&m->confinement) && m->reported_state == m->confinement.state;
 }
 
+/* Makes the controller that the followers share, at the point of one of them. */
 static void begin_common(cw_bus *bus, const cw_mac *first)
 {
     cw_mac_init(&bus->common, 0, CW_REC_MAX);

@@ -11,11 +11,13 @@
 #include <string.h>
 
 
+/* Returns the n-th edge before the newest one. The list is a ring. */
 static inline const cw_edge *nth_from_end(const cw_cable *cable, unsigned n)
 {
     return &cable->edges[(cable->count - 1 - n) & (cable->capacity - 1)];
 }
 
+/* Returns the edges that are still in the list. */
 static inline unsigned kept(const cw_cable *cable)
 {
     return cable->count < cable->capacity ? (unsigned)cable->count : cable->capacity;

@@ -58,6 +58,7 @@ cw_span cw_way_delay(const cw_way *from, const cw_way *to, bool level);
 cw_span cw_cable_former_delay(const cw_cable *cable, uint16_t ways, unsigned from, unsigned to,
                               bool level);
 
+/* Returns the delay between two nodes as it was when the ways had that number. */
 static inline cw_span cw_cable_delay_then(const cw_cable *cable, uint16_t ways, unsigned from,
                                           unsigned to, bool level)
 {
@@ -100,6 +101,8 @@ void cw_cable_put(cw_cable *cable, const cw_edge *edge);
  * after it has arrived, not when it arrives (T12). No edge must have come later than the moment. */
 uint64_t cw_cable_seen_now(const cw_cable *cable, unsigned node, cw_span moment);
 
+/* Returns the nodes whose dominant level a node sees at a moment. When all edges have arrived,
+ * these are the dominant ones. */
 static inline uint64_t cw_cable_seen(const cw_cable *cable, unsigned node, cw_span moment)
 {
     return cable->newest + cable->longest < moment ? cable->dominant

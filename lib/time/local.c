@@ -13,6 +13,7 @@ typedef struct wide {
     uint64_t low;
 } wide;
 
+/* Returns the product in 128 bits, by hand: not every compiler has such a type. */
 static wide multiply(uint64_t a, uint64_t b)
 {
     const uint64_t a_low = a & UINT32_MAX, a_high = a >> 32;
@@ -24,6 +25,7 @@ static wide multiply(uint64_t a, uint64_t b)
                   .low = other << 32 | (low & UINT32_MAX)};
 }
 
+/* Add to and subtract from a number of 128 bits. */
 static wide local_add(wide a, uint64_t b)
 {
     const uint64_t low = a.low + b;
@@ -135,6 +137,7 @@ void cw_local_give_unit(cw_local_clock *c, cw_span unit, cw_span quantum)
 
 /* ---- Global time ----------------------------------------------------------------------------- */
 
+/* Returns the values that a counter of 1 to 64 bits can have, as a mask. */
 static uint64_t mask_of(unsigned bits)
 {
     return UINT64_MAX >> (64 - bits);

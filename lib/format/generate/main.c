@@ -47,6 +47,7 @@ typedef struct layout {
     unsigned bits; /* all of them */
 } layout;
 
+/* Walks through a frame without data and notes the parts that it has and where each begins. */
 static layout find_layout(unsigned format)
 {
     const unsigned extended = format == EXTENDED || format == FD_EXTENDED ? CW_FRAME_EXTENDED : 0;
@@ -65,6 +66,7 @@ static layout find_layout(unsigned format)
     return l;
 }
 
+/* Returns the bit behind a part. */
 static unsigned generate_end_of(const layout *l, cw_part part)
 {
     return l->at[part] + cw_part_bits(part, &l->form);
@@ -97,6 +99,8 @@ static void define(const char *name, const char *what, unsigned value)
     printf("#define CW_%s%s %uu\n", name, what, value);
 }
 
+/* Defines the length of a format's header, the end of its arbitration field, and where each part of
+ * the header is in a number. */
 static void define_head(unsigned format)
 {
     const layout l = find_layout(format);
@@ -121,6 +125,7 @@ static unsigned fixed_stuffed(unsigned data_bits, bool non_iso)
     return bits + (bits + CW_FIXED_STUFF_DISTANCE - 1) / CW_FIXED_STUFF_DISTANCE;
 }
 
+/* Defines the lengths of parts, and of the shortest and longest frames. */
 static void define_lengths(void)
 {
     const layout base = find_layout(BASE), extended = find_layout(EXTENDED);
@@ -162,6 +167,7 @@ static const char head_begin[] =
     "/* SOF to the DLC as a number: its bits, how many of them have passed when nobody can lose\n"
     " * arbitration any more, and how far each part is shifted to the left. */";
 
+/* Writes format/layout.h, the constants of the table of parts. */
 static void write_layout(void)
 {
     printf("%s", layout_begin);
@@ -195,6 +201,7 @@ static void add_part(span *s, const layout *l, cw_part part)
     s->bits += cw_part_bits(part, &l->form);
 }
 
+/* Writes the bits that each field of a format has, without stuff bits. */
 static void write_spans(unsigned format)
 {
     const layout l = find_layout(format);
@@ -211,6 +218,7 @@ static void write_spans(unsigned format)
     printf("    },\n");
 }
 
+/* Writes the first bit of each part of a format. */
 static void write_places(unsigned format)
 {
     const layout l = find_layout(format);
@@ -220,6 +228,7 @@ static void write_places(unsigned format)
     printf("},\n");
 }
 
+/* Writes where parts and fields are, in all formats. */
 static void write_positions(void)
 {
     printf("\nconst uint8_t cw_part_at[CW_FORMATS][CW_PART_COUNT] = {\n");
@@ -242,6 +251,7 @@ static unsigned crc_of(unsigned byte, unsigned bytes_behind)
     return crc;
 }
 
+/* Writes the CRC-15 of each byte with so many bytes behind it. */
 static void write_crcs(void)
 {
     const layout l = find_layout(EXTENDED);
@@ -268,6 +278,7 @@ static uint32_t reversed_crc_of(unsigned byte, unsigned bits, uint32_t polynomia
     return reversed;
 }
 
+/* Writes the table of one CRC of FD frames, bits in reverse order. */
 static void write_fd_crc(const char *name, unsigned bits, uint32_t polynomial)
 {
     printf("\nconst uint32_t %s[256] = {", name);
@@ -290,12 +301,15 @@ typedef struct stuffed_byte {
     unsigned state;
 } stuffed_byte;
 
+/* Adds a level behind the others. The first one ends up lowest. */
 static void generate_put(stuffed_byte *s, unsigned level)
 {
     s->wire = s->wire >> 1 | (unsigned long long)level << 63;
     s->bits++;
 }
 
+/* Stuffs a byte that follows a run of equal levels (F7). state: the last level times four, and the
+ * length of the run less one. */
 static stuffed_byte stuff(unsigned state, unsigned byte)
 {
     stuffed_byte s = {.bits = 0};
@@ -315,6 +329,7 @@ static stuffed_byte stuff(unsigned state, unsigned byte)
     return s;
 }
 
+/* Writes the stuffed levels of each byte in each state, and the state behind it. */
 static void write_stuffing(void)
 {
     printf("\nconst uint64_t cw_stuff_table[CW_STUFF_STATES * 256] = {");
@@ -328,6 +343,7 @@ static void write_stuffing(void)
     printf("\n};\n");
 }
 
+/* Writes format/tables.c, the tables for positions, CRC and stuffing. */
 static void write_tables(void)
 {
     printf("/* Written by lib/format/generate, from the table of parts (parts.c). */\n"
