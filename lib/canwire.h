@@ -60,7 +60,7 @@ static inline cw_rate cw_rate_of(uint32_t bit_ticks)
     return (cw_rate){.bit_ticks = bit_ticks};
 }
 
-/* Returns the ticks that so many bits last. The product must fit into 64 bits. */
+/* Returns how many ticks that many bits last. The product must fit into 64 bits. */
 static inline uint64_t cw_rate_ticks(cw_rate rate, uint64_t bits)
 {
     return bits * rate.bit_ticks;
@@ -73,19 +73,19 @@ static inline uint64_t cw_rate_ticks_or_never(cw_rate rate, uint64_t bits)
     return __builtin_mul_overflow(bits, rate.bit_ticks, &ticks) ? CW_NEVER : ticks;
 }
 
-/* Returns the number of whole bits in so many ticks. */
+/* Returns the number of whole bits in that many ticks. */
 static inline uint64_t cw_rate_bits(cw_rate rate, uint64_t ticks)
 {
     return ticks / rate.bit_ticks;
 }
 
-/* Returns the number of bits that begin in so many ticks, the first of them at the first tick. */
+/* Returns the number of bits that begin in that many ticks, the first of them at the first tick. */
 static inline uint64_t cw_rate_bits_begun(cw_rate rate, uint64_t ticks)
 {
     return ticks / rate.bit_ticks + (ticks % rate.bit_ticks != 0);
 }
 
-/* Returns the tick at which the bit begins that contains a tick. The first bit of a bus begins at
+/* Returns the tick at which the bit that contains a tick begins. The first bit of a bus begins at
  * tick 0. */
 static inline uint64_t cw_rate_bit_begin(cw_rate rate, uint64_t tick)
 {
@@ -99,7 +99,7 @@ static inline uint64_t cw_rate_next_bit(cw_rate rate, uint64_t tick)
     return cw_rate_ticks_or_never(rate, cw_rate_bits_begun(rate, tick));
 }
 
-/* Returns the tick that is so many ticks after another; CW_NEVER beyond the end of time. */
+/* Returns the tick that many ticks after another; CW_NEVER beyond the end of time. */
 static inline uint64_t cw_after(uint64_t tick, uint64_t ticks)
 {
     return ticks < CW_NEVER - tick ? tick + ticks : CW_NEVER;
@@ -124,7 +124,7 @@ typedef struct cw_bit_timing {
     bool triple_sampling; /* T7 */
 } cw_bit_timing;
 
-/* Returns one time quantum: brp clocks of so many Hz, rounded to the nearest 2^-32 tick. ppm is the
+/* Returns one time quantum: brp clocks at clock_hz, rounded to the nearest 2^-32 tick. ppm is the
  * error of the clock in millionths; a positive one is fast. Ranges are clock_hz from 1, brp
  * 1..65536, ppm -500000..500000. Returns 0 outside of them, and when the quantum is longer than
  * 26 ms. */
@@ -141,7 +141,7 @@ bool cw_bit_timing_valid(const cw_bit_timing *timing);
 /* The physical coding sublayer of one controller: its place in a bit. The fields are the
  * library's. */
 typedef struct cw_pcs {
-    uint16_t sample_at;  /* quanta from the begin of the bit, as synchronisation has moved them */
+    uint16_t sample_at;  /* quanta from the start of the bit, as synchronisation has moved them */
     uint16_t end_at;
     bool sampled;        /* this bit has been sampled */
     bool last_sample;    /* level of the last sample */
@@ -175,7 +175,7 @@ typedef struct cw_frame {
  * 9..15 of a classical frame it is 8 (F3, F4). */
 unsigned cw_frame_length(const cw_frame *frame);
 
-/* Returns the least DLC of an FD frame whose data field has room for so many bytes, at most 64
+/* Returns the least DLC of an FD frame whose data field has room for that many bytes, at most 64
  * (D2). */
 unsigned cw_fd_dlc(unsigned bytes);
 
@@ -246,7 +246,7 @@ typedef struct cw_place {
     cw_field field;
     uint16_t index;
     bool stuff;
-    bool extended; /* known to be in an extended frame: as transmitter from its SRR, else after
+    bool extended; /* known to be in an extended frame: as transmitter from its SRR, otherwise after
                       IDE */
 } cw_place;
 
@@ -355,7 +355,7 @@ typedef enum cw_drop {
 #define CW_MODE_ONE_SHOT 0x01u    /* M13: one attempt, then the frame is dropped */
 #define CW_MODE_LISTEN_ONLY 0x02u /* M11: bus monitoring */
 #define CW_MODE_LOOPBACK 0x04u    /* M15: samples only itself, receives its own frames */
-#define CW_MODE_PRESUME_ACK 0x08u /* M14: a missing ACK is no error */
+#define CW_MODE_PRESUME_ACK 0x08u /* M14: a missing ACK is not an error */
 #define CW_MODE_BERR_REPORTING 0x10u /* for the host: nothing changes on the wire */
 #define CW_MODE_LOST_ARBITRATION_REPORTING 0x20u /* the same */
 #define CW_MODE_RESTRICTED 0x40u /* D19: receives and acknowledges, and sends nothing else */
@@ -433,7 +433,7 @@ typedef struct cw_fd_part {
     cw_bits tx;
 } cw_fd_part;
 
-/* Room for the begin of a cw_frame, up to 8 bytes of data, and of the cw_bits of a classical
+/* Room for the start of a cw_frame, up to 8 bytes of data, and of the cw_bits of a classical
  * frame. */
 typedef struct cw_short_frame {
     uint32_t id;
@@ -595,8 +595,8 @@ void cw_mac_disconnect(cw_mac *mac);
 void cw_mac_reconnect(cw_mac *mac);
 
 /* Lets the controller sleep: it neither drives nor samples until cw_mac_wake(), and keeps offer and
- * counters. It falls asleep at once when it is idle, integrates, or is disconnected. Else it first
- * finishes what is on the bus, and the report of the bit before it would be idle has
+ * counters. It falls asleep at once when it is idle, integrates, or is disconnected. Otherwise it
+ * first finishes what is on the bus, and the report of the bit before it would be idle has
  * CW_REPORT_SLEEP. In bus-off it sleeps after the recovery. */
 void cw_mac_sleep(cw_mac *mac);
 
@@ -647,12 +647,12 @@ typedef enum cw_tdc_mode {
 
 typedef struct cw_tdc {
     cw_tdc_mode mode;
-    uint32_t tdco; /* from the begin of a bit to the secondary sample point, without delay */
+    uint32_t tdco; /* from the start of a bit to the secondary sample point, without delay */
     uint32_t tdcv; /* MANUAL: the delay */
 } cw_tdc;
 
 /* The data phase of FD frames (D10). All 0: it has the bit timing of the rest of the frame. Both
- * quanta are whole clocks of the controller, so the one follows from the other. */
+ * quanta are whole clocks of the controller, so one follows from the other. */
 typedef struct cw_data_timing {
     cw_bit_timing bit; /* its quantum is not read: it is data_brp / brp of the other one */
     uint32_t brp;      /* clocks of a quantum of the arbitration phase, 1..65536 */
@@ -665,9 +665,9 @@ typedef struct cw_data_timing {
 typedef struct cw_late_compare {
     cw_tdc tdc;
     int64_t clock;       /* units of a clock */
-    int64_t measured_to; /* end of the last clock that has been looked at, from the begin of the own
+    int64_t measured_to; /* end of the last clock that has been looked at, from the start of the own
                             res bit on */
-    int64_t begun_at[2 * CW_TDC_BITS_MAX]; /* begins of the last bits, in a ring: the n-th after BRS
+    int64_t begun_at[2 * CW_TDC_BITS_MAX]; /* starts of the last bits, in a ring: the n-th after BRS
                                               is at n modulo the size */
     uint64_t sent;       /* their levels, the newest lowest */
     uint64_t fixed;      /* those that are fixed stuff bits, likewise */
@@ -738,7 +738,7 @@ unsigned cw_timed_mac_quantum(cw_timed_mac *c, bool level, cw_mac_report *report
  * level. Returns 0 for the others. */
 unsigned cw_timed_mac_clock(cw_timed_mac *c, bool level, cw_mac_report *report);
 
-/* Returns the quanta of the bit in progress that have passed, 0 at its begin. */
+/* Returns the quanta of the bit in progress that have passed, 0 at its start. */
 unsigned cw_timed_mac_quanta(const cw_timed_mac *c);
 
 /* ---- Fault rules ----------------------------------------------------------------------------- */
@@ -788,7 +788,7 @@ typedef enum cw_action {
     CW_ACTION_NOISE,      /* flips each bit with error_rate, or begins a burst of such bits,
                              independently for each node of `at` */
     CW_ACTION_NO_ACK,     /* nodes of `nodes` do not acknowledge */
-    CW_ACTION_PULSE,      /* `level` for pulse_length, pulse_offset after the begin of the bit at
+    CW_ACTION_PULSE,      /* `level` for pulse_length, pulse_offset after the start of the bit at
                              (field, index), on `line` of the wire or of `node`; with `at`, only
                              what these nodes see. Without a frame trigger the bit is the next
                              bit time of the bus */
@@ -1033,8 +1033,8 @@ typedef struct cw_node_timing {
     cw_span rx_delay[2]; /* from the wire to the controller */
     cw_span place;       /* the way along the line to the node, from one end */
     cw_span stub;        /* the way from the line to the node */
-    cw_span ringing;     /* the wire swings for so long after each edge to recessive: the node sees
-                            it recessive for the first half, then dominant */
+    cw_span ringing;     /* the wire swings for that long after each edge to recessive: the node
+                            sees it recessive for the first half, then dominant */
     cw_data_timing data; /* of nodes that know FD frames */
 } cw_node_timing;
 
@@ -1103,14 +1103,14 @@ typedef struct cw_host_config {
 typedef struct cw_local_time {
     cw_span unit;   /* of the counter, CW_TICK..CW_LOCAL_UNIT_MAX, by the clock of the node */
     uint8_t bits;   /* CW_LOCAL_BITS_MIN..CW_LOCAL_BITS_MAX; 0: the node has no local time */
-    bool at_eof;    /* L3: captured in the last bit of EOF, else in SOF */
+    bool at_eof;    /* L3: captured in the last bit of EOF, otherwise in SOF */
     uint32_t start; /* of the counter, at tick 0 */
 } cw_local_time;
 
 /* A slot of a node's schedule. Times are units of its local time. */
 typedef struct cw_time_trigger {
     uint32_t at;      /* after the capture of the reference message */
-    uint32_t slot;    /* the frame begins before so many units have passed, at least 1 */
+    uint32_t slot;    /* the frame begins before that many units have passed, at least 1 */
     uint16_t repeat;  /* acts in basic cycles with number % repeat == cycle; 0: in all of them */
     uint16_t cycle;
     cw_frame frame;
@@ -1135,7 +1135,7 @@ typedef struct cw_trigger_stats {
     uint64_t missed;     /* frames that have not begun in their slots, or that the node refused */
     uint64_t failed;     /* attempts that ended in an error or in a lost arbitration ... */
     uint64_t lost;       /* ... this one */
-    uint64_t late_least; /* ticks from the trigger to the begin of a transmission */
+    uint64_t late_least; /* ticks from the trigger to the start of a transmission */
     uint64_t late_most;
 } cw_trigger_stats;
 
@@ -1143,7 +1143,7 @@ typedef struct cw_trigger_stats {
 typedef struct cw_node_time {
     uint64_t local;       /* its local time */
     uint64_t captured;    /* the last capture */
-    uint64_t captures;    /* so many so far */
+    uint64_t captures;    /* their number so far */
     uint64_t references;  /* ... of reference messages */
     uint64_t cycle_time;  /* local time since the basic cycle began; 0 without in_cycle */
     uint64_t global;      /* local time of the master (L7) */
@@ -1160,9 +1160,9 @@ typedef struct cw_time_pair {
     uint64_t b;
 } cw_time_pair;
 
-/* Finds the time of a at the time b, by two pairs of captures (L7), rounded down. Counters have so
- * many bits, 1..64, and none has come around more than once since the first pair. Returns false
- * when the captures of b are the same. */
+/* Finds the time of a at the time b, by two pairs of captures (L7), rounded down. The counters have
+ * a given number of bits, 1..64, and none has come around more than once since the first pair.
+ * Returns false when the captures of b are the same. */
 bool cw_global_time(const cw_time_pair pairs[2], unsigned bits_a, unsigned bits_b, uint64_t b,
                     uint64_t *a);
 
@@ -1195,7 +1195,7 @@ typedef struct cw_counter {
     uint32_t start; /* of the first frame */
 } cw_counter;
 
-/* The sorts of checksums. CRCs take the most significant bit of a byte first. */
+/* The kinds of checksums. CRCs take the most significant bit of a byte first. */
 typedef enum cw_checksum_kind {
     CW_CHECKSUM_NONE = 0,
     CW_CHECKSUM_XOR,
@@ -1214,8 +1214,9 @@ typedef struct cw_checksum {
     uint16_t polynomial; /* without its highest bit */
     uint16_t start;
     uint16_t inverted;   /* bits that are inverted at the end */
-    bool id_first;       /* the Data ID comes before the data, else behind them */
-    bool id_by_counter;  /* one byte of it, that of the counter modulo id_length; else all */
+    bool id_first;       /* the Data ID comes before the data, otherwise after them */
+    bool id_by_counter;  /* one byte of it, that of the counter modulo id_length; otherwise all of
+                            it */
     uint8_t id_length;   /* 0: there is none */
     uint8_t id[CW_DATA_ID_MAX];
 } cw_checksum;
@@ -1259,7 +1260,7 @@ typedef enum cw_event_kind {
     CW_EVENT_RESTART,
     CW_EVENT_ARBITRATION_LOST,
     CW_EVENT_IMPROPER, /* it has won the arbitration though a lower identifier was pending: one that
-                          was handed in before the begin of SOF, to a node that may send then. Such
+                          was handed in before the start of SOF, to a node that may send then. Such
                           a node is not bus-off, integrating, suspended (M8) or silent */
     CW_EVENT_ERROR,
     CW_EVENT_TOLERATED, /* CW_REPORT_TOLERATED; for drivers' error frames, not in event streams */
@@ -1273,8 +1274,8 @@ typedef enum cw_event_kind {
     CW_EVENT_SKIP, /* the host has let time pass without the bus; the bus itself makes none */
     CW_EVENT_SYNC, /* its clock has been moved by an edge (T4, T5); only where the bit timings of
                       nodes differ, and only when asked for: cw_bus_set_events() */
-    CW_EVENT_CAPTURE, /* a frame is over whose SOF or last bit of EOF the node has captured (L3);
-                         only when asked for */
+    CW_EVENT_CAPTURE, /* a frame is over, and the node has captured its SOF or the last bit of its
+                         EOF (L3); only when asked for */
     CW_EVENT_COUNT
 } cw_event_kind;
 
@@ -1320,7 +1321,7 @@ typedef struct cw_event {
         bool up;   /* LINK */
         bool fast; /* ERROR: it was found at the data rate (D10) */
     };
-    bool hard;      /* SYNC: a hard synchronisation (T4), else a resynchronisation (T5) */
+    bool hard;      /* SYNC: a hard synchronisation (T4), otherwise a resynchronisation (T5) */
     uint64_t from;  /* RX, TX: the sender; several when their frames were the same on the wire; 0: a
                        node that cw_bus_take_over() has left behind. IMPROPER: where the lower
                        identifier was pending */
@@ -1328,7 +1329,7 @@ typedef struct cw_event {
                            the sender has left the bus before the receivers had the frame */
     union {
         uint64_t ticks;      /* SKIP: the time skipped */
-        uint64_t late;       /* TX of a trigger: ticks from the trigger to the begin of the frame */
+        uint64_t late;       /* TX of a trigger: ticks from the trigger to the start of the frame */
         uint64_t local_time; /* CAPTURE */
         cw_span phase_error; /* SYNC: the same as a time */
     };
@@ -1399,8 +1400,8 @@ cw_status cw_node_flush(cw_bus *bus, unsigned node);
 /* Returns the tick up to which the bus has been simulated. It is always the end of a bit. */
 uint64_t cw_bus_now(const cw_bus *bus);
 
-/* Returns the tick at which so many bits to come will have passed. The first one may be a short one
- * of a data phase, the others count as nominal ones. */
+/* Returns the tick at which that many bits to come will have passed. The first one may be a short
+ * one of a data phase, the others count as nominal ones. */
 uint64_t cw_bus_tick_after(const cw_bus *bus, uint64_t bits);
 
 /* Hands a frame to a node at a tick. A tick before cw_bus_now() counts as now. The frame takes part
@@ -1424,7 +1425,7 @@ unsigned cw_node_room(const cw_bus *bus, unsigned node);
 /* Returns how many frames for later the inbox still takes. */
 unsigned cw_bus_inbox_room(const cw_bus *bus);
 
-/* Brings frames that are not due yet forward by so many ticks, but not before cw_bus_now(). Their
+/* Brings frames that are not due yet forward by that many ticks, but not before cw_bus_now(). Their
  * order stays, and so do frames for CW_NEVER. This is for a bus whose time stood still while the
  * time of its hosts went on. */
 void cw_bus_bring_forward(cw_bus *bus, uint64_t ticks);
@@ -1531,7 +1532,7 @@ static inline const cw_event *cw_event_at(const cw_event_row *row, unsigned n)
  * they are taken, time goes on, or a call changes a node or a rule. Frames may be handed in. */
 cw_event_row cw_bus_peek(const cw_bus *bus);
 
-/* Takes so many of the events of cw_bus_peek(); more may follow them. */
+/* Takes that many of the events of cw_bus_peek(); more may follow them. */
 void cw_bus_take(cw_bus *bus, unsigned count);
 
 /* Takes a node off the bus, as `ip link set DEVICE down` stops a CAN controller, or puts it on
@@ -1607,9 +1608,9 @@ typedef struct cw_bit_node {
 typedef enum cw_mark_kind {
     CW_MARK_BEGIN = 0, /* it begins a bit, as the first quantum of many */
     CW_MARK_DRIVE,     /* it puts another level onto its wire, or a rule makes it another one */
-    CW_MARK_WIRE,      /* the wire of the node has another level; the lowest node of each wire tells
-                          it. It is the AND of what the nodes drive at that moment, with what rules
-                          make of it: as if it were seen without delay */
+    CW_MARK_WIRE,      /* the wire of the node has another level; the mark is that of the lowest
+                          node of each wire. It is the AND of what the nodes drive at that moment,
+                          with what rules make of it: as if it were seen without delay */
     CW_MARK_SAMPLE,    /* it samples a level */
     CW_MARK_LATE_SAMPLE, /* ... at the secondary sample point of a bit that it sends (D13) */
     CW_MARK_HARD_SYNC, /* it has seen an edge, at the end of the quantum of the edge (T4) */
@@ -1617,7 +1618,7 @@ typedef enum cw_mark_kind {
 } cw_mark_kind;
 
 typedef struct cw_mark {
-    cw_span at;       /* since the begin of the bit time; 0 for an edge that came before */
+    cw_span at;       /* since the start of the bit time; 0 for an edge that came before */
     cw_span quantum;  /* of the node */
     cw_mark_kind kind;
     int16_t phase_error; /* RESYNC: in quanta */
@@ -1635,8 +1636,8 @@ typedef struct cw_bit_view {
     uint64_t driven;      /* the level that each node puts onto its wire */
     uint64_t wire;        /* the level of the wire that it is on */
     uint64_t sampled;     /* the level that its controller takes; its own bits in loopback (M11,
-                             M15). All three are those at the begin of the bit where there are
-                             marks, which say what becomes of them */
+                             M15). All three are those at the start of the bit where there are
+                             marks, which say how they change */
     uint64_t tx_faults;   /* between controller and wire: driven is changed */
     uint64_t wire_faults; /* wire is not the wired-AND of what is driven */
     uint64_t rx_faults;   /* between wire and controller */

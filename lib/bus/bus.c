@@ -35,10 +35,10 @@ static void run_due_nodes(cw_bus *bus)
     cw_find_node_due(bus);
 }
 
-/* Rules may trigger each other, but each one acts only once at a tick by that, so the loop ends.
- * Nothing of this tick is pending then. A frame step goes on when nothing but frames come in. A
- * node that has been due may take frames again, after a restart for example. So rules with traffic
- * look once more. */
+/* Rules may trigger each other, but in this way each one acts only once at a tick, so the loop
+ * ends. Nothing is left pending at this tick. A frame step goes on when nothing but frames come in.
+ * A node that has been due may take frames again, after a restart for example. So rules with
+ * traffic look once more. */
 static void run_due(cw_bus *bus)
 {
     bool nodes;
@@ -56,7 +56,7 @@ static void run_due(cw_bus *bus)
              (nodes && bus->rules.awake_count));
 }
 
-/* Does so when there is something to run at this tick. */
+/* Does this when there is something to run at this tick. */
 static void run_all_due(cw_bus *bus)
 {
     if (cw_first_due(bus) <= cw_now(bus) || bus->pending || bus->rules.awake_count)

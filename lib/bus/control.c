@@ -6,7 +6,7 @@
 
 #include "mac/confinement.h"
 
-/* The state at the end of the last bit is told first. */
+/* The state at the end of the last bit is reported first. */
 static void send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
 {
     (void)rule;
@@ -29,7 +29,7 @@ static void set_counters(cw_mac *mac, unsigned tec, unsigned rec)
         (void)cw_mac_withdraw(mac);
 }
 
-/* The state at the end of the last bit is told first. Bus-off ends a sleep. */
+/* The state at the end of the last bit is reported first. Bus-off ends a sleep. */
 static void set_counters_of(cw_bus *bus, unsigned i, unsigned tec, unsigned rec)
 {
     cw_commit_early(bus, i);
@@ -80,7 +80,7 @@ static void change_settings(cw_bus *bus, unsigned i, const cw_rule *rule)
     (void)cw_node_set(bus, i, &rule->settings);
 }
 
-/* The host initialises its controller anew, which does not sleep any more. Frames that wait for the
+/* The host initialises its controller anew, and it no longer sleeps. Frames that wait for the
  * bus are lost, and so are those that wait for the host. A node that its host has taken off the bus
  * has no controller to reset. */
 static void reset(cw_bus *bus, unsigned i, bool hardware)

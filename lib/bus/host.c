@@ -196,7 +196,7 @@ static void set_restart(cw_bus *bus, unsigned i, uint64_t ticks)
     cw_find_node_due(bus);
 }
 
-/* Changes modes. A node that may not send any more loses its frames. */
+/* Changes modes. A node that may no longer send loses its frames. */
 static void set_modes(cw_bus *bus, unsigned i, const cw_settings *s)
 {
     cw_bus_node *n = &bus->nodes[i];

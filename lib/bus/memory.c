@@ -91,7 +91,7 @@ static unsigned nodes_with_triggers(const cw_bus_config *c)
     return nodes;
 }
 
-/* Returns the least size of the ring with which the bus never stands still. */
+/* Returns the smallest ring with which the bus never has to stop. */
 static unsigned least_ring(const cw_bus_config *c)
 {
     const unsigned rules = (unsigned)c->rule_count + c->rule_room;
@@ -224,8 +224,8 @@ static void carve_protections(arena *a, cw_rule_set *set, const cw_bus_config *c
     set->hand_in_rules = 1;
 }
 
-/* Returns the edges that nodes may look at. That is one for each bit of a node in the longest delay
- * and ringing, which may be changed later, and in some bits more. */
+/* Returns the edges that nodes may look at. Each bit of a node in the longest delay and ringing can
+ * have one, and so can a few more bits. The delays may be changed later. */
 static unsigned edges_looked_at(const cw_bus_config *c)
 {
     const uint64_t ringing = (uint64_t)(cw_longest_ringing(c) / cw_shortest_bit(c));

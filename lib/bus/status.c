@@ -86,7 +86,8 @@ static bool comes_to_rest(const cw_mac *m)
     return !cw_mac_is_busy(m) || (m->phase == CW_MAC_INTERMISSION && m->overloads_wanted == 0);
 }
 
-/* Returns true when all controllers come to rest so. A frame step knows the ends of its frame. */
+/* Returns true when all controllers come to rest in this way. A frame step knows the ends of its
+ * frame. */
 static bool bus_comes_to_rest(const cw_bus *bus)
 {
     bool rests = !bus->followers || comes_to_rest(&bus->common);
@@ -95,7 +96,7 @@ static bool bus_comes_to_rest(const cw_bus *bus)
     return rests || bus->frame_step.active;
 }
 
-/* Returns bit times of the bus in which no node ends so many bits by its own clock. Edges shorten
+/* Returns bit times of the bus in which no node ends that many bits by its own clock. Edges shorten
  * bits by at most SJW each. */
 static uint64_t bit_times_of(const cw_bus *bus, uint64_t bits)
 {
@@ -107,7 +108,7 @@ static uint64_t bit_times_of(const cw_bus *bus, uint64_t bits)
     return sure * bus->timed.fastest_permille / 1000 + 1;
 }
 
-/* Returns the tick at which so many bits to come will have passed. */
+/* Returns the tick at which that many bits to come will have passed. */
 static uint64_t tick_after(const cw_bus *bus, uint64_t bits)
 {
     const cw_frame_step *step = &bus->frame_step;
@@ -167,7 +168,7 @@ static unsigned least_of_queues(const cw_bus *bus, cw_frame_test *test, const vo
     return bits;
 }
 
-/* Returns a tick before which no frame of the inbox is received that passes. */
+/* Returns a tick before which no frame of the inbox that passes is received. */
 static uint64_t next_of_inbox(const cw_bus *bus, cw_frame_test *test, const void *user)
 {
     for (unsigned n = 0; n < bus->inbox.count; n++) {
@@ -194,7 +195,7 @@ static uint64_t next_of_queues(const cw_bus *bus, cw_frame_test *test, const voi
     const uint64_t next = cw_bus_next(bus);
     if (cw_is_off_grid(bus))
         return cw_least(next, tick_after(bus, bits * 3 / 4)); /* its bits may be shorter */
-    /* an error may make room for another frame than that on the wire */
+    /* an error may make room for a frame other than the one on the wire */
     const uint64_t begun_now = tick_after(bus, bits);
     return (next > begun_now) == bus_comes_to_rest(bus) ? next : begun_now;
 }

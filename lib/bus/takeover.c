@@ -158,7 +158,7 @@ static void take_over_sleep(cw_bus *bus, unsigned i, const cw_bus *old, unsigned
     take_over_set(&bus->listening, i, old->listening, from);
 }
 
-/* Notes that a node leaves its transmission. The frame may have no place in its queue any more. */
+/* Notes that a node leaves its transmission. The frame may no longer have a place in its queue. */
 static void note_stopped(cw_bus *bus, unsigned i, const cw_bus_node *old)
 {
     cw_start *start = &bus->starts[i];
@@ -211,12 +211,12 @@ static void take_over_inbox(cw_bus *bus, const cw_bus *old, const uint8_t *to)
             continue;
         if (e->trigger && keeps_triggers(bus, node, old, e->node))
             cw_inbox_put_triggered(bus, node, e->frame, e->at_tick, e->trigger);
-        if (!e->trigger) /* one of another schedule is not due any more */
+        if (!e->trigger) /* one of another schedule is no longer due */
             (void)cw_node_send(bus, node, e->frame, e->at_tick);
     }
 }
 
-/* Makes frames of triggers ordinary ones, which belong to no slot any more. */
+/* Makes frames of triggers ordinary ones, which no longer belong to a slot. */
 static void forget_triggers(cw_bus_node *n)
 {
     for (unsigned k = 0; k < n->queue.count; k++)

@@ -136,7 +136,7 @@ static bool is_uniform(cw_bus *bus)
            (!t->rates || cw_rates_agree(bus, coming(t, 0)));
 }
 
-/* Returns true when a span has at most so many units. Spans of long bits are near the largest
+/* Returns true when a span has at most that many units. Spans of long bits are near the largest
  * number, so nothing is multiplied. */
 static bool has_at_most(cw_span span, cw_span units, cw_span unit)
 {
@@ -260,8 +260,8 @@ void cw_find_longest(cw_bus *bus)
 
 /* ---- Changes --------------------------------------------------------------------------------- */
 
-/* The limits are those of check_bits() and check_ways(). The room for events is enough for so many
- * bits of a node in one of the bus. */
+/* The limits are those of check_bits() and check_ways(). The room for events is enough for that
+ * many bits of a node in one of the bus. */
 static bool change_fits(const cw_bit_timing *timing, cw_span bit_time, unsigned bits,
                         cw_span longest)
 {

@@ -76,7 +76,7 @@ static cw_part next_part(const cw_bits *bits, cw_part part)
     return (cw_part)cw_parts[part].next[level];
 }
 
-/* Walks the table to the u-th bit that is no stuff bit. */
+/* Walks the table to the u-th bit that is not a stuff bit. */
 static cw_place bits_find_place(const cw_bits *bits, unsigned u)
 {
     const cw_form form = cw_bits_form(bits);

@@ -20,7 +20,7 @@ typedef struct cw_stuffing {
 
 cw_stuffing cw_bits_stuffing(const cw_bits *bits);
 
-/* Returns the wire bit that is the u-th one, from 0, of those that are no stuff bits. */
+/* Returns the wire bit that is the u-th one, from 0, of those that are not stuff bits. */
 unsigned cw_wire_index(const cw_stuffing *stuffing, unsigned u);
 
 /* Finds the wire bit at a position. Returns false when the frame has none. */
@@ -49,7 +49,7 @@ typedef struct cw_fd_length {
     uint8_t behind_brs; /* number of the bit after BRS */
 } cw_fd_length;
 
-/* Do so for a valid FD frame. */
+/* The same for a valid FD frame. */
 void cw_bits_encode_fd(cw_bits *bits, const cw_frame *frame, unsigned inverted);
 cw_fd_length cw_bits_measure_fd(const cw_frame *frame);
 

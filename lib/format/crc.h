@@ -17,7 +17,7 @@
 
 #define CW_STUFF_COUNT_BITS 4u /* with the parity (D5) */
 
-/* Returns the CRC of so many bits after one more bit. */
+/* Returns a CRC of that many bits after one more bit of the frame. */
 static inline uint32_t cw_crc_next(uint32_t crc, bool bit, unsigned bits, uint32_t polynomial)
 {
     const bool feedback = bit != ((crc >> (bits - 1)) & 1u);
@@ -48,7 +48,7 @@ static inline uint32_t cw_crc_begin(unsigned bits, bool non_iso)
     return non_iso ? 0 : 1u << (bits - 1);
 }
 
-/* Returns the stuff count with its parity: so many dynamic stuff bits, modulo 8, in Gray code
+/* Returns the stuff count with its parity: the number of dynamic stuff bits, modulo 8, in Gray code
  * (D5). */
 static inline unsigned cw_stuff_count(unsigned stuff_bits)
 {

@@ -133,7 +133,7 @@ static void add_bits(reversed_crc *c, unsigned levels, unsigned count)
     }
 }
 
-/* Adds the first so many levels to the CRC, a byte at a time. */
+/* Adds that many levels, from the first one on, to the CRC, a byte at a time. */
 static void add_levels(reversed_crc *c, const uint64_t level[], unsigned count)
 {
     unsigned n = 0;

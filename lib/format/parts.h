@@ -23,7 +23,7 @@
 #define CW_INTERMISSION_BITS 3u
 #define CW_SUSPEND_BITS 8u
 
-/* The most wire bits that so many bits to be stuffed can become. */
+/* The most wire bits that a number of bits to be stuffed can become. */
 #define CW_STUFFED_BITS_MAX(bits) ((bits) + ((bits)-1) / (CW_STUFF_RUN - 1))
 
 /* The order is that of the wire: a part leads to later parts only. */
@@ -97,7 +97,7 @@ typedef struct cw_part_info {
 
 extern const cw_part_info cw_parts[CW_PART_COUNT];
 
-/* The lengths of parts, as far as the header says them. */
+/* The lengths of parts, as far as the header tells. */
 typedef struct cw_form {
     uint16_t data_bits;
     bool fd;

@@ -83,7 +83,7 @@ void cw_late_measure(cw_late_compare *late, bool level)
     late->passed++;
 }
 
-/* A bit is compared one clock after its begin at the earliest. */
+/* A bit is compared one clock after its start at the earliest. */
 bool cw_late_is_due(const cw_late_compare *late, const cw_mac *m, int64_t *moment)
 {
     const uint64_t after = (uint64_t)late->delay + late->tdc.tdco;

@@ -10,7 +10,7 @@
 
 #include "mac/mac.h"
 
-/* Returns true when the values are in their ranges, with data bits of so many clocks. */
+/* Returns true when the values are in their ranges, with data bits of that many clocks. */
 bool cw_late_valid(const cw_tdc *tdc, uint32_t bit_clocks);
 
 /* Begins with no bits. clock: units of a clock. */
@@ -19,7 +19,7 @@ void cw_late_init(cw_late_compare *late, const cw_tdc *tdc, int64_t clock);
 /* Changes values and clock, for bits that are still to be compared, too. */
 void cw_late_change(cw_late_compare *late, const cw_tdc *tdc, int64_t clock);
 
-/* Forgets the bits so far: none is compared any more. */
+/* Forgets the bits so far: none will be compared. */
 void cw_late_forget(cw_late_compare *late);
 
 /* Notes a delay in clocks that has been measured in another way. */

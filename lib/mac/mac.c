@@ -21,7 +21,7 @@
 #include <string.h>
 
 /* All reports. Those who look at one must not see another: two with a bit in common have a sum that
- * is no union. scripts/check finds one that is missing here. */
+ * is not their union. scripts/check finds one that is missing here. */
 #define ALL_REPORTS(op)                                                                            \
     (CW_REPORT_STARTED op CW_REPORT_ARBITRATION_LOST op CW_REPORT_ERROR op CW_REPORT_OVERLOAD op   \
      CW_REPORT_RX op CW_REPORT_TX op CW_REPORT_STATE op CW_REPORT_DROPPED op CW_REPORT_EXCEPTION   \
@@ -653,7 +653,7 @@ static bool take_res(cw_mac *m, cw_mac_report *r)
     return !cw_mac_last_level(m) || make_exception(m, r);
 }
 
-/* F4, but for controllers to which nine values are all that there are. */
+/* F4, except for controllers that know only nine values. */
 static bool take_dlc(cw_mac *m, cw_mac_report *r)
 {
     cw_mac_rx(m)->dlc = (uint8_t)m->shift;
@@ -894,7 +894,7 @@ void cw_mac_take_bit(cw_mac *m, bool level)
     m->before_index = m->index;
 }
 
-/* Samples a frame bit that is no stuff bit. */
+/* Samples a frame bit that is not a stuff bit. */
 static void sample_frame_bit(cw_mac *m, bool level, cw_mac_report *r)
 {
     unsigned flags = cw_parts[m->part].flags;

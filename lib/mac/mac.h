@@ -167,8 +167,8 @@ uint64_t cw_mac_horizon(const cw_mac *mac, bool waiting);
  * modes and the frames that they want to send. */
 bool cw_mac_same_point(const cw_mac *a, const cw_mac *b);
 
-/* Moves a controller to the point of another one, which is no transmitter. Counters, modes and the
- * offered frame stay. */
+/* Moves a controller to the point of another one, which is not a transmitter. Counters, modes and
+ * the offered frame stay. */
 void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);
 
 /* Moves a controller to the point of an idle receiver after n wire bits of a frame without errors,
@@ -176,11 +176,11 @@ void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);
 void cw_mac_go_into_frame(cw_mac *mac, const cw_frame *frame, const cw_bits *bits, unsigned n);
 
 /* Moves an idle controller, or one in the intermission, to the intermission of the next frame. The
- * frame had no errors. So many bits of its intermission have passed. */
+ * frame had no errors. That many bits of its intermission have passed. */
 void cw_mac_go_behind_frame(cw_mac *mac, cw_role role, unsigned bits);
 
-/* Makes a receiver at a point of its own offered frame the transmitter of that frame. So many bits
- * of it are on the wire. */
+/* Makes a receiver at a point of its own offered frame the transmitter of that frame. That many
+ * bits of it are on the wire. */
 void cw_mac_become_transmitter(cw_mac *mac, unsigned bits);
 
 /* Returns true when the bit before the next one was a SOF that the controller has sampled. */

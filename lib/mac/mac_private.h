@@ -47,7 +47,7 @@ void cw_mac_become_idle(cw_mac *mac);
 /* Enters a frame at its SOF, in a role. Nothing is left of the frame before. */
 void cw_mac_begin_frame(cw_mac *mac, cw_role role);
 
-/* Takes a bit of a frame that is no stuff bit; the caller increments the index. */
+/* Takes a bit of a frame that is not a stuff bit; the caller increments the index. */
 void cw_mac_take_bit(cw_mac *mac, bool level);
 
 /* Returns the bits of the present part of the frame. */
@@ -116,7 +116,7 @@ bool cw_mac_fd_crc_error(const cw_mac *mac);
 /* Gives the offer, of which no bit after ESI is on the wire, the error state as it is now (D8). */
 void cw_mac_fd_renew_esi(cw_mac *mac);
 
-/* Does so when ESI is the next bit. */
+/* Does this when ESI is the next bit. */
 void cw_mac_fd_update_esi(cw_mac *mac);
 
 /* Returns true when a transmitter that compares late does not look at the CRC delimiter (D13). */

@@ -96,7 +96,7 @@ void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)
         m->rx = there->rx;
 }
 
-/* Walks to the u-th bit that is no stuff bit, a part at a time. The parts before it have their
+/* Walks to the u-th bit that is not a stuff bit, a part at a time. The parts before it have their
  * usual effects. */
 static void walk_to(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsigned u)
 {

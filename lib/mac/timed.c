@@ -37,7 +37,7 @@ bool cw_timed_mac_is_fast(const cw_timed_mac *c)
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
-/* Begins a bit of which so many clocks have passed already, and drives its level. */
+/* Begins a bit of which that many clocks have passed already, and drives its level. */
 static void begin_bit(cw_timed_mac *c, unsigned passed)
 {
     cw_pcs_begin_bit(&c->pcs, timing_of(c));

@@ -76,6 +76,6 @@ cw_host_action cw_drop_frame, cw_delay_frame, cw_copy_frame, cw_let_overtake, cw
 cw_host_action cw_fault_counter, cw_fault_checksum;
 /* traffic.c */
 cw_traffic_action cw_send_periodically, cw_babble, cw_fill_up;
-/* raw.c has what RAW and RAW_FRAME do beside that. */
+/* raw.c has what else RAW and RAW_FRAME do. */
 
 #endif

@@ -21,7 +21,7 @@ bool cw_rule_needs_bits(const cw_rule_state *s)
     return (s->active && window) || deviates;
 }
 
-/* Returns true for bits that do not come any more after an error. */
+/* Returns true for bits that no longer come after an error. */
 static bool is_in_frame(cw_field field)
 {
     return field < CW_FIELD_INTERMISSION || field > CW_FIELD_OVERLOAD_DELIMITER;

@@ -94,7 +94,7 @@ void cw_rule_act(cw_rule_set *set, unsigned rule)
     }
 }
 
-/* The hits of noise are the bits that it flips, so its begin is none. */
+/* The hits of noise are the bits that it flips, so its start is not one. */
 bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported)
 {
     if (cw_rule_is(cw_rule_at(set, rule), CW_RANDOM_BITS))

@@ -18,7 +18,7 @@ static void remove_at(cw_disturbances *all, unsigned place)
             (all->count - place) * sizeof all->list[0]);
 }
 
-/* Makes room: the one that has ended first can hardly matter any more. */
+/* Makes room: the one that has ended first can hardly matter now. */
 static void remove_oldest(cw_disturbances *all)
 {
     unsigned oldest = 0;

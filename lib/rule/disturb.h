@@ -41,7 +41,7 @@ void cw_disturb(cw_disturbances *all, const cw_disturbance *added);
 /* Returns true when one has those delays. */
 bool cw_disturbs_by(const cw_disturbances *all, uint16_t ways);
 
-/* Ends the one of a rule that has no end yet. */
+/* Ends the disturbance of a rule that has no end yet. */
 void cw_disturb_end(cw_disturbances *all, unsigned rule, cw_span moment);
 
 /* Forgets those that no look after a moment can meet. */
@@ -49,8 +49,8 @@ void cw_disturb_forget(cw_disturbances *all, cw_span moment);
 
 void cw_disturb_rebase(cw_disturbances *all, cw_span by);
 
-/* Returns the levels of lines, or of wires, with what rules make of them right after a moment:
- * where they are made, so without delays. */
+/* Returns the levels of lines, or of wires, as rules have changed them right after a moment: at
+ * their source, so without delays. */
 uint64_t cw_disturbed_lines_at_source(const cw_disturbances *all, cw_span moment, uint64_t levels);
 uint64_t cw_disturbed_wires_at_source(const cw_disturbances *all, cw_span moment, uint64_t levels);
 

@@ -31,8 +31,8 @@ void cw_rule_plan_from(cw_rule_state *s, uint64_t tick)
     s->fire_at = r->again_ticks == 0 || next < r->time_end ? next : CW_NEVER;
 }
 
-/* Times go by begin and period, not by the bits in which the rule acts. Those within one bit are
- * one. */
+/* Times follow from start and period, not from the bits in which the rule acts. Those within one
+ * bit count as one. */
 static void plan_again(const cw_rule_set *set, cw_rule_state *s)
 {
     s->fire_at = CW_NEVER;
@@ -95,7 +95,7 @@ static void find_next_due(cw_rule_set *set)
     set->next_due = cw_least(next, cw_rules_next_held(set));
 }
 
-/* Runs until nothing is due any more: rules may arm each other at the same tick, each one once. */
+/* Runs until nothing is left to do: rules may arm each other at the same tick, each one once. */
 static void run_rules(cw_rule_set *set)
 {
     bool again = true;

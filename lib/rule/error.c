@@ -14,7 +14,7 @@ static uint32_t error_class(const cw_event *e)
         return e->error.type == CW_ERROR_ACK ? 0x0A8 : 0x088;
     case CW_EVENT_STATE:
         if (e->state == CW_STATE_SLEEPING || e->state_before == CW_STATE_SLEEPING)
-            return 0; /* drivers say nothing of it */
+            return 0; /* drivers do not report it */
         return e->state == CW_STATE_BUS_OFF ? 0x040 : 0x004;
     case CW_EVENT_RESTART:
         return 0x100;

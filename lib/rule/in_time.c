@@ -2,7 +2,7 @@
  *
  * in_time.c - the actions of fault rules on levels, where nodes have clocks of their own.
  *
- * A rule on a position acts from the begin of the transmitter's bit to its end. All others act for
+ * A rule on a position acts from the start of the transmitter's bit to its end. All others act for
  * bit times of the bus, which belong to no node.
  */
 #include "rule/private.h"
@@ -12,7 +12,7 @@
 
 /* ---- What an action does to a level ---------------------------------------------------------- */
 
-/* Asks the action itself: it says what becomes of either level. */
+/* Asks the action itself: it says what it makes of each level. */
 static cw_disturb_effect effect_now(cw_rule_set *set, cw_rule_state *s)
 {
     uint64_t dominant = 0, recessive = 1;
@@ -23,7 +23,7 @@ static cw_disturb_effect effect_now(cw_rule_set *set, cw_rule_state *s)
     return dominant ? CW_DISTURB_INVERT : CW_DISTURB_NOTHING;
 }
 
-/* Returns the length of a bit of a transmitter that begins now (D10). */
+/* Returns the length of a transmitter's bit that begins now (D10). */
 static cw_span length_of_bit(const cw_rule_set *set, unsigned node)
 {
     return set->bus.divided ? set->bus.effects->bit_length(set->bus.self, node)
@@ -55,7 +55,7 @@ static void pulse(cw_rule_set *set, cw_disturbances *all, unsigned rule, cw_span
 
 /* ---- Positions ------------------------------------------------------------------------------- */
 
-/* Takes armings up to the begin of the bit. Rules that fire when they are armed do so at bit times
+/* Takes armings up to the start of the bit. Rules that fire when they are armed do so at bit times
  * of the bus. */
 static void arm_for_bit(cw_rule_state *s, uint64_t tick)
 {

@@ -76,7 +76,7 @@ static unsigned id_hash(uint32_t id)
 }
 
 /* Returns whether a rule may wait for an identifier by a filter of a class. For most identifiers
- * one look at a table tells that none does. */
+ * one look at a table shows that none does. */
 static inline bool may_wait(const cw_rule_set *set, unsigned class, uint32_t id)
 {
     const unsigned classes = set->id_classes[id_hash(id & set->classes[class].mask)];
@@ -117,7 +117,7 @@ static void note_id(cw_rule_set *set, const cw_rule_key *k)
     *classes = (uint8_t)(*classes | 1u << k->class);
 }
 
-/* Adds a key in its place. The classes behind its own begin one later. */
+/* Adds a key in its place. The classes behind its own start one later. */
 static void add_key(cw_rule_set *set, cw_rule_key key)
 {
     unsigned place = index_find_key(set, key.class, key.id, key.rule);

@@ -65,7 +65,7 @@ void cw_rules_change_driven(cw_rule_set *set, cw_levels *levels)
 /* ---- Positions ------------------------------------------------------------------------------- */
 
 /* Returns true when the transmitter is at the position, by its own count, in a field that all nodes
- * are in. In the first bit of a delimiter no node may drive a flag any more. */
+ * are in. In the first bit of a delimiter no node may still drive a flag. */
 static bool at_own_place(const cw_rule_set *set, const cw_rule *rule, const cw_mac *mac)
 {
     cw_place place = cw_mac_place(mac);
@@ -82,7 +82,7 @@ static bool in_flag(const cw_flag_watch *flag, unsigned index)
     return flag->now && !flag->over && flag->length == index;
 }
 
-/* Returns whether the bit in progress is the named one, as a transmitter sees it to which the rule
+/* Returns whether the bit in progress is the named one, as seen by a transmitter to which the rule
  * is bound. */
 static bool is_reached(const cw_rule_set *set, const cw_rule *rule, const cw_mac *mac)
 {

@@ -115,7 +115,7 @@ static bool is_steady_noise(const cw_rule_state *s)
     return cw_rule_is(s, CW_RANDOM_BITS) && !s->for_attempt && cw_rule_is_plain(s);
 }
 
-/* Returns the first bit that a rule flips, of so many after those looked at before. Returns their
+/* Returns the first bit that a rule flips, of that many after those looked at before. Returns their
  * number when it flips none. It may flip any bit of a burst. */
 static uint64_t first_flip(const cw_rule_set *set, const cw_rule_state *s, uint64_t from,
                            uint64_t bits)

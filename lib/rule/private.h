@@ -92,7 +92,7 @@ bool cw_rule_is_for(const cw_rule_state *state, const cw_protected *made_by);
 
 /* ---- Effects on the bus ---------------------------------------------------------------------- */
 
-/* Traffic of a node is no fault, so its hits are not reported. */
+/* Traffic of a node is not a fault, so its hits are not reported. */
 static inline void cw_rule_report_hit(const cw_rule_set *set, unsigned rule, uint64_t tick)
 {
     if (!set->rules[rule].rule.quiet)
@@ -170,13 +170,12 @@ void cw_rule_count_hit(cw_rule_set *set, unsigned rule, uint64_t reported);
 
 bool cw_rule_is_over(const cw_rule_state *state);
 
-/* Does the same as cw_rule_match(), up to the hit itself: counts a match that is no hit, but not
- * the hit. */
+/* Does the same as cw_rule_match(), except that it does not count the hit itself. */
 bool cw_rule_takes_match(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported);
 
-/* Counts a match that is no hit. Returns false for a hit and changes nothing then; the bit itself
- * will count it. start, reported: ticks of the bit and of its end, or of any other bit with the
- * same result. */
+/* Counts a match that is not a hit. Returns false for a hit and changes nothing then; the bit
+ * itself will count it. start, reported: ticks of the bit and of its end, or of any other bit with
+ * the same result. */
 bool cw_rule_passes_over(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported);
 
 /* ---- arming.c -------------------------------------------------------------------------------- */
@@ -210,11 +209,11 @@ void cw_rule_plan_from(cw_rule_state *state, uint64_t tick);
 /* Puts a rule into the list of those that are looked at in every bit. */
 void cw_rule_wake(cw_rule_set *set, unsigned rule);
 
-/* Takes rules that have nothing to do any more out of the list. */
+/* Takes rules that have nothing left to do out of the list. */
 void cw_rules_fall_asleep(cw_rule_set *set);
 
 /* Unbinds a rule from transmissions that have ended for it: the node has become a receiver or is
- * idle. For a rule on a frame bit they end, too, when the next bit is no frame bit. */
+ * idle. For a rule on a frame bit they end, too, when the next bit is not a frame bit. */
 void cw_rule_unbind_ended(const cw_rule_set *set, cw_rule_state *state);
 
 /* Returns whether the rule has to be looked at in the next bit. */
@@ -222,7 +221,7 @@ bool cw_rule_needs_bits(const cw_rule_state *state);
 
 /* ---- begin.c --------------------------------------------------------------------------------- */
 
-/* Returns whether a rule that is no position action begins to act: its match is a hit. */
+/* Returns whether a rule whose action has no position begins to act: its match is a hit. */
 bool cw_rule_begins(cw_rule_set *set, unsigned rule, uint64_t start, uint64_t reported);
 
 /* Notes a hit, which becomes an event at the end of its bit, a tick. */

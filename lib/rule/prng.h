@@ -21,7 +21,7 @@ void cw_prng_init(cw_prng *prng, uint64_t seed, const char *name);
 /* Returns the next 64 random bits. */
 uint64_t cw_prng_next(cw_prng *prng);
 
-/* Skips so many draws. */
+/* Skips that many draws. */
 void cw_prng_skip(cw_prng *prng, uint64_t draws);
 
 #endif

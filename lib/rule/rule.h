@@ -73,7 +73,7 @@ typedef struct cw_raw_kept {
 
 /* CW_KIND_TRAFFIC but for replies: the frames that the rule sends. */
 typedef struct cw_traffic_kept {
-    uint64_t next_at;     /* SEND, RAW_FRAME: tick of the next frame. Else CW_NEVER */
+    uint64_t next_at;     /* SEND, RAW_FRAME: tick of the next frame. Otherwise CW_NEVER */
     uint64_t busy_base;   /* LOAD: busy time and time when it began */
     uint64_t time_base;
     uint16_t outstanding; /* frames in queues */
@@ -385,7 +385,7 @@ void cw_rules_run_due(cw_rule_set *set);
 
 /* ---- awake.c --------------------------------------------------------------------------------- */
 
-/* Unbinds all rules: no transmission is under way any more. */
+/* Unbinds all rules: no transmission is under way now. */
 void cw_rules_unbind(cw_rule_set *set);
 
 /* ---- look.c ---------------------------------------------------------------------------------- */
@@ -471,11 +471,10 @@ static inline unsigned cw_rules_touch(const cw_rule_set *set)
  * when all these bits are busy. */
 uint64_t cw_rules_keep_quiet(const cw_rule_set *set, uint64_t bits, bool busy);
 
-/* Consumes so many bits that rules keep quiet: their draws are used up. Decides a look (or NULL)
- * within or after them. Returns true when it is no hit, and counts the match. Returns false when it
- * is a hit, or unknown before its bit comes; nothing of the look is consumed then. With a look that
- * is not exact, nothing may keep the node from sending the whole frame.
- */
+/* Consumes that many bits that rules keep quiet: their draws are used up. Decides a look (or NULL)
+ * within or after them. Returns true when it is not a hit, and counts the match. Returns false when
+ * it is a hit, or unknown before its bit comes; nothing of the look is consumed then. With a look
+ * that is not exact, nothing may keep the node from sending the whole frame. */
 bool cw_rules_consume(cw_rule_set *set, uint64_t bits, const cw_look *look,
                       const cw_frame_view *view);
 

@@ -45,7 +45,7 @@ static unsigned bytes_of(const cw_frame *frame)
     return (cw_frame_is_extended(frame) ? 5u : 3u) + cw_frame_length(frame);
 }
 
-/* Returns true when a frame finds room behind so many that the host has not fetched. */
+/* Returns true when a frame finds room behind that many that the host has not fetched. */
 static bool buffers_fits(const cw_buffers *b, unsigned waiting, const cw_frame *frame)
 {
     unsigned bytes = bytes_of(frame);
@@ -80,8 +80,8 @@ static bool asks_in_vain(const cw_bus *bus, unsigned i)
     return bus->nodes[i].mac.modes & silent;
 }
 
-/* Wants overload frames as long as there will be no room for a further frame as this one. The first
- * one comes in place of the intermission, which would begin a bit later. */
+/* Asks for overload frames for as long as there will be no room for another frame like this one.
+ * The first one comes in place of the intermission, which would begin a bit later. */
 static void ask_for_time(cw_bus *bus, unsigned i, const cw_frame *frame)
 {
     const uint64_t bit = cw_rate_ticks(cw_wire_rate(&bus->time), 1);

@@ -34,7 +34,7 @@ static void count_sent(cw_bus *bus, cw_bus_node *n, const cw_queue_slot *slot, u
     cw_delay_add(&n->stats.delay, cw_now(bus) - slot->handed_in);
 }
 
-/* Adds what time-triggered operation has to say of a frame that has been sent. */
+/* Adds what time-triggered operation knows of a frame that has been sent. */
 static void commit_time(cw_bus *bus, unsigned i, const cw_queue_slot *slot, cw_event *e)
 {
     e->trigger = slot->trigger;
@@ -102,7 +102,7 @@ static const cw_frame *sent_frame(const cw_bus_node *n)
     return offered ? offered : offered_slot(n)->frame;
 }
 
-/* Returns true when the accepted content is none that a transmitter sent (section 6 of
+/* Returns true when the accepted content is not what any transmitter sent (section 6 of
  * RULES.md). */
 static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
 {
@@ -118,7 +118,8 @@ static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
     return sent;
 }
 
-/* Returns true when an error of its own has ended a transmission, which has not been told yet. */
+/* Returns true when an error of its own has ended a transmission, and its event is still to
+ * come. */
 static bool stops_now(const cw_bus *bus, unsigned i)
 {
     const cw_mac_report *r = bus->timed.active ? &bus->timed.nodes[i].report : NULL;

@@ -63,7 +63,7 @@ __attribute__((noinline)) void cw_complete_fd(const cw_bus_node *n)
     slot->wire_bits = cw_bits_measure_fd(slot->frame).bits;
 }
 
-/* Puts a frame into the queue, wherever that is. */
+/* Puts a frame into its place in the queue, which must have room. */
 static void enqueue_put(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t tick)
 {
     cw_bus_node *n = &bus->nodes[i];

@@ -82,7 +82,7 @@ __attribute__((flatten)) static bool hand_in_now(cw_bus *bus, unsigned i,
     return true;
 }
 
-/* A bus without FD drops an FD frame later. The event then has the begin of its data. */
+/* A bus without FD drops an FD frame later. The event then has the start of its data. */
 static void inbox_put(const cw_bus *bus, cw_inbox_entry *entry, unsigned node,
                       const cw_frame *frame, uint64_t at_tick, unsigned trigger)
 {
@@ -199,7 +199,7 @@ static void hand_in_triggered(cw_bus *bus, const cw_inbox_entry *entry)
         bus->tt[i].stats[entry->trigger - 1].missed++;
 }
 
-/* Rules on the host side see the frame first, then it is queued. */
+/* Rules on the host side see the frame before it is queued. */
 __attribute__((flatten)) static void hand_in(cw_bus *bus, cw_inbox_entry *entry)
 {
     cw_frame *frame = entry->frame; /* with room for what rules make of it */
@@ -240,7 +240,7 @@ static void take_nth(cw_bus *bus, unsigned n)
 }
 
 /* It is never inlined: its copies would take the registers that a clean frame needs. All that it
- * calls is, as for hand_in_now(). */
+ * calls is inlined, as for hand_in_now(). */
 __attribute__((noinline, flatten)) void cw_take_inbox(cw_bus *bus, uint64_t tick)
 {
     while (cw_inbox_first(bus) < tick)

@@ -15,7 +15,7 @@ static bool takes_sof(const cw_mac *m, bool level)
     return third || m->phase == CW_MAC_IDLE || m->phase == CW_MAC_SUSPEND;
 }
 
-/* Returns what is true of the frames of all transmitters, of CW_BITS_*. */
+/* Returns the CW_BITS_* that the frames of all transmitters have in common. */
 static unsigned format_sent(const cw_bus *bus)
 {
     unsigned common = CW_BITS_EXTENDED | CW_BITS_FD;
@@ -89,7 +89,7 @@ static void note_node(cw_bus *bus, unsigned i, const cw_mac *m, bool sampled)
     if (!m->driven && !hidden)
         clear_bit(&note->wanted, i);
     note_place(bus, &note->nodes[i], m, level);
-    if (bus->listening >> i & 1u) /* nobody sees that it does */
+    if (bus->listening >> i & 1u) /* nobody sees it do so */
         note->nodes[i] = (cw_bit_node){.phase = CW_MAC_ASLEEP};
 }
 

@@ -147,7 +147,7 @@ void cw_queue_remove(cw_queue *q, uint16_t slot)
 {
     assert(q->count > 0);
     unsigned last = --q->count;
-    unsigned place = last; /* mostly the frame that goes first is removed */
+    unsigned place = last; /* usually the frame that goes first is removed */
     while (q->order[place].slot != slot) {
         assert(place > 0);
         place--;

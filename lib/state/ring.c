@@ -10,7 +10,7 @@
 #include <assert.h>
 #include <string.h>
 
-/* Returns the most events of a bit, with so many frames in queues, in the inbox and held by
+/* Returns the most events of a bit, with that many frames in queues, in the inbox and held by
  * rules. */
 static uint64_t worst_bit(const cw_bus *bus, uint64_t queued, uint64_t handed_in, uint64_t held)
 {
@@ -143,7 +143,7 @@ static inline void ring_clear(cw_event *event)
     memset((unsigned char *)event + half, 0, size - half);
 }
 
-/* Returns true when the newest event comes after a new one that is no fault. */
+/* Returns true when the newest event comes after a new one that is not a fault. */
 static bool newest_comes_behind(cw_event_ring *ring, cw_event_kind kind, uint64_t tick,
                                 uint64_t nodes)
 {

@@ -19,7 +19,7 @@ static uint64_t lost_share(const cw_bus *bus, unsigned i)
     return takes_part ? bus->shares.lost - bus->nodes[i].lost_before : 0;
 }
 
-/* The first attempt of a frame is no retransmission. */
+/* The first attempt of a frame is not a retransmission. */
 static uint64_t retransmissions(const cw_bus *bus, unsigned i, uint64_t attempts)
 {
     const cw_queue *q = &bus->nodes[i].queue;

@@ -32,7 +32,7 @@
 #include "state/tt.h"
 #include "time/wire.h"
 
-#define CW_WRONG_CRC 0x8u /* beside CW_DEVIATES_*: the last bit of the CRC is inverted */
+#define CW_WRONG_CRC 0x8u /* besides CW_DEVIATES_*: the last bit of the CRC is inverted */
 
 typedef struct cw_bus_node {
     cw_mac mac;
@@ -53,7 +53,7 @@ typedef struct cw_restart_times {
     uint64_t off_at; /* tick of the last bus-off */
 } cw_restart_times;
 
-/* The begin of a transmission, for the order of arbitration; see order.c. */
+/* The start of a transmission, for the order of arbitration; see order.c. */
 typedef struct cw_start {
     uint64_t tick;  /* of its SOF */
     uint64_t ready; /* nodes with frames that could have taken part in the arbitration */
@@ -316,7 +316,7 @@ static inline void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
 }
 
 /* Takes the frames of a node that are due now out of the inbox, up to the first one of another
- * node. Those that came behind a restart request stay while it is due. */
+ * node. Those that came after a restart request stay while it is due. */
 void cw_take_inbox_of(cw_bus *bus, unsigned node);
 
 /* Does the same with the frames of a node that come before a tick, wherever they are. */
@@ -352,7 +352,7 @@ void cw_find_node_due(cw_bus *bus);
  * filters let it pass. Counts it otherwise. */
 bool cw_buffers_accept(cw_bus *bus, unsigned node, const cw_frame *frame);
 
-/* Takes a frame for the host of a node. The caller does not need it any more. */
+/* Takes a frame for the host of a node. The caller no longer needs it. */
 void cw_buffers_receive(cw_bus *bus, unsigned node, cw_frame *frame, const cw_frame_origin *origin);
 
 /* Hands out the frames that the host of a node has fetched by now. */
@@ -430,7 +430,7 @@ bool cw_mailboxes_answer(cw_bus *bus, unsigned node, const cw_frame *frame);
 /* Gives the replies in the queue of a node the data last written. */
 void cw_mailboxes_load_now(cw_bus *bus, unsigned node);
 
-/* Does so before its next transmission begins. */
+/* Does this before its next transmission begins. */
 static inline void cw_mailboxes_load(cw_bus *bus, unsigned node)
 {
     if (bus->replying >> node & 1u)
@@ -466,7 +466,7 @@ void cw_sleep_wake(cw_bus *bus, unsigned node, cw_wake why);
 /* Ends the sleep of a node that is bus-off or reset, without an event. */
 void cw_sleep_forget(cw_bus *bus, unsigned node);
 
-/* Wakes nodes whose hosts want it, and lets those integrate that are due. */
+/* Wakes nodes whose hosts want it, and lets those that are due integrate. */
 void cw_sleep_run(cw_bus *bus, unsigned node);
 
 /* Takes a frame that a sleeping node has received: it may wake it. */
@@ -528,7 +528,7 @@ void cw_tt_retime(cw_bus *bus, unsigned node, cw_instant from);
 /* Gives a node another unit of local time, with its next bit timing. */
 void cw_tt_give_unit(cw_bus *bus, unsigned node, cw_span unit, cw_span quantum);
 
-/* Note what has become of the frame in a slot of a queue. The node has begun to send it at a tick,
+/* Note how the frame in a slot of a queue has fared. The node has begun to send it at a tick,
  * has lost arbitration with it, or has given it up after its only attempt. */
 void cw_tt_started(cw_bus *bus, unsigned node, unsigned slot, uint64_t tick);
 void cw_tt_lost(cw_bus *bus, unsigned node, unsigned slot);
@@ -538,7 +538,7 @@ void cw_tt_failed(cw_bus *bus, unsigned node, unsigned slot);
 void cw_tt_received(cw_bus *bus, unsigned node, const cw_frame *frame, uint64_t from);
 void cw_tt_sent(cw_bus *bus, unsigned node, const cw_queue_slot *slot);
 
-/* Returns the ticks from its trigger to the begin of the frame that a node has just sent. */
+/* Returns the ticks from its trigger to the start of the frame that a node has just sent. */
 uint64_t cw_tt_late(const cw_bus *bus, unsigned node, const cw_queue_slot *slot);
 
 /* Returns the bits of a local time that the host of the node sees. */
@@ -650,7 +650,7 @@ void cw_leave(cw_bus *bus, uint64_t nodes);
 /* ---- topology.c ------------------------------------------------------------------------------ */
 
 /* Takes nodes off the bus, moves them to other wires and forbids them to acknowledge, as the active
- * rules and the hosts demand. Undoes all that no rule and no host demands any more. */
+ * rules and the hosts demand. Undoes all that is no longer demanded. */
 void cw_apply_topology(cw_bus *bus);
 
 /* Returns the wired-AND of each wire, as its nodes see it. */
@@ -664,7 +664,7 @@ cw_span cw_data_quantum(cw_span nominal, const cw_data_timing *data);
 cw_bit_timing cw_data_bit_timing(const cw_data_timing *data, const cw_bit_timing *nominal);
 cw_span cw_data_clock(const cw_data_timing *data, const cw_bit_timing *nominal);
 
-/* Gives a node its data phase, beside its nominal bit timing. Some node must have a data rate. */
+/* Gives a node its data phase, besides its nominal bit timing. Some node must have a data rate. */
 void cw_timed_set_data(cw_bus *bus, unsigned node, const cw_data_timing *data);
 
 /* Returns the nodes whose present bit goes by the data rate. */
@@ -729,7 +729,7 @@ static inline uint64_t cw_busy_bits_so_far(const cw_bus *bus)
  * cw_event_kind. */
 void cw_commit_node(cw_bus *bus, unsigned node, const cw_mac_report *report);
 
-/* Does so before the controller or the frames of a node are thrown away. By a clock of its own it
+/* Does this before the controller or the frames of a node are thrown away. By a clock of its own it
  * may have sampled its bit and not ended it. */
 void cw_commit_early(cw_bus *bus, unsigned node);
 
@@ -743,21 +743,22 @@ void cw_note_end(cw_bus *bus, unsigned node, uint64_t tick);
 /* Notes that something at this place ends a transmission, unless it has ended before. */
 void cw_note_stopped(cw_bus *bus, unsigned node, cw_place place);
 
-/* Does so for a node that is taken from its transmission, if it has one. */
+/* Does this for a node that is taken from its transmission, if it has one. */
 void cw_note_left(cw_bus *bus, unsigned node);
 
-/* Does so for an error that a node reports. All nodes do it before the first receiver has its frame
- * in the same bit. */
+/* Does this for an error that a node reports. All nodes do it before the first receiver has its
+ * frame in the same bit. */
 void cw_note_report(cw_bus *bus, unsigned node, const cw_mac_report *report);
 
-/* Commits that the node has sent the frame of its offered slot, in so many bits from SOF to EOF. */
+/* Commits that the node has sent the frame of its offered slot, in that many bits from SOF to
+ * EOF. */
 void cw_commit_sent(cw_bus *bus, unsigned node, unsigned wire_bits);
 
 /* Commits that the node has received a frame. */
 void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
 
 /* Commits that some nodes, at least one, have received the frame of a sender as it was sent, with
- * so many bytes of data. No rule acts on it on the host side. The caller fills the frame into the
+ * that many bytes of data. No rule acts on it on the host side. The caller fills the frame into the
  * event. */
 cw_event *cw_receive_together(cw_bus *bus, unsigned sender, uint64_t receivers, unsigned bytes);
 

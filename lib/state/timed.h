@@ -14,7 +14,7 @@
 #include "time/pcs.h"
 
 /* The next thing that a node does. At one moment all looks come first, then all ends, then all
- * begins. */
+ * starts. */
 typedef enum cw_doing {
     CW_LOOKS = 0, /* at the wire, to sample it, or because an edge may have come */
     CW_ENDS,      /* its bit */
@@ -45,7 +45,7 @@ typedef struct cw_timed_node {
     cw_span first_arrival; /* of a dominant edge of the present rise, see cw_cable */
     cw_span last_arrival;  /* of any dominant edge so far */
     cw_bit_timing timing;
-    cw_pcs begun;      /* the begin of any bit, by the bit timing */
+    cw_pcs begun;      /* the start of any bit, by the bit timing */
     cw_span to_sample; /* from there to the sample point, when no edge moves it */
     cw_mac_report report; /* of the last sample, to be committed, too */
 } cw_timed_node;
@@ -63,7 +63,7 @@ typedef struct cw_agenda_list {
     cw_agenda_entry *behind; /* the last one */
 } cw_agenda_list;
 
-/* The next thing of each node: looks, ends and begins. A bit that begins comes before nearly all
+/* The next thing of each node: looks, ends and starts. A bit that begins comes before nearly all
  * looks, so that one list would be moved about. */
 typedef struct cw_agenda {
     cw_agenda_list looks;
@@ -83,7 +83,7 @@ typedef struct cw_clean_proof {
     uint64_t harmless[CW_NODES_MAX];     /* for a sender: nodes that read it right, or not at all */
     cw_span last_arrival[CW_NODES_MAX];  /* the longest delay of a recessive edge from a node */
     cw_span bit[CW_NODES_MAX];           /* of each node */
-    cw_span to_sample[CW_NODES_MAX];     /* from the begin of a bit */
+    cw_span to_sample[CW_NODES_MAX];     /* from the start of a bit */
     cw_span to_first_look[CW_NODES_MAX]; /* ... to the first of three looks for a sample (T7) */
 } cw_clean_proof;
 
@@ -106,7 +106,7 @@ typedef struct cw_timed_rates {
     cw_data_stats stats;
 } cw_timed_rates;
 
-/* Nodes whose levels rules have changed in a bit time, after its begin. */
+/* Nodes whose levels rules have changed in a bit time, after its start. */
 typedef struct cw_bit_faults {
     uint64_t tx;
     uint64_t wire;
@@ -153,7 +153,7 @@ typedef struct cw_timed {
     cw_mark *marks;          /* of this bit time */
     unsigned mark_room;
     unsigned mark_count;
-    unsigned noted_marks;    /* those before the levels at the begin of the bit time were noted */
+    unsigned noted_marks;    /* those before the levels at the start of the bit time were noted */
     uint64_t noted_dominant; /* nodes that drove dominant just then */
     bool together;           /* all bits began with the bit time, but of nodes that nobody sees */
     cw_bit_faults faults;
@@ -235,7 +235,7 @@ static inline const cw_bit_timing *cw_timing_at(const cw_timed_rates *rates, boo
     return fast ? &rates->data : &rates->nominal;
 }
 
-/* Begins the next bit of a node, at its planned begin or with the quantum of an edge. */
+/* Begins the next bit of a node, at its planned start or with the quantum of an edge. */
 static inline void cw_timed_begin(cw_timed_node *n)
 {
     n->begin = n->looked = n->next_begin;
@@ -246,7 +246,7 @@ static inline void cw_timed_begin(cw_timed_node *n)
 
 /* Makes a node that is ahead begin its bit as others do: it has begun, or that is on the agenda.
  * This comes before a controller or its bit timing is changed, since it may drive another level
- * then. It also comes before rules act, since they have to see the begin. */
+ * then. It also comes before rules act, since they have to see the start. */
 void cw_timed_settle(cw_timed *timed, unsigned node);
 
 /* Makes nodes take the edges that have come up to now. This comes before levels of the past become

@@ -43,8 +43,8 @@ void cw_bind_rules(cw_bus *bus, unsigned i, const cw_frame *frame, unsigned sour
     cw_mac_encode(&n->mac, frame, (wrong_crc ? 1 : 0) | deviations << CW_DEVIATES_SHIFT);
 }
 
-/* Returns the tick at which the SOF of a frame began that a node has begun to send. It may have
- * joined a SOF that came from another node (M6). */
+/* Returns the tick at which the SOF of a node's frame began, which the node has begun to send. It
+ * may have joined a SOF that came from another node (M6). */
 static uint64_t begin_of_sof(const cw_bus *bus, const cw_mac *m)
 {
     const uint64_t bit = cw_rate_ticks(cw_wire_rate(&bus->time), 1);
@@ -100,7 +100,8 @@ static uint64_t drive_all(cw_bus *bus)
 
 /* ---- One bit: state of the wire -------------------------------------------------------------- */
 
-/* Notes for so many bits that a flag is on the wire, or not. Skipped bits begin and end no flag. */
+/* Notes for that many bits that a flag is on the wire, or not. Skipped bits begin and end no
+ * flag. */
 static void watch_flag(cw_flag_watch *w, bool now, uint64_t bits, uint64_t *frames)
 {
     if (now && !w->now)

@@ -3,7 +3,7 @@
  * doze.c - sleeping nodes wait for a dominant phase that is long enough to wake them.
  *
  * Their transceivers look at the wire without a clock. Levels change with the bits where these are
- * common to all nodes. Elsewhere a node looks at the end of each of its quanta, from the begin of
+ * common to all nodes. Elsewhere a node looks at the end of each of its quanta, from the start of
  * a bit time of the bus. It is woken at the end of the bit, or of the bit time.
  */
 #include "step/quantum.h"

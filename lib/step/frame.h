@@ -75,14 +75,14 @@ static inline cw_frame_view cw_frame_step_view(const cw_frame_step *step)
                            .at = step->at, .length = step->length, .last = CW_NOT_LOST};
 }
 
-/* Decides the look of the step. Returns true when the match is counted and is no hit. */
+/* Decides the look of the step. Returns true when the match is counted and is not a hit. */
 static inline bool cw_frame_step_consume_look(cw_bus *bus)
 {
     const cw_frame_view view = cw_frame_step_view(&bus->frame_step);
     return cw_rules_consume(&bus->rules, 0, &bus->frame_step.look, &view);
 }
 
-/* Returns true when noise flips none of so many bits to come. */
+/* Returns true when noise flips none of the bits to come. */
 static inline bool cw_frame_step_is_noise_free(const cw_bus *bus, unsigned bits)
 {
     return bus->rules.awake_count == 0 || cw_rules_keep_quiet(&bus->rules, bits, true) == bits;
@@ -151,7 +151,7 @@ unsigned cw_frame_step_fast_bits(const cw_bus *bus, uint64_t tick, unsigned most
 /* Adds the next bits of the frame to the statistics. */
 void cw_frame_step_count_fast(cw_bus *bus, unsigned bits);
 
-/* Does so with a whole frame, which has so many bits with its intermission. */
+/* Does this for a whole frame, which has that many bits with its intermission. */
 void cw_frame_step_count_whole_fast(cw_bus *bus, unsigned bits);
 
 /* Passes some bits. */

@@ -11,7 +11,7 @@
 
 /* ---- Conditions ------------------------------------------------------------------------------ */
 
-/* Cheap checks come first, since this runs for every bit in the middle of a frame. */
+/* Cheap checks come first, since this runs for every bit within a frame. */
 static bool can_begin(cw_bus *bus)
 {
     if (bus->waiting == 0 || bus->group_count > 1 || bus->pending || bus->dozing ||
@@ -147,8 +147,8 @@ static void refresh_esi(cw_bus_node *n, cw_queue_slot *slot)
 }
 
 /* Prepares the first frame of the winner on a bus with FD, or with controllers that are of CAN 2.0A
- * or refuse a DLC. On other buses nothing of this changes. Returns false when the frame is no clean
- * one: some node does not know it (D17). It is not inlined, since most buses have neither. */
+ * or refuse a DLC. On other buses none of this changes. Returns false when the frame is not
+ * clean: some node does not know it (D17). It is not inlined, since most buses have neither. */
 __attribute__((noinline)) static bool prepare_format(cw_bus *bus, unsigned winner)
 {
     cw_bus_node *n = &bus->nodes[winner];
@@ -178,7 +178,7 @@ __attribute__((noinline)) static bool wins_improperly(cw_bus *bus, unsigned winn
     return cw_order_is_improper(bus, winner, cw_queue_first(&bus->nodes[winner].queue));
 }
 
-/* Finds when the arbitration is over that the winner has won improperly. */
+/* Finds when the arbitration that the winner has won improperly is over. */
 static void find_won(cw_frame_step *step)
 {
     const bool extended = cw_frame_is_extended(&step->frame);
@@ -187,7 +187,7 @@ static void find_won(cw_frame_step *step)
     step->won_at = (uint8_t)(cw_wire_index(&stuffing, end - 1) + 1u);
 }
 
-/* Notes the SOF for all that see it, and the begin of the slots' frames. */
+/* Notes the SOF for all that see it, and the start of the slots' frames. */
 static void note_times(cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;

@@ -15,7 +15,7 @@ static uint64_t saved_by(const cw_bus *bus, unsigned n)
     return cw_fast_saved(&bus->timed.fast, &bus->frame_step.fast, n);
 }
 
-/* Returns the number, but at least and at most so much. */
+/* Returns the number, kept between the two limits. */
 static unsigned limit(unsigned n, unsigned least, unsigned most)
 {
     n = n < least ? least : n;

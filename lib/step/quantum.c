@@ -21,7 +21,7 @@ static cw_timed_node *node_at(cw_bus *bus, unsigned i)
     return &bus->timed.nodes[i];
 }
 
-/* Returns the moment that many quanta after the begin of the node's bit. */
+/* Returns the moment that many quanta after the start of the node's bit. */
 static cw_span after_quanta(const cw_timed_node *n, unsigned quanta)
 {
     return n->begin + quanta * n->timing.quantum;
@@ -73,13 +73,13 @@ static void check_calm(cw_bus *bus)
         bus->timed.calm = false;
 }
 
-/* Notes that the next bit time begins in another way than the present one. */
+/* Notes that the next bit time begins in a different way from the present one. */
 static void end_steadiness(cw_bus *bus)
 {
     bus->timed.steady_at = CW_NEVER;
 }
 
-/* Returns true when a node has nothing to do at the begin of its next bit. It keeps its level, and
+/* Returns true when a node has nothing to do at the start of its next bit. It keeps its level, and
  * cannot begin to send a frame that comes meanwhile. Such a node drives the bit beforehand. */
 static bool goes_ahead(cw_bus *bus, unsigned i)
 {
@@ -153,7 +153,7 @@ void cw_timed_alert(cw_bus *bus)
 
 /* ---- Begin of a bit -------------------------------------------------------------------------- */
 
-/* Puts a level onto the node's wire, if it is another one than before. */
+/* Puts a level onto the node's wire, if it differs from the one before. */
 static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
 {
     cw_timed_node *n = node_at(bus, i);
@@ -176,7 +176,7 @@ static void put_level(cw_bus *bus, unsigned i, bool level, cw_span moment)
 static void drive(cw_bus *bus, unsigned i, cw_span moment)
 {
     cw_bus_node *n = &bus->nodes[i];
-    if (cw_inbox_first(bus) <= cw_tick_of(bus, moment)) { /* it comes just now */
+    if (cw_inbox_first(bus) <= cw_tick_of(bus, moment)) { /* it comes at this moment */
         cw_take_inbox_of_before(bus, i, cw_tick_of(bus, moment + 1));
         end_steadiness(bus);
     }
@@ -262,8 +262,8 @@ static bool all_look_at(const cw_agenda *agenda, cw_span moment)
 
 /* Returns the tick up to which a node takes frames at its sample point. The controller cannot tell
  * when in the bit they come. One that comes behind the bit time can begin with this bit only behind
- * a SOF in intermission (M6). Else it is not taken now: its drop would be an event of a later bit
- * time. */
+ * a SOF in intermission (M6). Otherwise it is not taken now: its drop would be an event of a later
+ * bit time. */
 static uint64_t end_of_frames(const cw_bus *bus, unsigned i, cw_span end_of_bit)
 {
     const bool joins = bus->nodes[i].mac.phase == CW_MAC_INTERMISSION &&
@@ -272,7 +272,7 @@ static uint64_t end_of_frames(const cw_bus *bus, unsigned i, cw_span end_of_bit)
     return joins ? end : cw_least(end, cw_bit_end(bus));
 }
 
-/* Not inlined, since mostly no frame comes. */
+/* Not inlined, since usually no frame comes. */
 __attribute__((noinline)) static void take_some_frames(cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_span end_of_bit = node_at(bus, i)->next_begin;
@@ -494,7 +494,7 @@ static void disturb(cw_bus *bus, uint64_t nodes, cw_span begin, cw_span end)
         cw_timed_alert(bus);
 }
 
-/* Lets controllers drive anew that rules or hosts have changed in the middle of their bits. */
+/* Lets controllers that rules or hosts have changed in the middle of their bits drive anew. */
 static void drive_again(cw_bus *bus, cw_span moment)
 {
     for (uint64_t rest = bus->timed.touched; rest; rest &= rest - 1) {
@@ -506,8 +506,8 @@ static void drive_again(cw_bus *bus, cw_span moment)
     bus->timed.touched = 0;
 }
 
-/* Lets nodes synchronise again that have been taken out of the data phase as transmitters. Edges of
- * before count no more. */
+/* Lets transmitters that have been taken out of the data phase synchronise again. Earlier edges no
+ * longer count. */
 static void open_ears(cw_bus *bus)
 {
     uint64_t opened = 0;

@@ -56,7 +56,7 @@ static inline void cw_timed_retime(cw_bus *bus, unsigned node)
     n->retimed = false;
 }
 
-/* Returns the quanta of a node that fit into a span. Mostly none does: edges come in Sync_Seg. */
+/* Returns the quanta of a node that fit into a span. Usually none does: edges come in Sync_Seg. */
 static inline cw_span cw_quanta_in(const cw_timed_node *n, cw_span span)
 {
     return span < n->timing.quantum ? 0 : span / n->timing.quantum;
@@ -65,7 +65,7 @@ static inline cw_span cw_quanta_in(const cw_timed_node *n, cw_span span)
 /* ---- quantum.c ------------------------------------------------------------------------------- */
 
 /* Begins the bits of nodes with which a bit time begins, and returns these nodes. Also lets
- * controllers drive anew that have been changed from outside. */
+ * controllers that have been changed from outside drive anew. */
 uint64_t cw_timed_begin_bits(cw_bus *bus, cw_span begin);
 
 /* Lets rules act on levels in a bit time, with which the bits of some nodes begin. */
@@ -107,8 +107,8 @@ void cw_timed_levels_at_source(const cw_bus *bus, cw_levels *levels, uint64_t do
 void cw_timed_levels_at_nodes(const cw_bus *bus, uint64_t *came, uint64_t *sampled,
                               cw_span moment);
 
-/* Returns the level that its controller takes at a sample point (T7). Mostly all edges have arrived
- * long before. */
+/* Returns the level that its controller takes at a sample point (T7). Usually all edges have
+ * arrived long before. */
 bool cw_timed_find_sample(const cw_bus *bus, unsigned node, cw_span moment);
 
 /* Returns the level that a node samples. In the calm all nodes have seen the last edge. */
@@ -125,7 +125,7 @@ static inline bool cw_timed_sample(const cw_bus *bus, unsigned node, cw_span mom
  * CW_SPAN_MAX: none does. */
 cw_span cw_timed_next_edge(const cw_bus *bus, unsigned node, cw_span until);
 
-/* Returns false when it has none for sure: no dominant edge is under way to it. */
+/* Returns false when it has none for certain: no dominant edge is under way to it. */
 static inline bool cw_timed_edge_may_come(const cw_bus *bus, const cw_timed_node *n)
 {
     return n->last_arrival >= n->looked || !bus->timed.calm;
@@ -198,7 +198,7 @@ cw_span cw_timed_common_begin(const cw_bus *bus);
 /* Returns true when bits of all nodes begin with the bit time, but of those that nobody sees. */
 bool cw_timed_begins_together(const cw_bus *bus);
 
-/* Lets nodes know the level of the wire that neither drive nor sample it. The bit time ends, and
+/* Lets nodes that neither drive nor sample the wire know its level. The bit time ends, and
  * all nodes have the same bit timings. */
 void cw_timed_show_wire(cw_bus *bus);
 
@@ -207,7 +207,7 @@ void cw_timed_show_wire(cw_bus *bus);
 void cw_timed_set_bit(cw_bus *bus, cw_span common);
 
 /* Returns true when all nodes begin a bit at the present tick. Those that are away do so from the
- * first bit time on that the others have in common. */
+ * first bit time that the others have in common. */
 bool cw_timed_all_begin(const cw_bus *bus);
 
 /* Returns true when all bits begin together at the present tick, as far as that can be. */
@@ -225,10 +225,10 @@ cw_span cw_timed_earliest_look(const cw_bus *bus);
 void cw_timed_begin_wires(cw_bus *bus);
 
 /* Returns true when the nodes are on the wires of the bus. Forgets the old wires when nobody looks
- * back to them any more. */
+ * back to them. */
 bool cw_timed_forget_wires(cw_bus *bus, cw_span moment);
 
-/* Puts the nodes onto the wires of the bus: what they see of times behind a moment, they see there.
+/* Puts the nodes onto the wires of the bus: what they see of times before a moment, they see there.
  */
 void cw_timed_take_wires(cw_bus *bus, cw_span moment);
 
@@ -237,7 +237,7 @@ void cw_timed_rebase_wires(cw_timed *timed, cw_span by);
 
 /* ---- quantum_ringing.c ----------------------------------------------------------------------- */
 
-/* Forgets former ringing when no node looks back to it any more. */
+/* Forgets former ringing when no node looks back to it. */
 void cw_timed_forget_ringing(cw_bus *bus);
 
 void cw_timed_rebase_ringing(cw_timed *timed, cw_span by);
@@ -252,14 +252,14 @@ void cw_sync_begin_bit_time(cw_bus *bus);
 void cw_mark_put(cw_bus *bus, cw_mark_kind kind, unsigned node, cw_span moment, bool level,
                  int phase_error);
 
-/* Notes the level that a controller takes, and whether a rule has made it another one than that of
- * the wire. */
+/* Notes the level that a controller takes, and whether a rule has made it differ from that of the
+ * wire. */
 void cw_mark_sample(cw_bus *bus, unsigned node, cw_span moment, bool level);
 
-/* Notes what nodes drive when the levels at the begin of the bit time are noted. */
+/* Notes what nodes drive when the levels at the start of the bit time are noted. */
 void cw_marks_note(cw_bus *bus);
 
-/* Adds what becomes of these levels in the bit time. Takes all marks out of one whose bits are
+/* Adds how these levels change in the bit time. Takes all marks out of one whose bits are
  * common to all nodes, and which no rule touches inside. */
 void cw_marks_end(cw_bus *bus, cw_span end);
 
@@ -277,7 +277,7 @@ void cw_sync_count_sample(cw_bus *bus, unsigned node, bool level, cw_span moment
 /* ---- quantum_rest.c -------------------------------------------------------------------------- */
 
 /* Puts a node into the recessive bit in which it is at a moment; it must have no entry on the
- * agenda. It goes by its own clock from the begin of one of its bits on, the first of those that it
+ * agenda. It goes by its own clock from the start of one of its bits on, the first of those that it
  * has not sampled. Returns how many of them it has sampled by then. */
 unsigned cw_timed_place(cw_bus *bus, unsigned node, cw_span first, cw_span moment);
 
@@ -298,7 +298,7 @@ typedef struct cw_common_edge {
     cw_span drive[CW_NODES_MAX];   /* of drivers: the moment at which they drive it */
     cw_span arrival[CW_NODES_MAX]; /* of the first edge of another node */
     cw_span sample[CW_NODES_MAX];
-    cw_span next[CW_NODES_MAX]; /* the begin of the next bit, which is recessive */
+    cw_span next[CW_NODES_MAX]; /* the start of the next bit, which is recessive */
     cw_span released;           /* the wire is recessive everywhere */
 } cw_common_edge;
 

@@ -8,13 +8,13 @@
  */
 #include "step/quantum.h"
 
-/* The begin of a bit as it is counted, and the moment at which it is driven (T12). */
+/* The start of a bit as it is counted, and the moment at which it is driven (T12). */
 typedef struct begin_of_bit {
     cw_span counted;
     cw_span driven;
 } begin_of_bit;
 
-/* Returns the begin of a bit before which an edge comes. The edge ends the bit before it, or makes
+/* Returns the start of a bit before which an edge comes. The edge ends the bit before it, or makes
  * it shorter (T4, T5). */
 static begin_of_bit begin_early(const cw_timed_node *n, cw_span planned, cw_span arrival, bool hard)
 {

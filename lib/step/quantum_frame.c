@@ -31,7 +31,7 @@ typedef struct clean_frame {
     const cw_frame *frame;
     uint64_t due;      /* tick at which it comes out of the inbox; 0: it waits */
     unsigned length;   /* bits, SOF to EOF */
-    cw_span now;       /* the begin of the step */
+    cw_span now;       /* the start of the step */
     cw_span begin;     /* of SOF */
     cw_span until;     /* the end of the step */
     cw_span busy;      /* up to there the bus is busy with the frame before */
@@ -137,7 +137,7 @@ static bool find_ready(clean_frame *f, const cw_bus *bus, unsigned i, cw_span *r
     return true;
 }
 
-/* Returns the first begin of a bit of an idle node at which it has a frame that comes at a tick. */
+/* Returns the first start of a bit of an idle node at which it has a frame that comes at a tick. */
 static cw_span begin_after(const cw_bus *bus, uint64_t due, unsigned i, cw_span ready)
 {
     const cw_span bit = bus->timed.proof.bit[i];
@@ -145,7 +145,7 @@ static cw_span begin_after(const cw_bus *bus, uint64_t due, unsigned i, cw_span 
     return comes <= ready ? ready : ready + (comes - ready + bit - 1) / bit * bit;
 }
 
-/* Finds the begin of the frame, and whether all nodes take it for one. */
+/* Finds the start of the frame, and whether all nodes take it for one. */
 static bool find_begin(clean_frame *f, cw_bus *bus)
 {
     const cw_cable *cable = &bus->timed.cable;
@@ -260,7 +260,7 @@ static bool find_end(clean_frame *f, const cw_bus *bus)
            f->ack.released + bus->timed.cable.longest < last_rx;
 }
 
-/* Returns the tick at which the first frame comes that is not the one on its way. */
+/* Returns the tick of the first frame to come, apart from the one on its way. */
 static uint64_t next_frame_at(const cw_bus *bus, const clean_frame *f)
 {
     const cw_inbox *in = &bus->inbox;
@@ -281,7 +281,7 @@ static bool takes_all(const cw_bus *bus)
     return true;
 }
 
-/* Nothing must come in but frames for later, when they cannot join the SOF any more (M6). */
+/* Nothing must come in but frames for later, when it is too late to join the SOF (M6). */
 static bool is_undisturbed(const cw_bus *bus, const clean_frame *f, uint64_t tick)
 {
     const uint64_t end = cw_tick_of(bus, f->until), first = next_frame_at(bus, f);
@@ -383,7 +383,7 @@ static void finish_transmission(cw_bus *bus, const clean_frame *f)
     cw_mac *m = &bus->nodes[i].mac;
     const cw_span end = f->ack.next[i] + BITS_TO_EOF * bus->timed.proof.bit[i];
     cw_wire_go_to(&bus->time, cw_tick_of(bus, end));
-    cw_take_inbox_before(bus, cw_now(bus)); /* it waits beside the frame that ends */
+    cw_take_inbox_before(bus, cw_now(bus)); /* it waits while the other frame ends */
     cw_confinement_tx_success(&m->confinement);
     m->reported_state = m->confinement.state;
     cw_commit_sent(bus, i, f->length);

@@ -15,7 +15,7 @@ static bool last_driven(const cw_mac *mac)
                                                                                   : CW_DOMINANT;
 }
 
-/* Notes that all edges on the line, which may be still under way, are no rise that the node can
+/* Notes that all edges on the line, which may be still under way, are not a rise that the node can
  * follow. */
 static void forget_arrivals(const cw_cable *cable, cw_timed_node *n)
 {
@@ -106,7 +106,7 @@ static void take_over_edges(cw_cable *cable, const cw_cable *old, const uint8_t 
         if (edge.node != CW_NO_NODE)
             cw_cable_put(cable, &edge);
     }
-    cable->rise_from = CW_SPAN_MAX; /* nodes may be dominant without an edge of late */
+    cable->rise_from = CW_SPAN_MAX; /* nodes may be dominant without a recent edge */
 }
 
 /* The nodes are on the wires of the old bus, until the next bit time begins. */
@@ -150,7 +150,7 @@ void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from)
 
 /* ---- Back to the grid ------------------------------------------------------------------------ */
 
-/* Returns true when a node begins a bit at a moment, on time: not with an edge of before. Nothing
+/* Returns true when a node begins a bit at a moment, on time: not with an earlier edge. Nothing
  * is left to be done before the moment. */
 static bool begins_at(const cw_timed *t, unsigned i, cw_span moment)
 {

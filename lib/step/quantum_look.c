@@ -17,7 +17,7 @@ static uint64_t wire_of(const cw_bus *bus, unsigned i, cw_span moment)
     return cw_node_bit(i);
 }
 
-/* Returns the level of the wire that does not swing. */
+/* Returns the level of a wire that does not swing. */
 static bool calm_level(const cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_timed *t = &bus->timed;
@@ -57,7 +57,7 @@ static void set_bit(uint64_t *levels, unsigned i, bool level)
     *levels = level ? *levels | cw_node_bit(i) : *levels & ~cw_node_bit(i);
 }
 
-/* Returns the wired AND of levels, for each node that of its wire. */
+/* Returns the wired AND of the levels on each node's wire. */
 static uint64_t wired_and(const cw_wires *wires, uint64_t driven)
 {
     uint64_t level = UINT64_MAX;

@@ -11,7 +11,7 @@
 
 #define BITS 10 /* between two falling edges, at most, and from the last one to the ACK slot */
 
-/* A frame with all that belongs to it has less than 256 bits. */
+/* A frame with all that belongs to it has fewer than 256 bits. */
 #define LONGEST_BIT ((cw_span)(CW_LEAP_TICKS / 256) * CW_TICK)
 
 static cw_span lesser(cw_span a, cw_span b)

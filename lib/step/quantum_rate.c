@@ -19,7 +19,7 @@ static cw_timed_rates *rates_of(cw_bus *bus, unsigned i)
     return &bus->timed.rates[i];
 }
 
-/* Goes on with a bit at its sample point as if it had been at the other rate since its begin. */
+/* Goes on with a bit at its sample point as if it had been at the other rate since its start. */
 static void change_rate(cw_timed_node *n, cw_timed_rates *r, cw_span moment)
 {
     r->fast = !r->fast;
@@ -276,8 +276,8 @@ static cw_span length_from_now(const cw_bus *bus, unsigned i, bool level)
     return cw_bit_timing_sample_at(&begins) * begins.quantum + rest * ends.quantum;
 }
 
-/* Returns the moment at which the bits of all nodes end together that begin now, or have begun
- * before; CW_SPAN_MAX: there is none. */
+/* Returns the moment at which the bits of all nodes that begin now, or have begun before, end
+ * together; CW_SPAN_MAX: there is none. */
 static cw_span common_end(const cw_bus *bus, cw_span now)
 {
     const bool level = level_from(bus, now);

@@ -21,7 +21,7 @@ static bool rests(const cw_mac *mac, bool waits)
            mac->phase == CW_MAC_BUS_OFF || mac->phase == CW_MAC_ASLEEP;
 }
 
-/* Returns true when the slot of a node is open. It ends at the begin of a bit of the node. */
+/* Returns true when the slot of a node is open. It ends at the start of a bit of the node. */
 static bool has_open_slot(const cw_bus *bus)
 {
     for (unsigned i = 0; bus->tt && i < bus->node_count; i++)

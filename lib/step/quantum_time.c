@@ -63,7 +63,7 @@ static void pass_bit_time(cw_bus *bus, cw_span end)
     cw_timed_end_bits(bus, end);
 }
 
-/* Rules look at the begin of each bit. */
+/* Rules look at the start of each bit. */
 static void settle_for_rules(cw_bus *bus)
 {
     if (bus->rules.awake_count == 0 && bus->timed.disturbances.count == 0)
@@ -87,7 +87,7 @@ static void forget_disturbances(cw_bus *bus, cw_span begin)
     cw_disturb_forget(&t->disturbances, first - t->cable.longest);
 }
 
-/* Notes the levels at the begin of the bit time, for traces. */
+/* Notes the levels at the start of the bit time, for traces. */
 static void note_levels(cw_bus *bus, cw_span moment)
 {
     cw_levels levels;
@@ -111,7 +111,7 @@ static void count_rates(cw_bus *bus, unsigned view)
     bus->stats.data_ticks += ticks;
 }
 
-/* Counts a bit time for load and statistics, by what the bus showed at its begin. */
+/* Counts a bit time for load and statistics, by what the bus showed at its start. */
 static void count_bit_time(cw_bus *bus, unsigned view)
 {
     cw_watch_view(bus, view, 1);

@@ -4,7 +4,7 @@
  *
  * Nodes look back: to the last sample, by the delay of the line, by its swing. All that they see
  * there was on the wires of that time. So the wires before the last change are kept for as long as
- * a look can reach back to them. Wires change at the begin of a bit time only.
+ * a look can reach back to them. Wires change at the start of a bit time only.
  */
 #include "step/quantum.h"
 

@@ -55,8 +55,8 @@ void cw_split_followers(cw_bus *bus, uint64_t levels)
         cw_leave(bus, cw_count_bits(high) < cw_count_bits(low) ? high : low);
 }
 
-/* Moves the counters of followers as the bit moved the shared REC. Returns true when a state has
- * changed by that. */
+/* Moves the counters of followers as the bit moved the shared REC. Returns true when that has
+ * changed a state. */
 static bool move_counters(cw_bus *bus, int steps)
 {
     bool changed = false;

@@ -152,8 +152,8 @@ static inline bool cw_next_bit_fits(const cw_bus *bus, uint64_t tick)
 bool cw_frame_step_go(cw_bus *bus, uint64_t tick);
 
 /* Ends the frame step that is under way, if there is one: moves all controllers to their present
- * points. Public calls do so before they change a controller, bus.c before due rules and restarts,
- * and frame.c where a step cannot go on. */
+ * points. Public calls do this before they change a controller, bus.c before due rules and
+ * restarts, and frame.c where a step cannot go on. */
 void cw_wake_controllers(cw_bus *bus);
 
 /* Returns the nodes whose losses have been counted beforehand and still lie ahead. */
@@ -163,18 +163,18 @@ uint64_t cw_losses_ahead(const cw_bus *bus);
 uint64_t cw_frame_step_recessive_bits(const cw_bus *bus);
 uint64_t cw_frame_step_horizon(const cw_bus *bus);
 
-/* Returns the bits in which a frame of some wire bits is not received. They count from its hand-in,
- * or from the end of the frame before it. */
+/* Returns the bits before which a frame of some wire bits cannot have been received. They count
+ * from its hand-in, or from the end of the frame before it. */
 uint64_t cw_to_reception(const cw_bus *bus, unsigned wire_bits);
 
-/* Returns, in a frame step, the bits in which no frame is received that passes a test. Those in
- * queues have at least so many bits up to their reception. */
+/* Returns, in a frame step, the bits in which no frame that passes a test is received. Those in
+ * queues have at least that many bits up to their reception. */
 uint64_t cw_frame_step_to_rx(const cw_bus *bus, uint64_t bits, cw_frame_test *test,
                              const void *user);
 
 /* ---- doze.c ---------------------------------------------------------------------------------- */
 
-/* Lets sleeping nodes see their levels for so many bits. Returns those that are woken then. */
+/* Lets sleeping nodes see their levels for that many bits. Returns those that are woken then. */
 uint64_t cw_doze(cw_bus *bus, uint64_t levels, uint64_t bits);
 
 /* Returns how many dominant bits wake no node. */
@@ -191,7 +191,7 @@ void cw_doze_forget(cw_bus *bus);
 /* Makes the node a follower if it is at the point of the others. */
 void cw_join(cw_bus *bus, unsigned node);
 
-/* Makes followers leave that sample another level than most followers. */
+/* Makes followers leave that sample a level other than that of most followers. */
 void cw_split_followers(cw_bus *bus, uint64_t levels);
 
 /* Ends the bit for all followers, which see the same level. Returns true when there is a report to

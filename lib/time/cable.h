@@ -20,7 +20,7 @@ typedef struct cw_way {
 
 /* A node puts another level onto its wire. */
 typedef struct cw_edge {
-    cw_span moment; /* the begin of the node's bit */
+    cw_span moment; /* the start of the node's bit */
     cw_span late;   /* it comes that much later than delays say (jitter) */
     uint8_t node;
     bool level;
@@ -36,7 +36,7 @@ typedef struct cw_cable {
     cw_span newest;      /* moment of the last edge, */
     cw_span to_dominant; /* ... and of the last dominant one; long ago: there is none */
     cw_span rise_from;   /* while no edge comes but dominant ones, after all nodes were recessive:
-                            after this moment no other one is under way. Else CW_SPAN_MAX */
+                            after this moment no other one is under way. Otherwise CW_SPAN_MAX */
     cw_span longest;     /* no edge is under way for longer */
     cw_span *delays;     /* see cw_cable_delay() */
     cw_way *way;         /* of each node, CW_WAYS_KEPT times: now, and before the last changes */
@@ -54,7 +54,7 @@ static inline cw_span cw_cable_delay(const cw_cable *cable, unsigned from, unsig
 /* Returns the delay between two nodes, or from one to itself. */
 cw_span cw_way_delay(const cw_way *from, const cw_way *to, bool level);
 
-/* Returns the delay that edges had which were driven with the ways of that number. */
+/* Returns the delay of edges that were driven when the ways had that number. */
 cw_span cw_cable_former_delay(const cw_cable *cable, uint16_t ways, unsigned from, unsigned to,
                               bool level);
 

@@ -71,7 +71,7 @@ static bool is_before(cw_instant a, cw_instant b)
     return a.tick != b.tick ? a.tick < b.tick : a.fraction < b.fraction;
 }
 
-/* Returns the time from the begin of the unit that `since` is in. */
+/* Returns the time from the start of the unit that `since` is in. */
 static wide elapsed(const cw_local_clock *c, cw_instant instant)
 {
     const uint64_t ticks = instant.tick - c->since.tick;

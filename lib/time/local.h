@@ -21,7 +21,7 @@ typedef struct cw_local_clock {
     cw_span quantum;
     cw_instant since;
     uint64_t count;     /* whole units up to then ... */
-    uint64_t part;      /* ... and the begun one, less than `unit` */
+    uint64_t part;      /* ... and the one under way, less than `unit` */
 } cw_local_clock;
 
 /* Starts a counter at tick 0. unit: at least CW_TICK. quantum: of the node. */
@@ -38,13 +38,13 @@ static inline cw_instant cw_instant_after(uint64_t tick, cw_span span)
 uint64_t cw_local_at(const cw_local_clock *clock, cw_instant instant);
 
 /* Returns the first tick at or after the instant at which the counter has a value; CW_NEVER beyond
- * the end of time. A value of before has the tick of `since`. */
+ * the end of time. An earlier value has the tick of `since`. */
 uint64_t cw_local_tick(const cw_local_clock *clock, uint64_t value);
 
 /* Lets the clock go on at the rate that belongs to another time quantum, from an instant on. */
 void cw_local_retime(cw_local_clock *clock, cw_span quantum, cw_instant from);
 
-/* Does so when the time quantum alone is another one, with as many clocks of the node as make the
+/* Does this when the time quantum alone is another one, with as many clocks of the node as make the
  * given unit. */
 void cw_local_give_unit(cw_local_clock *clock, cw_span unit, cw_span quantum);
 

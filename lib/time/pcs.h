@@ -20,7 +20,7 @@ typedef enum cw_edge_effect {
 void cw_pcs_begin_bit(cw_pcs *pcs, const cw_bit_timing *timing);
 
 /* Goes on with a bit at another rate, at its sample point: as if it had been at that rate since its
- * begin (D10). */
+ * start (D10). */
 void cw_pcs_change_rate(cw_pcs *pcs, const cw_bit_timing *timing);
 
 /* Notes that the bit has been sampled. */

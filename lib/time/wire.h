@@ -36,13 +36,13 @@ static inline void cw_wire_go_to(cw_wire_time *t, uint64_t tick)
     t->now = tick;
 }
 
-/* Moves on by so many bits. */
+/* Moves on by that many bits. */
 static inline void cw_wire_pass(cw_wire_time *t, uint64_t bits)
 {
     t->now += cw_rate_ticks(t->rate, bits);
 }
 
-/* Returns the tick at which so many bits to come will have passed. */
+/* Returns the tick at which that many bits to come will have passed. */
 static inline uint64_t cw_wire_tick(const cw_wire_time *t, uint64_t bits)
 {
     return t->now + cw_rate_ticks(t->rate, bits);
@@ -67,7 +67,7 @@ static inline void cw_wire_end_bit(cw_wire_time *t)
     t->short_by = 0;
 }
 
-/* Returns true when so many bits will have passed by a tick, which has not passed yet. */
+/* Returns true when that many bits will have passed by a tick, which has not passed yet. */
 static inline bool cw_wire_fits(const cw_wire_time *t, uint64_t bits, uint64_t tick)
 {
     return tick - t->now >= cw_rate_ticks(t->rate, bits);
