@@ -403,7 +403,7 @@ static bool read_journal_files(options *o, const char *text)
     return false;
 }
 
-/* Reads the options. Returns -1 to go on, else the exit status. */
+/* Reads the options. Returns -1 to go on, otherwise the exit status. */
 static int daemon_parse_options(options *o, int argc, char **argv)
 {
     static const struct option known[] = {{"config", required_argument, NULL, 'c'},

@@ -14,7 +14,7 @@
 #include <stdio.h>
 
 /* Handles a lack of memory. Programs have that of base/jsonexit.c, which ends them; a library
- * brings its own one, which returns. */
+ * brings its own, which returns. */
 void json_no_memory(void);
 
 /* Ends the program when jansson runs out of memory, too: by itself jansson drops parts of texts or

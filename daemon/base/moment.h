@@ -11,7 +11,7 @@
 /* Returns the time of one of the machine's clocks, in ns. */
 int64_t clock_ns(clockid_t id);
 
-/* Returns a time of so many ns, which are not negative. */
+/* Returns a time of that many ns, which are not negative. */
 static inline struct timespec moment_of(int64_t ns)
 {
     return (struct timespec){.tv_sec = (time_t)(ns / 1000000000),

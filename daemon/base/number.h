@@ -2,8 +2,8 @@
  *
  * number.h - numbers, spans of time and bus time as people write them: parsing and printing.
  *
- * Parsers return NULL on success, else a constant or per-call message without position that says
- * what is allowed; *out is then unchanged.
+ * Parsers return NULL on success. Otherwise they return a constant or per-call message without
+ * position that says what is allowed; *out is then unchanged.
  */
 #ifndef CANWIRE_BASE_NUMBER_H
 #define CANWIRE_BASE_NUMBER_H

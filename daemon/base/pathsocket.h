@@ -19,7 +19,7 @@
 typedef struct pathsocket {
     int fd;        /* -1: none */
     char *path;    /* its own copy */
-    folder folder; /* of the path: all calls stay there, whatever becomes of the path */
+    folder folder; /* of the path: all calls stay there, whatever happens to the path */
     int lock;      /* -1: none */
     bool made;     /* the path is to be removed, if it is still this socket: */
     dev_t device;
@@ -35,7 +35,7 @@ typedef struct pathsocket {
 bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, const char *what,
                      char error[PATHSOCKET_ERROR_MAX]);
 
-/* Looks if a socket could be made at a path, whose folder must take one. Returns false after
+/* Checks that a socket could be made at a path, whose folder must take one. Returns false after
  * writing the reason to error. */
 bool pathsocket_probe(const char *path, char error[PATHSOCKET_ERROR_MAX]);
 

@@ -9,7 +9,7 @@
 #include <stddef.h>
 #include <stdio.h>
 
-/* Returns the bytes of the character that begins here. Returns 0 for a byte that is no UTF-8, and
+/* Returns the bytes of the character that begins here. Returns 0 for a byte that is not UTF-8, and
  * for the first one of a character that is not seen as itself. Such are control characters: below a
  * space, DEL, and C1 (U+0080 to U+009F). Such are also those that change or hide what is around
  * them: marks of direction, ends of paragraphs, characters without width. */
@@ -22,7 +22,7 @@ void plain_make(char *text, char instead);
 void plain_make_lines(char *text, char instead);
 
 /* Returns true when a text has control characters, other than tabs and ends of lines, or bytes that
- * are no UTF-8. */
+ * are not UTF-8. */
 bool plain_is_not(const char *text);
 
 /* Makes the names of options on a command line safe: getopt() prints unknown ones unchanged. Text

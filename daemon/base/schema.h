@@ -69,7 +69,7 @@ typedef struct schema_choice {
     unsigned value;
 } schema_choice;
 
-/* Walks a map. Complains about a node that is no map, and about unknown, duplicate and missing
+/* Walks a map. Complains about a node that is not a map, and about unknown, duplicate and missing
  * keys. Calls the readers in the order of the table. `what` names the map in messages. Reading
  * stops once there are more errors than are shown. The last row of a table may have the `type` of
  * the whole map. schema_map_in() walks a map of one kind, a bit: other keys are unknown in it. */

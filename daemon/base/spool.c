@@ -31,7 +31,7 @@
 
 struct spool {
     char *file;
-    folder folder; /* of the file: all calls stay there, whatever becomes of the path */
+    folder folder; /* of the file: all calls stay there, whatever happens to the path */
     int fd;        /* locked, so that no other program rotates it */
     bool stream;   /* somebody else's descriptor, perhaps a pipe: no file is made or rotated */
     uint64_t written; /* bytes of this file */
@@ -322,7 +322,7 @@ typedef struct extent {
     uint64_t stamp; /* of the last one */
 } extent;
 
-/* Returns the records that are whole, with all their parts, in so many bytes at the front of the
+/* Returns the records that are whole, with all their parts, in that many bytes at the front of the
  * queue. */
 static extent whole_records(const spool *s, size_t bytes)
 {
@@ -342,7 +342,7 @@ static extent whole_records(const spool *s, size_t bytes)
     return whole;
 }
 
-/* Counts records, each with all its parts, in so many bytes of the queue. */
+/* Counts records, each with all its parts, in that many bytes of the queue. */
 static uint64_t count_records(const spool *s, size_t used)
 {
     uint64_t count = 0;

@@ -27,7 +27,7 @@ typedef void spool_notify(void *user);
 
 /* Makes the file, with mode 0640 less the umask, and rotates existing ones. At most `files` files
  * are kept, including FILE. `notify` may be NULL. Returns NULL with an errno in *error when that
- * fails. EINVAL: a file is no regular file. EBUSY: another program writes the file, or one that
+ * fails. EINVAL: a file is not a regular file. EBUSY: another program writes the file, or one that
  * would be rotated. */
 spool *spool_open(const char *file, unsigned files, spool_notify *notify, void *user, int *error);
 
@@ -37,7 +37,7 @@ spool *spool_open(const char *file, unsigned files, spool_notify *notify, void *
 spool *spool_open_later(const char *file, unsigned files, spool_notify *notify, void *user,
                         int *error);
 
-/* Tells if spool_open() would fail, without making or moving a file that stays. A file that this
+/* Says if spool_open() would fail, without making or moving a file that stays. A file that this
  * process writes already does not count. Returns 0 or the errno. */
 int spool_probe(const char *file, unsigned files);
 
@@ -96,7 +96,7 @@ typedef enum spool_found {
 } spool_found;
 
 /* Lets the thread look at the file. It calls `notify` when it finds something new;
- * spool_take_found() tells that once. A cut then begins the file anew, without a rotation. */
+ * spool_take_found() reports that once. A cut then begins the file anew, without a rotation. */
 void spool_look(spool *s);
 spool_found spool_take_found(spool *s);
 

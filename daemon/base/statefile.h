@@ -29,7 +29,7 @@ uint64_t statefile_put(statefile *s, char *text);
 /* Says in the time of the file that the process lives, unless the disk hangs. */
 void statefile_touch(statefile *s);
 
-/* Waits a moment for the last state, and ends; `written` is not called any more. Returns 0 or the
+/* Waits a moment for the last state, and ends; `written` is no longer called. Returns 0 or the
  * error of the last state. After ETIMEDOUT a thread still uses the names and the folder, which then
  * have to stay. */
 int statefile_close(statefile *s);

@@ -50,7 +50,7 @@ int unit_failure(void)
 
 void unit_blame(int number)
 {
-    /* EINVAL and ELOOP: something that is no regular file is there */
+    /* EINVAL and ELOOP: something that is not a regular file is there */
     static const int lasting[] = {EROFS,  EACCES,       ENOENT, ENOTDIR,
                                   EISDIR, ENAMETOOLONG, EINVAL, ELOOP, ENOTSOCK};
     for (size_t i = 0; i < sizeof lasting / sizeof lasting[0] && !is_started; i++)

@@ -11,7 +11,7 @@
 
 #define UNIT_RUN_FOLDER "/run/canwire" /* of its control sockets */
 
-/* Returns the instance, or NULL when this is no process of the service. */
+/* Returns the instance, or NULL when this is not a process of the service. */
 const char *unit_instance(void);
 
 /* Returns the exit status of a failure: 1, in the service 75 (EX_TEMPFAIL), after which systemd

@@ -35,7 +35,7 @@ static void write_escaped(FILE *out, const char *text, const char *allowed)
             fputs("&quot;", out);
         else
             (void)fwrite(text, 1, size, out);
-        if (size == 0) /* the others of its bytes are no character by themselves */
+        if (size == 0) /* the others of its bytes are not characters by themselves */
             for (size = 1; ((unsigned char)text[size] & 0xC0u) == 0x80u;)
                 size++;
     }

@@ -13,7 +13,7 @@ void xml_text(FILE *out, const char *text);
 /* Does the same in the value of an attribute, where ends of lines and tabs become '?', too. */
 void xml_value(FILE *out, const char *text);
 
-/* Writes a blank and NAME="VALUE". */
+/* Writes a space and NAME="VALUE". */
 void xml_attribute(FILE *out, const char *name, const char *value);
 
 #endif

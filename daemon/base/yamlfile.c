@@ -61,7 +61,7 @@ bool yaml_text_load(yaml_document_t *document, const char *text, size_t size,
     return good;
 }
 
-/* Skips a byte order mark, which is no content. Offsets and columns then agree with those of
+/* Skips a byte order mark, which is not content. Offsets and columns then agree with those of
  * editors. */
 static void skip_mark(text_buffer *text)
 {

@@ -11,7 +11,7 @@
 
 #define YAML_FILE_MAX (4u << 20)   /* bytes of a file */
 #define YAML_TEXT_NODES_MAX 20000u /* values and keys; the bus waits while a text is read */
-#define YAML_DEPTH_MAX 64u         /* lists and maps in each other; libyaml is quadratic in it */
+#define YAML_DEPTH_MAX 64u         /* nested lists and maps; libyaml is quadratic in it */
 #define YAML_ANCHORED_MAX 4096u    /* bytes of a text that aliases name */
 
 /* The limits of a document. */

@@ -4,7 +4,7 @@
  */
 #include "campaign/class.h"
 
-/* Errors count from the first hit of a rule on, or from the begin where no rule has acted. */
+/* Errors count from the first hit of a rule on, or from the start where no rule has acted. */
 static bool is_seen(const class_facts *f)
 {
     return f->announced || (f->hit ? f->error_after_hit : f->error);

@@ -9,7 +9,7 @@
 
 #include "campaign/outcome.h"
 
-/* The first ones make up the rates; the last three are counted beside them. */
+/* The first ones make up the rates; the last three are counted separately. */
 typedef enum row_class {
     CLASS_NO_EFFECT = 0,
     CLASS_CORRECTED,  /* errors, and all is well in the end */
@@ -36,7 +36,7 @@ typedef enum row_class {
 /* All that decides about the class. */
 typedef struct class_facts {
     outcome outcome;
-    bool failed;     /* an expectation that is no sign of detection is not met */
+    bool failed;     /* an expectation that is not a sign of detection is not met */
     bool announced;  /* one that is such a sign is met */
     bool error;      /* a node has detected an error ... */
     bool error_after_hit; /* ... at or after the first hit of a fault rule */

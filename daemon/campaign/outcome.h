@@ -47,11 +47,11 @@ outcome outcome_write_as(buffer *row, const scenario *s, outcome o, const char *
  * has happened, and may be "". */
 void outcome_write_none(buffer *row, outcome o, const char *why);
 
-/* Returns the first of some lines of messages that is no warning, and ends it there. */
+/* Returns the first of some lines of messages that is not a warning, and ends it there. */
 const char *outcome_first_error(char *messages);
 
-/* Does this for values that make no scenario, with the first of the messages that is no warning; it
- * changes them. NULL: there are none. The row has no memory then, nor when memory was short: the
+/* Does this for values that make no scenario, with the first of the messages that is not a warning;
+ * it changes them. NULL: there are none. The row has no memory then, nor when memory was short: the
  * scenario may be valid. */
 outcome outcome_write_invalid(buffer *row, char *messages);
 
@@ -59,7 +59,7 @@ outcome outcome_write_invalid(buffer *row, char *messages);
  * when the process lacked something: it is no row then. */
 outcome outcome_write_broken(buffer *row, scenario *s);
 
-/* Returns true when a message tells about what this process lacks for the moment, memory or
+/* Returns true when a message is about what this process lacks at the moment, memory or
  * descriptors for example: it says nothing about the scenario. */
 bool outcome_is_shortage(const char *message);
 

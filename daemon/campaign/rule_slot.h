@@ -25,8 +25,8 @@ size_t rule_slot_find(rule_slot slots[CAMPAIGN_FACTORS_MAX], const campaign *c);
 /* Returns the number of the combination that the choices make. */
 uint64_t rule_slot_value(const rule_slot *slot, const campaign *c, const choice *choices);
 
-/* Forgets all rules: the rest of the configuration is another one. Returns false when the
- * configuration has not these rules, or without memory. */
+/* Forgets all rules: the rest of the configuration has changed. Returns false when the
+ * configuration lacks these rules, or without memory. */
 bool rule_slot_begin(rule_slot *slot, const cfg *config);
 
 void rule_slot_free(rule_slot *slot);

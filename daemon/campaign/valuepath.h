@@ -21,7 +21,7 @@ typedef struct valuepath_part {
     bool last;
 } valuepath_part;
 
-/* Returns NULL for a path, else what is wrong with it and where, in memory of an arena. */
+/* Returns NULL for a path, otherwise what is wrong with it and where, in memory of an arena. */
 const char *valuepath_check(arena *memory, const char *path);
 
 /* Takes the next part off what is left of a good path. */

@@ -166,7 +166,7 @@ static int refuse_option(char **argv)
     return refuse_usage("wrong option ", is_letter ? letter : argv[optind - 1]);
 }
 
-/* Takes the frame, the only argument that is no option. */
+/* Takes the frame, the only argument that is not an option. */
 static int bits_take_frame(options *out, int argc, char **argv)
 {
     if (out->help) {

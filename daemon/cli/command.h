@@ -21,7 +21,7 @@ typedef struct command_option {
 typedef struct command {
     const char *usage;  /* "canwire NAME ARGUMENTS" */
     const char *help;   /* its purpose, and its options */
-    int words_min;      /* arguments that are no options */
+    int words_min;      /* arguments that are not options */
     int words_max;      /* -1: any number */
     bool options_first; /* the options end at the first word, whatever follows */
     bool is_program;    /* the words are a program and its arguments, and no bus */
@@ -29,7 +29,7 @@ typedef struct command {
     void *user; /* for the options */
 } command;
 
-/* Reads a command line. Returns -1 to go on with argv[*first] to argv[argc - 1], else the exit
+/* Reads a command line. Returns -1 to go on with argv[*first] to argv[argc - 1], otherwise the exit
  * status. */
 int command_parse(const command *c, int *first, int argc, char **argv);
 

@@ -16,8 +16,8 @@
 
 typedef struct lines_reader {
     buffer bytes;
-    size_t shown; /* bytes at its begin: the line that was returned last */
-    size_t seen;  /* bytes at its begin without an end of a line */
+    size_t shown; /* bytes at its start: the line that was returned last */
+    size_t seen;  /* bytes at its start without an end of a line */
 } lines_reader;
 
 /* Waits for events of poll() until a moment of wall_ns(). Returns false with errno, which is EAGAIN

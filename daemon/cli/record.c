@@ -67,7 +67,7 @@ static int record_refuse(const char *file, const char *why)
     return CLI_USAGE;
 }
 
-/* Chooses the format. Returns -1 to go on, else the exit status. */
+/* Chooses the format. Returns -1 to go on, otherwise the exit status. */
 static int complete_format(recording *r)
 {
     const char *file = r->order.what.file;
@@ -84,7 +84,7 @@ static int complete_format(recording *r)
     return CLI_BAD_INPUT;
 }
 
-/* Takes standard output for "-". Returns -1 to go on, else the exit status. */
+/* Takes standard output for "-". Returns -1 to go on, otherwise the exit status. */
 static int complete_stream(recording *r)
 {
     static char name[] = "standard output";

@@ -79,7 +79,7 @@ static bool resolve(const search *s, char out[RUN_PATH_BYTES], const char *path)
     return size <= RUN_PATH_BYTES;
 }
 
-/* Looks for the listener of a port, which is no client: a socket of another type is refused with
+/* Looks for the listener of a port, which is not a client: a socket of another type is refused with
  * EPROTOTYPE. Returns 0 or an errno. */
 static int find_listener(const char *path)
 {

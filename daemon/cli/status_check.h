@@ -36,8 +36,8 @@ bool check_take_state(void *user, const char *text);
 bool check_take_sinks(void *user, const char *text);
 bool check_take_links(void *user, const char *text);
 
-/* Judges a bus, whose status is NULL when it is not there; why says why. A status that is none is
- * unknown. Prints its part of the line and, for check_end(), of the figures. */
+/* Judges a bus, whose status is NULL when it is not there; why says why. A status that is not one
+ * is unknown. Prints its part of the line and, for check_end(), of the figures. */
 typedef struct check {
     check_limits limits;
     check_level level;

@@ -283,7 +283,7 @@ static bool timing_take_option(timing_options *o, int option)
     return option != 'r' || take_delay(&o->rx_ns, "--rx-delay", optarg);
 }
 
-/* Checks combinations of options. Returns -1 to go on, else the exit status. */
+/* Checks combinations of options. Returns -1 to go on, otherwise the exit status. */
 static int check_options(const timing_options *o, const char *word)
 {
     if (word)
@@ -302,7 +302,7 @@ static int check_options(const timing_options *o, const char *word)
     return -1;
 }
 
-/* Returns -1 to go on, else the exit status. */
+/* Returns -1 to go on, otherwise the exit status. */
 static int timing_parse_options(timing_options *o, int argc, char **argv)
 {
     static const struct option options[] = {

@@ -206,7 +206,7 @@ static void print_bus(FILE *out, const cfg *config)
 
 /* ---- Text of the data phase ------------------------------------------------------------------ */
 
-/* Rounds to the nearest picosecond, since delays are no whole ticks. */
+/* Rounds to the nearest picosecond, since delays are not whole ticks. */
 static decimal_text nanoseconds(cw_span span)
 {
     const cw_span half_ps = CW_TICK / (2 * TICK_PS);

@@ -49,7 +49,7 @@ static const char help[] =
     "\n"
     "An interface that is there already is used when it is of the right kind, and never\n"
     "removed; one of another kind is refused, before anything is made. What `up` has made\n"
-    "bears \"canwire FILE\" as its alias (`ip link show`). When a peer has changed, its pair\n"
+    "has the alias \"canwire FILE\" (`ip link show`). When a peer has changed, its pair\n"
     "is made anew. Namespaces have to be there: `ip netns add NAME`. Needs root, or\n"
     "CAP_NET_ADMIN.\n"
     "\n"

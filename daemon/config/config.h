@@ -64,9 +64,9 @@ typedef struct cfg_traffic {
     /* Of a replay: */
     char *file;
     trace_format format;
-    bool fast;     /* as fast as possible, else at the times of the file */
+    bool fast;     /* as fast as possible, otherwise at the times of the file */
     bool loop;     /* count is UINT64_MAX */
-    bool fd;       /* the node knows CAN FD frames, else these are left out */
+    bool fd;       /* the node knows CAN FD frames, otherwise these are left out */
     cfg_time gap;  /* from the last entry of the file to the first one of the next pass */
     char *channel; /* only this interface of the file, or NULL */
 
@@ -89,7 +89,7 @@ typedef enum cfg_echo {
 
 /* Programs that share a port. */
 typedef struct cfg_clients {
-    uint8_t max; /* that speak the protocol of canwire-ports(7), beside a plain ECU */
+    uint8_t max; /* that speak the protocol of canwire-ports(7), besides a plain ECU */
     cfg_echo echo;
     bool beacon; /* a port at a TCP address tells the local network of itself */
 } cfg_clients;
@@ -99,7 +99,7 @@ typedef struct cfg_clients {
 
 /* Controllers of nodes, by the frames that they know (D17). */
 typedef enum cfg_kind {
-    CFG_KIND_BY_BUS = 0, /* fd where the bus has a data rate, else classical */
+    CFG_KIND_BY_BUS = 0, /* fd where the bus has a data rate, otherwise classical */
     CFG_KIND_CLASSICAL,
     CFG_KIND_2_0A,
     CFG_KIND_2_0B_PASSIVE,
@@ -109,7 +109,7 @@ typedef enum cfg_kind {
 
 /* Transmitter delay compensation (D13) as wished. */
 typedef enum cfg_tdc {
-    CFG_TDC_BY_RATE = 0, /* as Linux does: auto with a prescaler of 1 or 2, else off */
+    CFG_TDC_BY_RATE = 0, /* as Linux does: auto with a prescaler of 1 or 2, otherwise off */
     CFG_TDC_OFF,
     CFG_TDC_AUTO,
     CFG_TDC_MANUAL
@@ -132,7 +132,7 @@ typedef struct cfg_node_time {
     cfg_phase phase[CFG_PHASES];
     int32_t ppm;                 /* error of the clock */
     cfg_tdc tdc;
-    uint32_t tdco;               /* clocks; 0: from the begin of a bit to its sample point */
+    uint32_t tdco;               /* clocks; 0: from the start of a bit to its sample point */
     uint32_t tdcv;
     uint64_t position_mm;        /* along the line */
     uint64_t stub_mm;
@@ -188,7 +188,7 @@ typedef struct cfg_schedule {
 typedef struct cfg_node {
     char *name;          /* "", which is no node's name, while it is unknown */
     char *port;          /* interface name, or NULL; of all guests the same */
-    uint8_t guest;       /* number of a guest, from 1 on; 0: it is none */
+    uint8_t guest;       /* number of a guest, from 1 on; 0: it is not one */
     cfg_place port_place;
     char *peer;          /* interface at the other end of the port, a vxcan pair, or what a port usb
                             makes; or NULL */
@@ -479,7 +479,7 @@ typedef struct cfg_unending {
     const char *remedy; /* keys that would end it, as words before an "or"; or "" */
     const char *file;
     cfg_place place;
-    bool is_rule;       /* a rule with `period`, else what a node does */
+    bool is_rule;       /* a rule with `period`, otherwise what a node does */
 } cfg_unending;
 
 /* Finds traffic, a rule or the schedule of a time master that never ends by itself. Returns false

@@ -33,7 +33,7 @@ typedef struct cfg_live {
     unsigned which;    /* CW_MODE_*, or CW_SET_* */
     size_t offset;     /* of the member: in cw_settings; of keys of time in a cfg_retime */
     size_t bytes;      /* ... of a number */
-    unsigned unit;     /* ... of which one is so many */
+    unsigned unit;     /* ... how many of these one is */
     unsigned time;     /* a retime_key */
     const char *range; /* for people, where the type does not say it */
 } cfg_live;

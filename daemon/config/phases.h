@@ -20,7 +20,7 @@ bool cfg_find_phase(cfg_node_time *time, unsigned phase, char problem[TIMING_PRO
 /* Returns the data phase that keys say; all 0 without one. */
 cw_data_timing cfg_data_timing(const cfg_node_time *time);
 
-/* When a transmitter compares a bit of the data phase, and when it can (D13); spans since the begin
+/* When a transmitter compares a bit of the data phase, and when it can (D13); spans since the start
  * of the bit. */
 typedef struct cfg_late_sample {
     uint64_t tdcv;   /* the delay, as given or as the node will measure it, in clocks */

@@ -20,7 +20,7 @@ typedef struct profilefile {
 } profilefile;
 
 /* Writes the path with this number, from 0, at which the profile may be. The search goes from its
- * path beside the files to its name in `profiles` there, and then to the installed ones. Returns
+ * path next to the files to its name in `profiles` there, and then to the installed ones. Returns
  * false when there are no more. A path that is too long is "". */
 bool profilefile_place(char out[PATH_MAX], const profilefile *wanted, unsigned number);
 
@@ -33,7 +33,7 @@ bool profilefile_find(char out[PATH_MAX], const profilefile *wanted);
 /* Writes the folders of all these places, "a, b and c". */
 void profilefile_list(char out[PROFILEFILE_LIST_BYTES], const profilefile *wanted);
 
-/* Returns true for a name that is searched for, not only looked up beside the files. */
+/* Returns true for a name that is searched for, not only looked up next to the files. */
 bool profilefile_is_name(const char *name);
 
 #endif

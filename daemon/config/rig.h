@@ -59,7 +59,7 @@ typedef struct rig {
     rig_gateway *gateways;
 } rig;
 
-/* Returns true when a file can be read and has a key `buses`: it is no configuration of one bus.
+/* Returns true when a file can be read and has a key `buses`: it is not a configuration of one bus.
  * Writes no messages. */
 bool rig_is_rig(const char *file);
 

@@ -411,7 +411,7 @@ static bool is_on_way(const search *s, const hop *h)
 }
 
 /* Goes over a hop, if any of the frames can. Returns true when that closes a loop. A loop that does
- * not begin with the first hop is found from its own begin. */
+ * not begin with the first hop is found from its own start. */
 static bool rig_loop_go_over(search *s, const hop *h, const cw_filter *const filters[GATES])
 {
     frames set = s->sets[s->count];

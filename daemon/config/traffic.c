@@ -198,7 +198,7 @@ static void read_entry(schema *self, yaml_node_t *value, cfg_traffic *traffic)
 {
     *traffic = (cfg_traffic){
         .place = cfg_place_of(value), .count = UINT64_MAX, .gap.ns = GAP_DEFAULT_NS};
-    size_t kind = CFG_TRAFFIC_SEND; /* of a value that is no map, for the complaint */
+    size_t kind = CFG_TRAFFIC_SEND; /* of a value that is not a map, for the complaint */
     if (value->type == YAML_MAPPING_NODE)
         kind = traffic_find_kind(self, value);
     if (kind == KINDS)

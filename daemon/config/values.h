@@ -69,7 +69,7 @@ const char *cfg_parse_bytes(const schema *self, text_bytes *out, const char *tex
 /* Returns the states that a value names, one or a list, as bits. */
 uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value);
 
-/* Warns about a time that acts at bits and is no whole number of them. */
+/* Warns about a time that acts at bits and is not a whole number of them. */
 void cfg_warn_rounded(schema *self, const schema_key *key, const yaml_node_t *value,
                       uint64_t ticks);
 

@@ -21,7 +21,7 @@ typedef struct cfg_walk {
     bool others;                /* files that are not given are read from the file system */
     bool regular;               /* no file may be a pipe or a device */
     cfg_node defaults;          /* defaults of each node */
-    bool default_order;         /* `defaults` sets it; else it depends on the port */
+    bool default_order;         /* `defaults` sets it; otherwise it depends on the port */
     bool default_queue;         /* ... `defaults` sets its queue, which then does not depend on the
                                    port */
     bool default_when_full;

@@ -47,7 +47,7 @@ typedef enum canwire_sim_status {
     CANWIRE_SIM_INVALID = -1,   /* an argument is wrong, or a text in it; nothing was changed */
     CANWIRE_SIM_REFUSED = -2,   /* not possible now: no such rule, not bus-off; no change */
     CANWIRE_SIM_NO_MEMORY = -3, /* the instance can only be freed or reset */
-    CANWIRE_SIM_FAILED = -4     /* a file of traffic cannot be read any more */
+    CANWIRE_SIM_FAILED = -4     /* a file of traffic can no longer be read */
 } canwire_sim_status;
 
 /* ---- Instances ------------------------------------------------------------------------------- */
@@ -63,7 +63,7 @@ CANWIRE_SIM_API const char *canwire_sim_version(void);
  * FILE:LINE:COLUMN: message each. `messages` may be NULL. */
 CANWIRE_SIM_API canwire_sim *canwire_sim_load(const char *file, char **messages);
 
-/* Does the same with the text of a file, of so many bytes. `name` stands for it in messages, and
+/* Does the same with the text of a file, of that many bytes. `name` stands for it in messages, and
  * paths in the text are relative to its directory. */
 CANWIRE_SIM_API canwire_sim *canwire_sim_load_text(const char *text, size_t size, const char *name,
                                                    char **messages);
@@ -156,7 +156,7 @@ typedef struct canwire_sim_frame {
     uint32_t can_id;
     uint8_t flags;   /* CANWIRE_SIM_FRAME_* */
     uint8_t length;  /* bytes of data; of a remote frame the DLC: 0..8, 0..64 of an FD frame */
-    uint8_t raw_dlc; /* of a classical frame: 9..15 on the wire, with 8 bytes; else 0 */
+    uint8_t raw_dlc; /* of a classical frame: 9..15 on the wire, with 8 bytes; otherwise 0 */
     uint8_t reserved;
     uint8_t data[64];
 } canwire_sim_frame;
@@ -248,7 +248,7 @@ typedef struct canwire_sim_node {
     uint16_t rec;
     uint8_t state;       /* CANWIRE_SIM_ERROR_ACTIVE ... */
     uint8_t attached;    /* 1: it is on the bus */
-    uint8_t fd;          /* 1: it knows CAN FD frames; else it drops them as bad frames */
+    uint8_t fd;          /* 1: it knows CAN FD frames; otherwise it drops them as bad frames */
     uint8_t listen_only; /* 1: it only listens */
 } canwire_sim_node;
 

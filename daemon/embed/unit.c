@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * unit.c - a bus in a program is no service of systemd, whatever its environment says.
+ * unit.c - a bus in a program is not a service of systemd, whatever its environment says.
  */
 #include "base/unit.h"
 

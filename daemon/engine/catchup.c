@@ -9,7 +9,7 @@
 
 #include <inttypes.h>
 
-/* The clocks are read one after the other: a smaller difference is no suspension. */
+/* The clocks are read one after the other: a smaller difference is not a suspension. */
 #define SUSPENDED_MIN_NS 10000000
 
 uint64_t catchup_excess(uint64_t due, uint64_t now, uint64_t limit)

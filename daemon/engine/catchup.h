@@ -25,8 +25,8 @@ typedef struct catchup {
 } catchup;
 
 /* Returns the time that a bus has to skip, a whole number of ticks and of nanoseconds (an even
- * number of ticks). It is 0 up to the limit, else the whole lag. due: tick of the first event that
- * should have happened, CW_NEVER: none. All times are in ticks. */
+ * number of ticks). It is 0 up to the limit, otherwise the whole lag. due: tick of the first event
+ * that should have happened, CW_NEVER: none. All times are in ticks. */
 uint64_t catchup_excess(uint64_t due, uint64_t now, uint64_t limit);
 
 /* Notes the clocks at the start. Read boot_ns (CLOCK_BOOTTIME) after monotonic_ns, so that the

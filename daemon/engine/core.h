@@ -119,7 +119,7 @@ struct engine {
     bool ticking;   /* in `tick`: ports are read at each tick and not watched meanwhile */
     engine_clock *clock; /* its own, or that of the group */
     engine_clock own_clock;
-    bool failed; /* it cannot wake up in time any more */
+    bool failed; /* it can no longer wake up in time */
     bool stopping;
     uint64_t stop_tick; /* no later than this ... */
     int64_t stop_ns;    /* ... and, by CLOCK_MONOTONIC, than this */

@@ -23,8 +23,8 @@ engine *engine_start(struct ev_loop *loop, live *config);
  * the loop. */
 void engine_stop(engine *e);
 
-/* Returns true when it has ended the loop, or is about to, because it cannot wake up in time any
- * more. The reason has been logged. */
+/* Returns true when it has ended the loop, or is about to, because it can no longer wake up in
+ * time. The reason has been logged. */
 bool engine_has_failed(const engine *e);
 
 /* Closes the ports. NULL is allowed. */
@@ -47,7 +47,7 @@ inputs *engine_inputs(engine *e);
 
 /* Takes over the result of reload_read(). The bus changes to it at the end of the frame on the
  * wire, or after 1000 bit times. Nodes are matched by name and keep their state and queue. Rules
- * begin anew, and injected ones are removed. Returns false, with nothing changed, after writing a
+ * start afresh, and injected ones are removed. Returns false, with nothing changed, after writing a
  * line per error. */
 bool engine_reload(engine *e, reload *r, FILE *errors);
 
@@ -60,7 +60,7 @@ void engine_on_change(engine *e, engine_changed *changed, void *user);
 typedef void engine_observer(void *user, const cw_event *event);
 void engine_observe(engine *e, engine_observer *observer, void *user);
 
-/* Selects kinds of events that are reported beside CW_EVENTS_USUAL and those of the configuration,
+/* Selects kinds of events that are reported besides CW_EVENTS_USUAL and those of the configuration,
  * see cw_bus_set_events(). */
 void engine_set_events(engine *e, uint32_t kinds);
 
@@ -70,7 +70,7 @@ typedef void engine_bit_observer(void *user, const cw_bus *bus);
 void engine_observe_bits(engine *e, engine_bit_observer *observer, void *user);
 
 /* Returns bus time as wall clock (CLOCK_REALTIME), in nanoseconds since 1970. It advances with bus
- * time. It adopts the clock when somebody sets that, or when the two differ by 1 ms. */
+ * time. It adopts the clock when somebody sets it, or when the two differ by 1 ms. */
 uint64_t engine_realtime_ns(const engine *e, uint64_t tick);
 
 /* Counts frames that ECUs have sent on vcans without loopback, which reach no receiver; once a

@@ -4,7 +4,7 @@
  *
  * A configuration names interfaces, so names count: a renamed interface is gone. Another one that
  * gets its name replaces it, as at the next start. A new interface of the same name needs another
- * socket. Ports that are no interfaces stay as they are.
+ * socket. Ports that are not interfaces stay as they are.
  */
 #include "engine/core.h"
 

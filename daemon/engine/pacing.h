@@ -18,7 +18,7 @@
  * So `spin` only adds to the daemon's own work, up to this part of the present window. */
 #define PACING_WINDOW_NS INT64_C(100000000)
 #define PACING_DUTY_PERCENT 85
-#define PACING_ADVANCE_NS INT64_C(200000) /* at the begin of a window */
+#define PACING_ADVANCE_NS INT64_C(200000) /* at the start of a window */
 
 /* The present window; starts all zero. */
 typedef struct pacing_duty {

@@ -134,7 +134,7 @@ static void take_place_of(programs *p, int pid)
     }
 }
 
-/* The words are for people, and order programs: what is not ASCII is no matter. */
+/* The words are for people, and order programs: what is not ASCII does not matter. */
 static void clean(char *words)
 {
     for (; *words; words++)

@@ -33,8 +33,10 @@ void setup_free(setup *s);
 typedef struct reload {
     cfg *config;
     setup setup;                     /* its ports, and its door, are only the new ones */
-    uint8_t from[CW_NODES_MAX];      /* by new node: the old one of that name, else CW_NO_NODE */
-    uint8_t port_from[CW_NODES_MAX]; /* by new node: the old one on that port, else CW_NO_NODE */
+    uint8_t from[CW_NODES_MAX];      /* by new node: the old one of that name, otherwise
+                                        CW_NO_NODE */
+    uint8_t port_from[CW_NODES_MAX]; /* by new node: the old one on that port, otherwise
+                                        CW_NO_NODE */
     uint64_t deadline;               /* tick: no later than this, even in the middle of a frame */
 } reload;
 

@@ -21,7 +21,7 @@ struct engine_virtual {
     bool more;         /* the time of the last wake-up was too short */
     uint64_t given;    /* turns */
     ev_timer look;     /* tells who holds time */
-    uint64_t seen;     /* turns at its last look that was not like the one before ... */
+    uint64_t seen;     /* turns at its last look that differed from the one before ... */
     unsigned same;     /* ... and the looks since then */
 };
 

@@ -22,13 +22,13 @@
 /* Writes a frame of `size`, that of struct can_frame or canfd_frame. Returns the bytes. */
 size_t cannelloni_put_frame(uint8_t out[CANNELLONI_FRAME_MAX], const void *frame, size_t size);
 
-/* Reads a frame from the begin of some bytes. Returns those that it has; 0: there are too few, and
- * -1: it is none. size: of struct can_frame or canfd_frame. */
+/* Reads a frame from the start of some bytes. Returns those that it has; 0: there are too few, and
+ * -1: it is not one. size: of struct can_frame or canfd_frame. */
 int cannelloni_take_frame(struct canfd_frame *out, size_t *size, const uint8_t *in, size_t bytes);
 
 void cannelloni_put_head(uint8_t out[CANNELLONI_HEAD_BYTES], uint8_t number, unsigned frames);
 
-/* Returns the number of frames in a packet, if all of it is right; else -1. */
+/* Returns the number of frames in a packet, if all of it is right; otherwise -1. */
 int cannelloni_check(const uint8_t *in, size_t bytes);
 
 #define CANNELLONI_SEEN 32u /* packets that are remembered */

@@ -13,7 +13,7 @@
 #include <sys/socket.h>
 #include <time.h>
 
-/* The kernel's data beside a message: its time stamp, and the number of dropped messages. */
+/* The kernel's data next to a message: its time stamp, and the number of dropped messages. */
 #define PORT_STAMP_BYTES CMSG_SPACE(sizeof(struct timespec))
 #define PORT_CONTROL_BYTES (PORT_STAMP_BYTES + CMSG_SPACE(sizeof(uint32_t)))
 
@@ -52,13 +52,13 @@ typedef struct port_kind {
     void (*ended)(port *p, const cw_event *event);
     bool (*client)(const port *p, unsigned n, port_client_info *out);
     bool (*is_over)(const port *p);
-    /* See port_tunnel(); NULL: it is none. */
+    /* See port_tunnel(); NULL: it is not one. */
     bool (*tunnel)(const port *p, port_tunnel_info *out);
     /* See port_obeyed(), port_tell_state() and port_settle(); NULL: it has no controller. */
     void (*obeyed)(port *p, const char *problem);
     void (*tell_state)(port *p, const message_state *state);
     void (*settle)(port *p);
-    /* Bytes for the kernel's data beside a message, at most PORT_CONTROL_BYTES. More room would
+    /* Bytes for the kernel's data next to a message, at most PORT_CONTROL_BYTES. More room would
      * accept file descriptors that a sender passes along. */
     size_t control_bytes;
 } port_kind;
@@ -120,8 +120,8 @@ bool port_is_frame(const port *p, unsigned i);
  * programs; counts the other messages. Returns the number of frames. */
 unsigned port_take(port *p, port_frame frames[PORT_BATCH], int received);
 
-/* Takes a frame of linux/can.h, by its size. Returns false, and counts the reason, when it is none
- * for the bus, and no error frame for other programs either. */
+/* Takes a frame of linux/can.h, by its size. Returns false, and counts the reason, when it is
+ * neither one for the bus nor an error frame for other programs. */
 bool port_take_frame(port *p, port_frame *out, const struct canfd_frame *in, size_t size);
 
 /* Makes a frame of linux/can.h of an error frame that a program has written. Returns its size. */
@@ -133,8 +133,8 @@ size_t port_make_frame(struct canfd_frame *out, const cw_frame *in);
 /* Counts a frame of linux/can.h that was sent, or was not. */
 void port_count_sent(port *p, uint32_t can_id, port_sent sent);
 
-/* Reads the kernel's data beside a message: the arrival, 0 when unknown, and the number of messages
- * dropped before it. */
+/* Reads the kernel's data next to a message: the arrival, 0 when unknown, and the number of
+ * messages dropped before it. */
 int64_t port_take_control(port *p, struct msghdr *header);
 
 /* Notes what a process was told. */

@@ -187,7 +187,7 @@ static int links_fail(links *l, int number)
     return number;
 }
 
-/* Takes one message. Returns -1 before the end, else the result of the request. */
+/* Takes one message. Returns -1 before the end, otherwise the result of the request. */
 static int links_take(links *l, listener *to, struct nlmsghdr *message)
 {
     link_info info;

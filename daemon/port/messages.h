@@ -48,7 +48,7 @@ typedef enum message_type {
 /* Each message begins so. */
 typedef struct message_head {
     uint8_t type;         /* a message_type */
-    uint8_t flags;        /* of a frame from the port; else 0 */
+    uint8_t flags;        /* of a frame from the port; otherwise 0 */
     uint16_t size;        /* of the whole message, in bytes */
     uint32_t number;      /* of a frame: chosen by its sender, and told with its own frames */
     uint32_t lost;        /* from the port: messages that this client had no room for, in all */
@@ -62,7 +62,8 @@ typedef struct message_hello {
     uint32_t version;    /* of the client; in the answer, of the port */
     uint32_t options;
     uint32_t error_mask; /* error frames that it gets, as CAN_RAW_ERR_FILTER */
-    uint32_t mtu;        /* of the answer: CANFD_MTU for a node that knows CAN FD, else CAN_MTU */
+    uint32_t mtu;        /* of the answer: CANFD_MTU for a node that knows CAN FD, otherwise
+                            CAN_MTU */
     char name[MESSAGE_NAME_BYTES]; /* of the client; in the answer, of the node */
 } message_hello;
 
@@ -84,7 +85,7 @@ typedef struct message_error {
     char text[MESSAGE_TEXT_BYTES];
 } message_error;
 
-/* A message of either direction that is no filter. */
+/* A message of either direction that is not a filter. */
 typedef struct message {
     message_head head;
     union {

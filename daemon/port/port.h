@@ -189,8 +189,8 @@ void port_pushed_back(port *p);
 /* Sets how programs share the port; a port that no programs can share ignores it. */
 void port_share(port *p, const port_sharing *sharing);
 
-/* Returns true while clients are there that want to know what becomes of frames: the caller then
- * makes the three calls below. */
+/* Returns true while clients are there that want to know what happens to their frames: the caller
+ * then makes the three calls below. */
 bool port_is_shared(const port *p);
 
 /* Sets the time of what is sent next. */
@@ -234,7 +234,7 @@ message_state port_told_state(const port *p);
 /* Tells the controller the state of its node, if that is not what it was told last. */
 void port_tell_state(port *p, const message_state *state);
 
-/* Says that the node has no frame any more. Frames of which it was not told what has become of them
+/* Says that the node has no frame left. Frames whose fate it was not told
  * count as sent: rules have changed them. */
 void port_settle(port *p);
 

@@ -48,9 +48,9 @@ typedef struct talk {
     talk_mode mode;
     bool fd;               /* the node knows CAN FD */
     char bus[BUS_BYTES];
-    char line[LINE_BYTES]; /* the begin of a command, from its '<' on */
+    char line[LINE_BYTES]; /* the start of a command, from its '<' on */
     size_t line_bytes;
-    bool garbage;          /* bytes that are no command have been counted */
+    bool garbage;          /* bytes that are not commands have been counted */
     char rest[OUT_BYTES];  /* the end of a message that the socket had no room for */
     size_t rest_bytes;
     char *held;            /* frames that are held back; NULL: none is */
@@ -575,7 +575,7 @@ static member_result socketcand_run(member *c, port *p, const command *in, port_
 
 /* ---- From the program ------------------------------------------------------------------------ */
 
-/* Counts what is no command, once until the next one. */
+/* Counts what is not a command, once until the next one. */
 static void note_garbage(talk *t, port *p)
 {
     p->stats.malformed += !t->garbage;

@@ -21,7 +21,7 @@ typedef enum timing_type {
     TIMING_JOIN = 1, /* the first message of a program: timing_join. NOW answers it, or ERROR */
     TIMING_NOW,      /* to the program: it has its turn, at `bus_ns` of the head */
     TIMING_WAIT,     /* from it: its turn ends, until `bus_ns` at the latest */
-    TIMING_CANCEL,   /* from it: it does not want to wait any more; NOW answers it */
+    TIMING_CANCEL,   /* from it: it no longer wants to wait; NOW answers it */
     TIMING_CHILDREN, /* from it: its turn ends; it waits for a child, for any time */
     TIMING_ERROR = MESSAGE_ERROR /* to it: message_error; the connection ends */
 } timing_type;

@@ -24,8 +24,8 @@ typedef struct underway {
 /* Adds a frame. Returns false when the oldest had to make room for it, or there is no memory. */
 bool underway_add(underway *u, const port_frame *frame, uint64_t tick);
 
-/* Takes the frame that an event is about (CW_EVENT_TX, CW_EVENT_DROP). Returns false when it is
- * none of them: rules make frames, too. */
+/* Takes the frame that an event is about (CW_EVENT_TX, CW_EVENT_DROP). Returns false when it is not
+ * one of them: rules make frames, too. */
 bool underway_take(underway *u, port_frame *out, const cw_event *event);
 
 /* Returns true when a frame of a client is among them. */

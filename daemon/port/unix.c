@@ -5,7 +5,7 @@
  *
  * There are two kinds of programs. A plain ECU has messages that are struct can_frame or struct
  * canfd_frame, and is alone. It gets CAN FD frames when it has sent one itself. One that was
- * written for 16 bytes would take the begin of 72 for a frame. Clients speak the protocol of
+ * written for 16 bytes would take the start of 72 for a frame. Clients speak the protocol of
  * messages.h, and there may be many. A client binds its socket to an abstract address, so the two
  * can be told apart before their first message.
  *
@@ -421,8 +421,8 @@ void door_refuse(port *door, int code, const char *text)
     shared_disconnect(door, first);
 }
 
-/* Returns NULL for a usable inherited socket, else the reason. Descriptors that the daemon itself
- * opens are closed on exec. */
+/* Returns NULL for a usable inherited socket, otherwise the reason. Descriptors that the daemon
+ * itself opens are closed on exec. */
 static const char *explain_unfit(int fd)
 {
     int domain = 0, type = 0;

@@ -61,7 +61,7 @@ typedef struct bcm_request {
 /* Returns the job of a request. */
 bcm_op *bcm_op_find(bcm_op *first, const bcm_request *request);
 
-/* Makes a job for so many frames, and puts it first. Returns NULL without memory. */
+/* Makes a job for that many frames, and puts it first. Returns NULL without memory. */
 bcm_op *bcm_op_new(bcm_op **first, const bcm_request *request, unsigned room);
 
 /* Removes one, or all. Returns false when there is none. */

@@ -14,7 +14,7 @@
 typedef struct conn_wants {
     uint32_t options;
     uint32_t error_mask;
-    bool filtered; /* else all frames pass */
+    bool filtered; /* otherwise all frames pass */
     unsigned filter_count;
     const struct can_filter *filters;
     bool quiet; /* a refusal is not told */
@@ -23,7 +23,7 @@ typedef struct conn_wants {
 /* Makes a socket of type SOCK_SEQPACKET with room for frames. flags: of socket(). */
 int conn_socket(int flags);
 
-/* Connects such a socket. number: of the name of a guest, 1 for its own one;
+/* Connects such a socket. number: of the name of a guest, 1 for its own;
  * NAME-2, NAME-3 and so on for further ones. Returns 0 or an errno. */
 int conn_start(int fd, const iface *in, const conn_wants *wants, unsigned number);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * create.c - the begin and the end of CAN sockets, and of the library.
+ * create.c - the start and the end of CAN sockets, and of the library.
  */
 #include "preload/create.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * create.h - the begin and the end of CAN sockets, and of the library.
+ * create.h - the start and the end of CAN sockets, and of the library.
  */
 #ifndef CANWIRE_PRELOAD_CREATE_H
 #define CANWIRE_PRELOAD_CREATE_H

@@ -39,7 +39,7 @@ static const char *take_names(iface *in, const char *text)
     return NULL;
 }
 
-/* Reads one line. Returns what is behind it, NULL when it is none. */
+/* Reads one line. Returns what is behind it, NULL when it is not one. */
 static const char *ifmap_take_line(iface *in, const char *text)
 {
     char mtu[8] = "", kind[8] = "";

@@ -22,7 +22,7 @@
 typedef struct iface {
     int index;
     char names[IFMAP_NAMES_MAX][IF_NAMESIZE]; /* the first one is told to programs */
-    int mtu;    /* CANFD_MTU for a node that knows CAN FD, else CAN_MTU */
+    int mtu;    /* CANFD_MTU for a node that knows CAN FD, otherwise CAN_MTU */
     bool guest; /* each connection is a node of its own */
     char node[IFMAP_NODE_BYTES];
     char path[sizeof((struct sockaddr_un *)0)->sun_path];

@@ -7,7 +7,7 @@
 
 #include "preload/table.h"
 
-/* Answers an ioctl() about one of our interfaces. Returns false when it is about others, else
+/* Answers an ioctl() about one of our interfaces. Returns false when it is about others; otherwise
  * *result is what the call returns, with errno. */
 bool interfaces_ioctl(unsigned long request, void *argument, int *result);
 

@@ -18,7 +18,7 @@
 
 typedef enum cansock_kind { CANSOCK_RAW, CANSOCK_BCM } cansock_kind;
 
-/* Time stamps beside a message, as the options of SOL_SOCKET ask for them. */
+/* Time stamps next to a message, as the options of SOL_SOCKET ask for them. */
 typedef struct cansock_stamps {
     int option;       /* SO_TIMESTAMP or SO_TIMESTAMPNS, old or new; 0: none */
     int timestamping; /* SO_TIMESTAMPING, old or new; 0: none */
@@ -30,7 +30,7 @@ typedef struct cansock_stamps {
 typedef struct cansock_raw {
     struct can_filter *filters;
     unsigned filter_count;
-    bool filters_set; /* else all frames pass */
+    bool filters_set; /* otherwise all frames pass */
     can_err_mask_t error_mask;
     int loopback;
     int recv_own;

@@ -12,7 +12,7 @@
 
 /* The quanta of each node, from bit time to bit time. */
 typedef struct bit_clocks {
-    cw_span next[CW_NODES_MAX];    /* the begin of the next quantum, since that of the bit time */
+    cw_span next[CW_NODES_MAX];    /* the start of the next quantum, since that of the bit time */
     cw_span quantum[CW_NODES_MAX]; /* 0: not known yet */
 } bit_clocks;
 
@@ -27,7 +27,7 @@ typedef struct bit_walk {
 } bit_walk;
 
 typedef struct bit_moment {
-    cw_span at; /* since the begin of the bit time */
+    cw_span at; /* since the start of the bit time */
     unsigned node;
     const cw_mark *mark; /* NULL: a quantum begins */
 } bit_moment;

@@ -12,7 +12,7 @@
 
 typedef enum event_read_result {
     EVENT_READ = 0,
-    EVENT_OTHER,       /* a kind that is no event of the bus, or comes from a newer version */
+    EVENT_OTHER,       /* a kind that is not an event of the bus, or comes from a newer version */
     EVENT_NO_SUCH_NODE /* the nodes have changed */
 } event_read_result;
 

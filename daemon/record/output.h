@@ -20,8 +20,8 @@ void output_event(FILE *out, const cfg *config, const cw_event *event);
 /* Writes the same lines with the bus, for a reader of several buses. */
 void output_event_of_bus(FILE *out, const cfg *config, const cw_event *event);
 
-/* Writes a line of candump -L for each tx event; the interface is the node's port, else the node's
- * name. Other events write nothing. */
+/* Writes a line of candump -L for each tx event; the interface is the node's port, otherwise the
+ * node's name. Other events write nothing. */
 void output_log(FILE *out, const cfg *config, const cw_event *event);
 
 /* Writes the same line with another time, such as nanoseconds since 1970. */

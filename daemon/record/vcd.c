@@ -541,7 +541,7 @@ static void write_wire(vcd *self, const cw_bit_view *bit, const cw_mark *m)
     write_level(self, self->time, &self->wire, *wires == UINT64_MAX, 'w');
 }
 
-/* Writes the place of a node in its bit: known at its begin, or else at its sample point. */
+/* Writes the place of a node in its bit: known at its start, or else at its sample point. */
 static void write_place(vcd *self, const cw_mark *m, bool sampled)
 {
     uint64_t stuff = self->stuff;

@@ -27,7 +27,7 @@ extern const cw_stat journal_counters[JOURNAL_COUNTERS];
 typedef struct journal journal;
 typedef struct journal_part journal_part;
 
-/* Begins a journal of a fresh bus. An existing file is kept as FILE.1, and so on, up to so many
+/* Begins a journal of a fresh bus. An existing file is kept as FILE.1, and so on, up to that many
  * files: journal_keep.h. The configuration is the live one. Returns NULL after writing the reason
  * to error. */
 journal *journal_start(const char *file, unsigned files, const cfg *config,

@@ -150,7 +150,7 @@ static bool is_journal(const found *f)
 
 /* ---- The list -------------------------------------------------------------------------------- */
 
-/* Returns 0 or an errno; EINVAL: a file is no regular file. */
+/* Returns 0 or an errno; EINVAL: a file is not a regular file. */
 static int read_row(row *r)
 {
     char name[PATH_MAX];

@@ -573,8 +573,8 @@ static bool read_more(journal_reader *r)
     return count > 0;
 }
 
-/* Returns the next line without its end. Returns false when there is none; an incomplete line does
- * not count. */
+/* Returns the next line without its end. Returns false when there is none; an incomplete line
+ * does not count. */
 static bool next_line(journal_reader *r)
 {
     size_t searched = 0;

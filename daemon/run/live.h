@@ -30,7 +30,7 @@ void live_restart(live *l, uint64_t seed);
  * of the bus; the name of a missing rule is NULL. */
 const cfg *live_config(const live *l);
 
-/* Gives a guest the name that its client has said; NULL: its own one again. It keeps the name when
+/* Gives a guest the name that its client has said; NULL: its own again. It keeps the name when
  * another configuration replaces this one. */
 void live_name_guest(live *l, unsigned node, const char *name);
 

@@ -38,7 +38,7 @@ typedef struct source {
     bool behind;           /* of a replay: it has waited for room and not caught up yet ... */
     uint64_t planned;      /* ... with the frame that the file has at this tick */
     uint64_t late_frames;  /* of a replay: frames that came after that tick ... */
-    uint64_t late_most;    /* ... by at most so many ticks */
+    uint64_t late_most;    /* ... by at most that many ticks */
     bool moved;            /* another plan continues it */
     bool reported;         /* entries that were left out of its file have been reported */
     bool tested;           /* `passes` is known */

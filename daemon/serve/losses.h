@@ -56,7 +56,7 @@ const char *losses_text(loss_kind kind, uint64_t count);
 bool losses_due(losses_node *node, uint64_t kinds);
 
 /* Logs a line for each node with losses, a bus-off or a restart since the last one, when it is due.
- * Called each second; last: nothing waits any more. */
+ * Called each second; last: nothing is waiting now. */
 void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *beyond, bool last);
 
 #endif

@@ -13,7 +13,7 @@
 #include <jansson.h>
 
 #define REQUEST_BYTES_MAX (1u << 16) /* of all requests but inject, which has the whole line */
-#define REQUEST_DEPTH_MAX 8          /* lists and maps in each other */
+#define REQUEST_DEPTH_MAX 8          /* nested lists and maps */
 #define REQUEST_WATCH_RECORD (1u << 31) /* a kind of event besides those of the bus: record */
 #define REQUEST_VALUES_MAX 256       /* values and keys, so that parsing is cheap */
 

@@ -15,7 +15,7 @@
 /* The percentiles in the order of cfg_percentile. */
 static const unsigned percents[CFG_PERCENTILES] = {50, 90, 95, 99};
 
-/* The times from a trigger to the begin of its frame, in ticks. */
+/* The times from a trigger to the start of its frame, in ticks. */
 typedef struct spread {
     bool used;
     uint64_t least;
@@ -27,7 +27,7 @@ typedef struct spread {
 typedef struct tally {
     uint64_t count[CW_NODES_MAX];
     uint64_t first[CW_NODES_MAX];     /* tick, when count is not 0 */
-    uint64_t last[CW_NODES_MAX];      /* GAP: tick of the last frame, or of the begin */
+    uint64_t last[CW_NODES_MAX];      /* GAP: tick of the last frame, or of the start */
     uint64_t total;                   /* DELAY: frames */
     uint64_t worst;                   /* ... the longest delay in ticks; GAP: the longest gap */
     uint64_t worst_at;                /* ... tick of its end */
@@ -107,7 +107,7 @@ static bool matches_frame(const cw_rule *when, const cw_frame *frame)
            cw_frame_matches(frame, when->filters, when->filter_count) && matches_data(when, frame);
 }
 
-/* Returns true for a delivery: at the named receivers, else at the sender when it is done. */
+/* Returns true for a delivery: at the named receivers, otherwise at the sender when it is done. */
 static bool is_delivery(const cfg_expect *e, const cw_event *event)
 {
     return event->kind == (e->to ? CW_EVENT_RX : CW_EVENT_TX) &&

@@ -35,7 +35,7 @@ typedef struct losses {
 
 /* A loss in words. */
 typedef struct loss_words {
-    bool is_rule;     /* the name is one of a rule, else of a node */
+    bool is_rule;     /* the name is one of a rule, otherwise of a node */
     const char *name; /* with the name of its bus before it, in a rig */
     const char *why;  /* "never matched", "queue-full", "not sent" */
     uint64_t frames;  /* of a node */

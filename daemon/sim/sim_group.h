@@ -41,15 +41,15 @@ void sim_group_begin(sim_group *g);
 /* Puts all buses back to time 0, and forgets frames in gateways. Returns false without memory. */
 bool sim_group_restart(sim_group *g, const rig *config);
 
-/* Runs to the end: `until` of the runs, which is the same for all, else when all traffic is done;
- * see sim_go(). A run may lower its `until` meanwhile. */
+/* Runs to the end: `until` of the runs, which is the same for all, otherwise when all traffic is
+ * done; see sim_go(). A run may lower its `until` meanwhile. */
 void sim_group_simulate(sim_group *g);
 
 /* Advances all buses to a tick, with all releases up to there. */
 void sim_group_go_to(sim_group *g, uint64_t tick);
 
-/* Ends bits that have begun at a tick, where they may have events up to there: on each bus its own
- * one. */
+/* Ends bits that have begun at a tick, where they may have events up to there: on each bus its
+ * own. */
 void sim_group_settle(sim_group *g, uint64_t tick);
 
 /* Returns the tick that all buses have reached. */

@@ -81,9 +81,9 @@ void sim_close(sim_run *s);
 /* Adds a sink, at most SIM_SINKS_MAX; a copy is kept. */
 void sim_add_sink(sim_run *s, const sim_sink *sink);
 
-/* Runs to the end: `until`, else when all traffic is done and 11 recessive bits have passed. After
- * 10 s of bus time without a tx or a release the run ends with a message on standard error. Returns
- * false when the file of a replay cannot be read; the run has ended there. */
+/* Runs to the end: `until`, otherwise when all traffic is done and 11 recessive bits have passed.
+ * After 10 s of bus time without a tx or a release the run ends with a message on standard error.
+ * Returns false when the file of a replay cannot be read; the run has ended there. */
 bool sim_go(sim_run *s);
 
 /* ---- Runs with another driver ---------------------------------------------------------------- */

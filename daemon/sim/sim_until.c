@@ -136,8 +136,8 @@ static bool read_kind(sim_until *u, const char *text)
     return text[length] == '\0' || read_which(u, text + length + 1);
 }
 
-/* Reads an event. The word before a ':' is a node if an event follows and it is no event itself, or
- * if such a node exists. */
+/* Reads an event. The word before a ':' is a node if an event follows and it is not an event
+ * itself, or if such a node exists. */
 static bool read_event(sim_until *u, const char *text)
 {
     size_t length = strcspn(text, ":");

@@ -9,12 +9,12 @@
 #include "timing/request.h"
 
 /* Finds both as a configuration does: with a common prescaler where timing_common_brp() knows one,
- * else each as timing_by_kernel(). */
+ * otherwise each as timing_by_kernel(). */
 bool timing_by_rates(bit_timing *nominal, bit_timing *data, char problem[TIMING_PROBLEM_MAX],
                      const timing_request *slow, const timing_request *fast);
 
 /* Finds the data phase of a nominal bit timing that is known: with its prescaler if that gives
- * exactly the rate, else as timing_by_kernel(). */
+ * exactly the rate, otherwise as timing_by_kernel(). */
 bool timing_data_beside(bit_timing *data, char problem[TIMING_PROBLEM_MAX],
                         const bit_timing *nominal, const timing_request *fast);
 

@@ -43,7 +43,7 @@ int64_t timing_sufficient_left_ppb(const timing_pair *pair);
 int64_t timing_delays_left_ps(const timing_pair *pair);
 
 /* Returns the largest need_ppb with which frames are right (T10). It is the tolerance where the
- * round trip takes at least 1 tq, else the sufficient one. */
+ * round trip takes at least 1 tq, otherwise the sufficient one. */
 uint32_t timing_limit_ppb(const timing_pair *pair);
 
 /* Returns the way of an edge along the line and both stubs. */

@@ -36,7 +36,7 @@ static uint32_t wished_sample(const timing_request *r)
     return timing_cia_sample_permille(r->bitrate_bps);
 }
 
-/* Returns the clocks of a tq, 0: it is no whole number. */
+/* Returns the clocks of a tq, 0: it is not a whole number. */
 static uint64_t whole_brp(const timing_request *r, uint32_t quanta)
 {
     uint64_t quanta_hz = (uint64_t)r->bitrate_bps * quanta;

@@ -20,7 +20,7 @@ typedef struct trace_input {
     const char *file;
     int fd;
     bool at_end;  /* the file has nothing behind the buffer */
-    bool failed;  /* TRACE_BAD stays: the file cannot be read, or is no recording */
+    bool failed;  /* TRACE_BAD stays: the file cannot be read, or is not a recording */
     size_t first; /* of the bytes that are not handed out yet */
     size_t filled;
     uint64_t offset; /* of the byte at `first` in the file */

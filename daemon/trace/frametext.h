@@ -2,8 +2,8 @@
  *
  * frametext.h - frames, filters and positions in frames as people write them: parsing and printing.
  *
- * Parsers return NULL on success, else a constant or per-call message without position that says
- * what is allowed; *out is then unchanged.
+ * Parsers return NULL on success. Otherwise they return a constant or per-call message without
+ * position that says what is allowed; *out is then unchanged.
  */
 #ifndef CANWIRE_TRACE_FRAMETEXT_H
 #define CANWIRE_TRACE_FRAMETEXT_H

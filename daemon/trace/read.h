@@ -3,9 +3,9 @@
  * read.h - reads recordings of CAN traffic, entry by entry: candump, Vector ASC, pcapng.
  *
  * A file is never loaded as a whole; memory is bounded. Every entry is handed out, so that the
- * caller can report each. Some cannot go onto a classical bus, others are not whole. A file is no
- * recording when it has an entry that is not whole, and no frame that is. The same holds when its
- * first TRACE_DAMAGED_MAX such entries come before any frame.
+ * caller can report each. Some cannot go onto a classical bus, others are not whole. A file is not
+ * a recording when it has an entry that is not whole, and no frame that is. The same holds when
+ * its first TRACE_DAMAGED_MAX such entries come before any frame.
  */
 #ifndef CANWIRE_TRACE_READ_H
 #define CANWIRE_TRACE_READ_H
@@ -50,7 +50,7 @@ typedef struct trace_record {
 typedef enum trace_result {
     TRACE_RECORD = 0,
     TRACE_END, /* of the file */
-    TRACE_BAD, /* it cannot be read, or is no recording; see trace_problem() */
+    TRACE_BAD, /* it cannot be read, or is not a recording; see trace_problem() */
     TRACE_LATER /* of trace/ahead.h alone: the entry has not been read yet */
 } trace_result;
 
@@ -66,7 +66,7 @@ void trace_close(trace_reader *reader);
 /* Reads the next entry. */
 trace_result trace_next(trace_reader *reader, trace_record *record);
 
-/* Goes back to the beginning. Returns false when the file cannot be read any more, see
+/* Goes back to the beginning. Returns false when the file can no longer be read, see
  * trace_problem(). */
 bool trace_rewind(trace_reader *reader);
 
@@ -75,7 +75,7 @@ bool trace_rewind(trace_reader *reader);
 const char *trace_problem(const trace_reader *reader);
 
 /* Returns what is wrong with the first entry that is not whole, without its place. It is valid
- * after the first record of kind TRACE_DAMAGED, and does not change any more. */
+ * after the first record of kind TRACE_DAMAGED, and no longer changes. */
 const char *trace_damage(const trace_reader *reader);
 
 /* Writes a message about an entry without time stamp in the form of trace_problem(). */

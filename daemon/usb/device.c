@@ -122,7 +122,7 @@ static void fail_all(usb_device *d)
 
 /* ---- Records for the driver ------------------------------------------------------------------ */
 
-/* Returns the bytes of whole records at the begin that fit. */
+/* Returns the bytes of whole records at the start that fit. */
 static size_t whole_records(const buffer *records, size_t room)
 {
     const unsigned char *first = (const unsigned char *)buffer_first(records);

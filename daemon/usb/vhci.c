@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #define FOLDER "/sys/devices/platform/vhci_hcd.0/"
-#define STATE "/sys/module/vhci_hcd/initstate" /* missing where it is no module */
+#define STATE "/sys/module/vhci_hcd/initstate" /* missing where it is not a module */
 #define CONTROLLERS_MAX 128u /* as many as the kernel can have */
 #define PATH_BYTES 80u
 #define LINE_BYTES 160u

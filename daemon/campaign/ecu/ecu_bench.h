@@ -72,7 +72,7 @@ int64_t ecu_bench_ready_limit(const ecu_bench *b, size_t program);
 
 bool ecu_bench_all_ended(const ecu_bench *b);
 
-/* Says what has become of the run, once. */
+/* Says how the run has ended, once. */
 void ecu_bench_conclude(ecu_bench *b, ecu_verdict verdict, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 

@@ -175,7 +175,7 @@ static bool ecu_row_write_scenario(const one *o)
     return close(fd) == 0 && good;
 }
 
-/* A name with a slash in it is no name of a file. */
+/* A name with a slash in it is not a name of a file. */
 static void name_control(one *o)
 {
     const char *name = strchr(o->bus, '/') || strlen(o->bus) > CONTROL_MAX - 8 ? "bus" : o->bus;

@@ -3,7 +3,7 @@
  * ecu_row.h - the rows of a campaign with programs at its nodes.
  *
  * A row is made by canwired and the programs, in real time (ecu_keeper.h). Its journal then tells
- * what has become of the scenario, in the words of any other row.
+ * what happened to the scenario, in the words of any other row.
  */
 #ifndef CANWIRE_CAMPAIGN_ECU_ECU_ROW_H
 #define CANWIRE_CAMPAIGN_ECU_ECU_ROW_H
@@ -23,7 +23,7 @@ void ecu_rows_free(ecu_rows *e);
 /* Runs a row and writes it as a line. Returns its outcome. */
 outcome ecu_row(ecu_rows *e, uint64_t number, buffer *row);
 
-/* Returns the time that a row may take at most, with its begin and end. */
+/* Returns the time that a row may take at most, with its start and end. */
 int64_t ecu_rows_limit_ms(const campaign *c);
 
 #endif

@@ -13,7 +13,7 @@
 typedef struct bundle_bus {
     char *written; /* the name of its file, as the rig writes it */
     char *file;    /* ... and where it is */
-    char *moved;   /* ... and beside a rig in another folder */
+    char *moved;   /* ... and next to a rig in another folder */
     size_t item;   /* in the list of the rig */
     outline outline;
 } bundle_bus;
@@ -44,7 +44,7 @@ outline *bundle_document(bundle *b, size_t i, bool *gone);
 /* Returns the items of a kind that are not left out. */
 size_t bundle_count(const bundle *b, outline_kind kind);
 
-/* Writes the texts. moved: for another folder, where the buses are beside the rig, and other files
+/* Writes the texts. moved: for another folder, where the buses are next to the rig, and other files
  * are where they are. Returns false when one has no text. Free them in any case. */
 bool bundle_write(bundle_text *out, const bundle *b, bool without_faults, bool moved);
 

@@ -17,7 +17,7 @@ typedef struct candidate {
     char *kind;
     char *expectation; /* the first that has failed; NULL: none has */
     char *repeat;
-    unsigned degraded; /* DEGRADED_... as a set, of this class; else 0 */
+    unsigned degraded; /* DEGRADED_... as a set, of this class; otherwise 0 */
     uint64_t number; /* of the row, or its seed without a campaign */
     uint64_t seed;
     uint64_t end_ns;

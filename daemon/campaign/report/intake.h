@@ -14,7 +14,7 @@ typedef struct intake {
     uint64_t ftti_ns;          /* the limit of latencies; 0: that of the campaign */
     report report;
     campaign *campaign; /* owned; NULL: there is none */
-    runner *runner;     /* of the campaign: the begin of rows */
+    runner *runner;     /* of the campaign: the start of rows */
     const char *file;   /* that is being read */
     uint64_t line;
 } intake;

@@ -28,7 +28,7 @@ typedef struct minimise_task {
     uint64_t seed;
     uint64_t end_ns;          /* bus time at the end of the row */
     row_class class;
-    unsigned degraded;        /* DEGRADED_... as a set, of this class; else 0 */
+    unsigned degraded;        /* DEGRADED_... as a set, of this class; otherwise 0 */
     const char *expectation;  /* NULL: none has failed */
     const row_signs *signs;
     int64_t limit_ms;         /* of real time for a run */

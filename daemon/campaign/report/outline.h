@@ -38,7 +38,7 @@ typedef struct outline {
     size_t list_count;
 } outline;
 
-/* Reads the text of a bus or of a rig. Returns false when it is none; free it in any case. */
+/* Reads the text of a bus or of a rig. Returns false when it is not one; free it in any case. */
 bool outline_load(outline *o, const char *text, size_t size);
 
 /* Returns the number of an item of a list, counted from 0, among the nodes; 0 at the end. */

@@ -33,7 +33,7 @@ typedef struct pairs {
     size_t more; /* cells beyond that, of all */
 } pairs;
 
-/* Begins for so many factors. */
+/* Begins for that many factors. */
 void pairs_begin(pairs *p, size_t factors);
 
 /* Takes the values of a row, by their numbers, and its class. */

@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- The begin ------------------------------------------------------------------------------- */
+/* ---- The start ------------------------------------------------------------------------------- */
 
 /* Returns the number of different values that a factor may have, or 0. */
 static uint64_t possible_values(const factor *f)

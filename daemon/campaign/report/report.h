@@ -40,7 +40,7 @@ typedef struct report {
 /* Begins with the first row, and the campaign if there is one. */
 void report_begin(report *r, const report_row *first, const campaign *c);
 
-/* Takes a row, which fits to the others. */
+/* Takes a row, which fits the others. */
 void report_add(report *r, const report_row *row);
 
 /* Returns the number of rows that belong to the report, or 0 when it is not known. */

@@ -29,7 +29,7 @@ static bool is_seconds(const json_t *value)
     return json_is_number(value) && json_number_value(value) >= 0;
 }
 
-/* Returns the message about the first key that is no counter, or NULL. */
+/* Returns the message about the first key that is not a counter, or NULL. */
 static const char *check_counters(const json_t *object, const wanted_key *keys, size_t count)
 {
     for (size_t i = 0; i < count; i++)

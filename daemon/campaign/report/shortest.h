@@ -17,7 +17,7 @@ typedef struct shortest_scenario {
     row_class class;
     uint64_t number; /* of the row, or its seed without a campaign */
     uint64_t seed;
-    unsigned degraded; /* DEGRADED_... as a set, of this class; else 0 */
+    unsigned degraded; /* DEGRADED_... as a set, of this class; otherwise 0 */
     char *expectation; /* that fails; NULL: none */
     char *repeat;      /* the command of the row */
     minimised found;

@@ -8,7 +8,7 @@
 #include "campaign/report/row.h"
 
 typedef struct row_source {
-    bool is_campaign; /* canwire campaign run FILE, else canwire sim FILE */
+    bool is_campaign; /* canwire campaign run FILE, otherwise canwire sim FILE */
     char *file;
     char *until; /* of canwire sim; NULL: there is none */
 } row_source;

@@ -21,7 +21,8 @@ void failure_find(const response_bus *bus, int *survived);
  * expected. */
 double failure_probability(int survived, double mean);
 
-/* Returns the probability that a frame of so many bits is destroyed, with errors of single bits. */
+/* Returns the probability that a frame of that many bits is destroyed, with errors of single
+ * bits. */
 double failure_of_frame(unsigned bits, double per_bit);
 
 #endif

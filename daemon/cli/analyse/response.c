@@ -108,7 +108,7 @@ static uint64_t find_busy_period(const view *v)
     return busy;
 }
 
-/* Returns the time from the begin of the busy period to the begin of instance q. A frame that comes
+/* Returns the time from the start of the busy period to the start of instance q. A frame that comes
  * within the first bit of it still takes part in arbitration, also one at its very end (M6). */
 static uint64_t find_start(const view *v, uint64_t q)
 {
@@ -122,7 +122,7 @@ static uint64_t find_start(const view *v, uint64_t q)
     return start;
 }
 
-/* Returns the response time of instance q, from the begin of its period. */
+/* Returns the response time of instance q, from the start of its period. */
 static uint64_t find_instance(const view *v, uint64_t q)
 {
     const response_message *self = v->self;

@@ -25,13 +25,13 @@ typedef struct response_message {
     bool boxed;        /* a mailbox of its node is free for it, as long as none of the node is late:
                           then two frames of one message may take those of others */
     uint64_t period;   /* shortest time between two; CW_NEVER: it comes once */
-    uint64_t jitter;   /* at most so late after the begin of its period */
+    uint64_t jitter;   /* at most that late after the start of its period */
     uint64_t slot;     /* it begins before so much time has passed since it came, or is given up;
                           0: it waits. Its response is from then on, without the jitter */
     uint64_t length;   /* of its longest frame, with the intermission */
     uint64_t blocking; /* found: the longest frame of lower priority, that has just begun; with a
-                          slot the longest time to the begin of the frame */
-    uint64_t response; /* found: from the begin of the period to the end of the frame and its
+                          slot the longest time to the start of the frame */
+    uint64_t response; /* found: from the start of the period to the end of the frame and its
                           intermission; CW_NEVER: there is no bound */
     uint64_t instances; /* found: that had to be looked at */
     uint64_t delay;    /* of a fifo node: until it comes first in its queue */

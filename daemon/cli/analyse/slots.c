@@ -70,7 +70,7 @@ static references find_references(const cfg *config, const cfg_node *of)
 }
 
 /* Finds how often a time master hands its message in. That of another one may have begun before,
- * and is known later: the master counts from its begin. */
+ * and is known later: the master counts from its start. */
 static void find_own_reference(slots_cadence *out, const cfg_node *node, uint32_t units,
                                const references *r)
 {
@@ -97,7 +97,7 @@ const slots_cadence *slots_of(const slots *s, unsigned node, unsigned trigger)
 static bool take_reference(slots_cadence *all, const cfg_node *node, const cw_time_trigger *t,
                            const slots_cadence *one)
 {
-    /* Only a time master counts from the begin of its own frame, so that lateness adds nothing. */
+    /* Only a time master counts from the start of its own frame, so that lateness adds nothing. */
     const uint64_t jitter = one->jitter + (begins_cycle(node, &t->frame) ? 0 : one->slot);
     all->period = one->period < all->period ? one->period : all->period;
     all->usual = one->usual < all->usual ? one->usual : all->usual;

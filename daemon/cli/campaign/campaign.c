@@ -103,7 +103,7 @@ static bool campaign_take_option(options *o, int option)
     return true;
 }
 
-/* Returns -1 to go on, else the exit status. */
+/* Returns -1 to go on, otherwise the exit status. */
 static int campaign_parse_options(options *o, int argc, char **argv)
 {
     static const struct option known[] = {

@@ -16,7 +16,7 @@ typedef struct campaign_run_options {
     bool reload;
     bool has_only;
     uint64_t only; /* the number of one row */
-    const char *work; /* the folder of rows with programs; NULL: beside `out` */
+    const char *work; /* the folder of rows with programs; NULL: next to `out` */
     bool keep;        /* ... also of those that have passed */
 } campaign_run_options;
 

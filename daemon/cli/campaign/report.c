@@ -131,7 +131,7 @@ static bool report_take_option(options *o, int option)
     }
 }
 
-/* Returns -1 to go on, else the exit status. */
+/* Returns -1 to go on, otherwise the exit status. */
 static int report_parse_options(options *o, int argc, char **argv)
 {
     static const struct option known[] = {

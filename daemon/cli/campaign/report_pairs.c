@@ -67,7 +67,7 @@ static void report_pairs_insert(worst_pair list[REPORT_PAIRS_WORST], size_t *cou
     *count += *count < REPORT_PAIRS_WORST;
 }
 
-/* An interval costs much more than this. Its lower limit is no higher than the share. Nor is it
+/* An interval costs much more than this. Its lower limit is not higher than the share. Nor is it
  * higher than that of another one with at least this share and so many rows. */
 static bool may_be_worse(const class_counts *c, const pair_measure *m, const worst_pair *other)
 {

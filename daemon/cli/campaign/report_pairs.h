@@ -9,7 +9,7 @@
 
 #define REPORT_PAIRS_WORST 10u
 
-/* Pairs of values are held against this: failures, or the worst that the rows have instead. */
+/* Pairs of values are compared with this: failures, or the worst that the rows have instead. */
 typedef struct pair_measure {
     const char *name;
     uint64_t (*count)(const class_counts *c);

@@ -54,7 +54,7 @@ char *report_scenario_why(const shortest_scenario *one);
 /* Returns what the report has done with it, in the comment of its YAML. */
 const char *report_scenario_state(const shortest_scenario *one);
 
-/* Returns a sentence about rows that are no scenarios, to be freed; NULL: there are none. */
+/* Returns a sentence about rows that are not scenarios, to be freed; NULL: there are none. */
 char *report_others_text(const shortest *s);
 
 /* Returns its YAML with the command that runs it, as a comment before it, to be freed. */

@@ -36,7 +36,7 @@ typedef struct resume {
     resume_row last;       /* that can be made again; none when it is the first one, too */
 } resume;
 
-/* Takes the next row that is there. Returns false when it is another one. */
+/* Takes the next row that is there. Returns false when it differs. */
 bool resume_take(resume *r, const char *line, size_t length);
 
 /* Makes rows again that are there, and says so on standard error. Returns false after a message

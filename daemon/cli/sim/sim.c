@@ -439,7 +439,7 @@ static bool sim_take_option(sim_options *o, int option)
     return true;
 }
 
-/* Checks combinations of options. Returns -1 to go on, else the exit status. */
+/* Checks combinations of options. Returns -1 to go on, otherwise the exit status. */
 static int check_options(const sim_options *o)
 {
     const char *shared = shared_output(o);
@@ -460,7 +460,7 @@ static int check_options(const sim_options *o)
     return -1;
 }
 
-/* Returns -1 to go on, else the exit status. */
+/* Returns -1 to go on, otherwise the exit status. */
 static int sim_parse_options(sim_options *o, int argc, char **argv)
 {
     static const struct option options[] = {

@@ -41,7 +41,7 @@ static void sim_trace_prepare(sim_trace *self, const cw_bus *bus)
         (self->vcd_out->stream && !self->vcd) || (self->svg_out->stream && !self->svg);
 }
 
-/* Returns the tick at which the window begins, the begin of a bit. After bits at a data rate any
+/* Returns the tick at which the window begins, the start of a bit. After bits at a data rate any
  * tick can be one, and only the present bit tells it. */
 static uint64_t window_start(const sim_trace *self)
 {

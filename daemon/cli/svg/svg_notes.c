@@ -132,7 +132,7 @@ static void append_event(note *self, const cw_event *event)
 }
 
 /* Returns half bits from the start of the picture to the end of the present bit. A tick that is not
- * later than its begin gives its begin. */
+ * later than its start gives its start. */
 static size_t half_at_end(const note_list *self, uint64_t tick)
 {
     return 2 * (self->bits + (tick > self->end));

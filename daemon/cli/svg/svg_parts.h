@@ -32,9 +32,9 @@ const svg_style *svg_part_style(const bit_part *part);
 /* Returns true when a node is in the same part in a bit as in the one before, bit > 0. */
 bool svg_same_part(const cw_bit_view *bits, unsigned node, size_t bit);
 
-/* Writes the longest label of at most so many letters, or an empty text, for the part that contains
- * bit `first` of `count`. Identifier, DLC, data, stuff count and CRC have the node's value in
- * hexadecimal, if the whole part is visible. The CRC of a CAN FD frame has none. */
+/* Writes the longest label of at most that many letters, or an empty text, for the part that
+ * contains bit `first` of `count`. Identifier, DLC, data, stuff count and CRC have the node's value
+ * in hexadecimal, if the whole part is visible. The CRC of a CAN FD frame has none. */
 void svg_label(char out[SVG_LABEL_MAX], const cw_bit_view *bits, size_t count, unsigned node,
                size_t first, int letters, bool with_value);
 

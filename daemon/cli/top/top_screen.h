@@ -27,7 +27,7 @@ void top_screen_end(void);
 void top_screen_size(unsigned *height, unsigned *width);
 void top_screen_show(const top_line *text, unsigned count);
 
-/* Waits for a key, up to so many milliseconds. */
+/* Waits for a key, up to that many milliseconds. */
 int top_screen_key(int wait_ms);
 
 #endif
