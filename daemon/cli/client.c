@@ -179,7 +179,6 @@ static void complain_of_absence(const client *c, const char *unit)
 static void complain_unreachable(const client *c, const char *path, int error)
 {
     char unit[64] = "canwired";
-    failure = error;
     if (!is_path(c->bus))
         (void)snprintf(unit, sizeof unit, "canwired@%.40s", c->bus);
     if (error == ENOENT)
@@ -212,6 +211,23 @@ static void set_patience(int fd)
     (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
 }
 
+static int client_connect_to(client *c, const struct sockaddr_un *address)
+{
+    while (connect(c->fd, (const struct sockaddr *)address, sizeof *address) != 0)
+        if (!client_wait(errno))
+            return errno;
+    return 0;
+}
+
+/* Returns 0 or an errno. */
+static int client_connect(client *c, const struct sockaddr_un *address)
+{
+    c->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (c->fd >= 0)
+        set_patience(c->fd);
+    return c->fd < 0 ? errno : client_connect_to(c, address);
+}
+
 /* ---- By the name of the bus ------------------------------------------------------------------ */
 
 typedef enum named { NAMED_NONE, NAMED_ONE, NAMED_DOUBTFUL } named;
@@ -219,6 +235,18 @@ typedef enum named { NAMED_NONE, NAMED_ONE, NAMED_DOUBTFUL } named;
 static void say_nothing(const char *text)
 {
     (void)text;
+}
+
+/* Returns the reply of the bus whose control socket is at a path, or NULL. */
+static json_t *ask_at(const char *path)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    client c = {.bus = path};
+    (void)snprintf(address.sun_path, sizeof address.sun_path, "%s", path);
+    failure = client_connect(&c, &address);
+    json_t *reply = failure == 0 ? client_ask(&c, client_request("status")) : NULL;
+    client_close(&c);
+    return reply;
 }
 
 /* Returns true when the bus whose control socket is at a path has that name. It says nothing, and
@@ -231,8 +259,7 @@ static bool has_name(const char *path, const char *bus)
     teller = say_nothing;
     reply_patience_s = NAME_PATIENCE_S;
     wait_ns = 0;
-    failure = 0;
-    json_t *reply = client_ask_once(path, client_request("status"));
+    json_t *reply = ask_at(path);
     teller = before;
     reply_patience_s = patience_s;
     wait_ns = wait;
@@ -309,23 +336,6 @@ bool client_is_named(const char *bus)
     const named found = find_named(&address, bus);
     teller = before;
     return found != NAMED_NONE;
-}
-
-static int client_connect_to(client *c, const struct sockaddr_un *address)
-{
-    while (connect(c->fd, (const struct sockaddr *)address, sizeof *address) != 0)
-        if (!client_wait(errno))
-            return errno;
-    return 0;
-}
-
-/* Returns 0 or an errno. */
-static int client_connect(client *c, const struct sockaddr_un *address)
-{
-    c->fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    if (c->fd >= 0)
-        set_patience(c->fd);
-    return c->fd < 0 ? errno : client_connect_to(c, address);
 }
 
 bool client_open(client *c, const char *bus)

@@ -5,6 +5,7 @@
  *          build runs it: json-schema FOLDER COUNTERS
  */
 #include "base/jsonput.h"
+#include "base/memo.h"
 #include "campaign/campaign_owner.h"
 #include "config/parts.h"
 #include "config/rig.h"
@@ -292,14 +293,11 @@ static uint64_t limit_of(const json_t *type, const char *key)
 /* The readers ignore quotes: a whole number may be a text. */
 static void allow_text(json_t *type)
 {
-    char *pattern = NULL;
-    size_t size = 0;
-    FILE *out = open_memstream(&pattern, &size);
-    print_numbers(out, limit_of(type, "minimum"), limit_of(type, "maximum"));
-    (void)fclose(out);
+    memo pattern;
+    print_numbers(memo_begin(&pattern), limit_of(type, "minimum"), limit_of(type, "maximum"));
     json_object_set_new(type, "type", json_pack("[s, s]", "integer", "string"));
-    json_object_set_new(type, "pattern", json_string(pattern));
-    free(pattern);
+    json_object_set_new(type, "pattern", json_string(memo_text(&pattern)));
+    memo_end(&pattern);
 }
 
 /* Lists are in maps, no deeper than the schema. NOLINTNEXTLINE(misc-no-recursion) */
