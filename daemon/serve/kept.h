@@ -49,7 +49,7 @@ bool kept_clear(kept *k, const char *rule);
 /* Takes a rule out of what is remembered, since it could not be saved. */
 bool kept_take_back(kept *k, const char *rule);
 
-/* Returns the number, from 1, of the text that a rule of the bus is kept with; 0: it is not kept. */
+/* Returns the number, from 1, of the text that a rule of the bus is kept with; 0: with none. */
 size_t kept_find(const kept *k, const char *rule);
 
 /* Returns the length of all texts that are kept. */
