@@ -626,7 +626,7 @@ char *client_path_in(const char *folder, const char *file)
 
 char *client_file_of(const json_t *status, const char *key)
 {
-    const char *file = json_string_value(json_object_get(status, key));
-    const char *folder = json_string_value(json_object_get(status, "directory"));
+    const char *file = get_text(status, key);
+    const char *folder = get_text(status, "directory");
     return file ? client_path_in(folder, file) : NULL;
 }

@@ -5,6 +5,7 @@
  * A service manager knows the file and the process of a bus, and needs the result. It uses --config
  * and --pid.
  */
+#include "base/jsonput.h"
 #include "base/plain.h"
 #include "base/memo.h"
 #include "cli/buses.h"
@@ -114,8 +115,8 @@ static bool is_of_file(client *c, const char *file)
     c->exact = false;
     const json_t *status = json_object_get(reply, "status");
     const bool same = has_file(status, file);
-    const char *rig_file = json_string_value(json_object_get(status, "rig"));
-    const char *own = json_string_value(json_object_get(status, "file"));
+    const char *rig_file = get_text(status, "rig");
+    const char *own = get_text(status, "file");
     if (reply && !same)
         plain_print(stderr, "canwire: bus %s: it runs with %s, not with %s\n", c->bus,
                     rig_file ? rig_file : own ? own : "another file", file);

@@ -9,6 +9,7 @@
  */
 #include "port/socketcand.h"
 
+#include "base/chars.h"
 #include "base/moment.h"
 #include "port/broadcast.h"
 #include "port/shared.h"
@@ -153,58 +154,35 @@ __attribute__((format(printf, 2, 3))) static void say(member *c, const char *for
         (void)socketcand_put(c, text, (size_t)bytes);
 }
 
-/* A text in the making. */
-typedef struct writing {
-    char text[OUT_BYTES];
-    size_t bytes;
-} writing;
-
-__attribute__((format(printf, 2, 3))) static void socketcand_add(writing *w, const char *format,
-                                                                 ...)
-{
-    va_list values;
-    va_start(values, format);
-    const int bytes = vsnprintf(w->text + w->bytes, sizeof w->text - w->bytes, format, values);
-    va_end(values);
-    w->bytes += bytes > 0 ? (size_t)bytes : 0;
-}
-
-static void add_id(writing *w, canid_t id)
-{
-    if (id & CAN_EFF_FLAG)
-        socketcand_add(w, "%08X ", id & CAN_EFF_MASK);
-    else
-        socketcand_add(w, "%03X ", id & CAN_SFF_MASK);
-}
-
-static void add_time(writing *w, int64_t realtime_ns)
-{
-    socketcand_add(w, "%" PRId64 ".%06" PRId64 " ", realtime_ns / NS_PER_S,
-                   realtime_ns % NS_PER_S / NS_PER_US);
-}
+/* Appends to a text of OUT_BYTES, and to its length. */
+#define ADD(...) (used = chars_print(text, OUT_BYTES, used, __VA_ARGS__))
 
 /* Sends a frame. Its bytes are apart in BCM mode, and together in RAW mode, as those of socketcand
  * are. An error frame has its class, and no data. */
 static bool put_frame(member *c, const struct canfd_frame *frame, size_t size, int64_t realtime_ns)
 {
-    writing w = {.bytes = 0};
+    char text[OUT_BYTES];
+    size_t used = 0;
     const bool error = frame->can_id & CAN_ERR_FLAG;
     const bool remote = !error && (frame->can_id & CAN_RTR_FLAG);
     if (error) {
-        socketcand_add(&w, "< error %03X ", frame->can_id & CAN_ERR_MASK);
+        ADD("< error %03X ", frame->can_id & CAN_ERR_MASK);
     } else {
-        socketcand_add(&w, remote ? "< rtr " : size == CANFD_MTU ? "< fdframe " : "< frame ");
-        add_id(&w, frame->can_id);
+        ADD(remote ? "< rtr " : size == CANFD_MTU ? "< fdframe " : "< frame ");
+        if (frame->can_id & CAN_EFF_FLAG)
+            ADD("%08X ", frame->can_id & CAN_EFF_MASK);
+        else
+            ADD("%03X ", frame->can_id & CAN_SFF_MASK);
     }
     if (size == CANFD_MTU)
-        socketcand_add(&w, "%02X ", frame->flags);
-    add_time(&w, realtime_ns);
+        ADD("%02X ", frame->flags);
+    ADD("%" PRId64 ".%06" PRId64 " ", realtime_ns / NS_PER_S, realtime_ns % NS_PER_S / NS_PER_US);
     if (remote)
-        socketcand_add(&w, "%u ", frame->len);
+        ADD("%u ", frame->len);
     for (unsigned i = 0; !remote && !error && i < frame->len; i++)
-        socketcand_add(&w, talk_of(c)->mode == BCM ? "%02X " : "%02X", frame->data[i]);
-    socketcand_add(&w, error || remote ? ">" : " >");
-    return put_or_hold(c, w.text, w.bytes);
+        ADD(talk_of(c)->mode == BCM ? "%02X " : "%02X", frame->data[i]);
+    ADD(error || remote ? ">" : " >");
+    return put_or_hold(c, text, used);
 }
 
 static void set_wake(member *c)

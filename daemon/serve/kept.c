@@ -222,7 +222,7 @@ static void note_crash(kept *k, const json_t *state, const struct stat *file)
 /* An earlier start has found it. */
 static void note_unread(kept *k, const json_t *state)
 {
-    const char *unread = json_string_value(json_object_get(state, "unread"));
+    const char *unread = get_text(state, "unread");
     (void)snprintf(k->unread, sizeof k->unread, "%s", unread ? unread : "");
     if (*k->unread)
         log_warning("%s", k->unread);

@@ -4,6 +4,7 @@
  */
 #include "sim/losses.h"
 
+#include "base/chars.h"
 #include "base/counted.h"
 #include "base/plain.h"
 #include "config/doubts.h"
@@ -78,13 +79,13 @@ static void sim_losses_tell(const teller *t, const char *name, loss_words words)
 /* Prints the first identifiers: "111, 112, …". */
 static void print_ids(char out[LOSS_TEXT_MAX], const lost_frames *l)
 {
-    int length = 0;
+    size_t used = 0;
     for (unsigned i = 0; i < l->id_count; i++)
-        length += snprintf(out + length, (size_t)(LOSS_TEXT_MAX - length), "%s%0*" PRIX32,
-                           i > 0 ? ", " : "", l->ids[i] & CW_FILTER_EXTENDED ? 8 : 3,
+        used = chars_print(out, LOSS_TEXT_MAX, used, "%s%0*" PRIX32, i > 0 ? ", " : "",
+                           l->ids[i] & CW_FILTER_EXTENDED ? 8 : 3,
                            l->ids[i] & ~CW_FILTER_EXTENDED);
     if (l->count > l->id_count)
-        (void)snprintf(out + length, (size_t)(LOSS_TEXT_MAX - length), ", …");
+        (void)chars_print(out, LOSS_TEXT_MAX, used, ", …");
 }
 
 /* Prints the keys that help where a queue is too short. */
