@@ -533,7 +533,7 @@ $(BUILD)/lib/format/tables.o: $(GEN)/lib/format/tables.c | $(LAYOUT)
 
 # A program of this machine generates tables from the table of frame parts.
 FORMAT_SOURCES := lib/format/generate/main.c lib/format/parts.c lib/format/frame.c
-$(GEN)/lib/format/generate: $(FORMAT_SOURCES) $(wildcard lib/format/*.h) lib/canwire.h
+$(GEN)/lib/format/generate: $(FORMAT_SOURCES) $(wildcard lib/format/*.h) $(wildcard lib/*.h)
 	@mkdir -p $(@D)
 	$(call tell,CC,$@) $(HOSTCC) -std=c17 $(WARNINGS) -Ilib -o $@ $(FORMAT_SOURCES)
 
