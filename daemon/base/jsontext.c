@@ -48,7 +48,9 @@ void jsontext_quoted(buffer *out, const char *text)
 
 static void put_comma(buffer *out)
 {
-    const char last = buffer_length(out) > 0 ? out->data[out->end - 1] : '\0';
+    char last = '\0';
+    if (buffer_length(out) > 0)
+        last = out->data[out->end - 1];
     if (last != '\0' && last != '{' && last != '[' && last != ':' && last != '\n')
         (void)buffer_append(out, ",", 1);
 }
