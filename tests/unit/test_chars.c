@@ -1,13 +1,18 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_chars.c - what chars.c writes is what printf writes, and not a byte more.
+ * test_chars.c - what chars.c writes is what printf writes, and not a byte more; the other parts of
+ * base that make texts, and read digits.
  */
 #include "base/chars.h"
+#include "base/jsontext.h"
+#include "base/memo.h"
+#include "base/number.h"
 
 #include <inttypes.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 
 #include <cmocka.h>
 
@@ -100,6 +105,123 @@ static void texts_end_before_their_zero(void **state)
     assert_written(written, chars_text(chars_text(chars_text(written, "ab"), ""), "c"), "abc");
 }
 
+static void a_text_that_does_not_fit_is_cut(void **state)
+{
+    char text[8];
+    size_t used = 0;
+    (void)state;
+    used = chars_print(text, sizeof text, used, "%s", "abc");
+    used = chars_print(text, sizeof text, used, "%u", 1234u);
+    assert_string_equal(text, "abc1234");
+    assert_int_equal(used, 7);
+    used = chars_print(text, sizeof text, used, "%s", "xy");
+    assert_int_equal(used, 9);
+    assert_int_equal(chars_print(text, sizeof text, used, "%s", "z"), 9);
+    assert_string_equal(text, "abc1234");
+}
+
+static void buffers_take_texts(void **state)
+{
+    buffer b = {.data = NULL};
+    (void)state;
+    assert_string_equal(buffer_text(&b), "");
+    buffer_put(&b, "ab");
+    buffer_print(&b, "%s %u", "c", 12u);
+    assert_string_equal(buffer_text(&b), "abc 12");
+    assert_int_equal(buffer_length(&b), 6);
+    buffer_put(&b, "!");
+    assert_string_equal(buffer_text(&b), "abc 12!");
+    b.no_memory = true;
+    assert_null(buffer_text(&b));
+    buffer_clear(&b);
+    assert_string_equal(buffer_text(&b), "");
+    buffer_free(&b);
+}
+
+static void json_has_commas_and_escapes(void **state)
+{
+    buffer b = {.data = NULL};
+    (void)state;
+    jsontext_item(&b, "{");
+    jsontext_number(&b, "n", UINT64_MAX);
+    jsontext_string(&b, "s", "a\"\n\xE2\x82\xAC\xFF");
+    jsontext_seconds(&b, "t", 80000001);
+    jsontext_value(&b, "list", "[");
+    jsontext_item(&b, "1");
+    jsontext_item(&b, "{");
+    jsontext_value(&b, "x", "null");
+    buffer_put(&b, "}]}");
+    assert_string_equal(buffer_text(&b),
+                        "{\"n\":18446744073709551615,\"s\":\"a\\\"\\n????\","
+                        "\"t\":1.000000012,\"list\":[1,{\"x\":null}]}");
+    buffer_free(&b);
+}
+
+static void json_in_memory_is_the_same(void **state)
+{
+    char written[ROOM];
+    (void)state;
+    memset(written, UNTOUCHED, sizeof written);
+    char *at = AT_WORD(written, "w", "a");
+    at = AT_NUMBER(at, "n", UINT64_MAX);
+    at = AT_SIGNED(at, "i", INT64_MIN);
+    assert_written(written, at,
+                   ",\"w\":\"a\",\"n\":18446744073709551615,\"i\":-9223372036854775808");
+}
+
+/* Digits that are read: the number, and what is behind it; no digits: none. */
+static void digits_end_where_the_number_ends(void **state)
+{
+    static const struct {
+        const char *text;
+        uint64_t most;
+        const char *rest;     /* of text_take_digits(), NULL: it fails */
+        const char *unpadded; /* of text_take_uint() */
+    } cases[] = {
+        {"12..", 12, "..", ".."}, {"13", 12, NULL, NULL}, {"007x", 7, "x", NULL},
+        {"0", 0, "", ""}, {"", 9, NULL, NULL}, {"-1", 9, NULL, NULL}, {"00", 0, "", NULL},
+        {"18446744073709551615", UINT64_MAX, "", ""},
+        {"18446744073709551616", UINT64_MAX, NULL, NULL},
+    };
+    (void)state;
+    for (size_t i = 0; i < COUNT(cases); i++) {
+        const char *a = cases[i].text, *b = a;
+        uint64_t number = 77;
+        assert_int_equal(text_take_digits(&number, &a, cases[i].most), cases[i].rest != NULL);
+        assert_string_equal(a, cases[i].rest ? cases[i].rest : cases[i].text);
+        assert_int_equal(number == 77, cases[i].rest == NULL);
+        assert_int_equal(text_take_uint(&number, &b, cases[i].most), cases[i].unpadded != NULL);
+        assert_string_equal(b, cases[i].unpadded ? cases[i].unpadded : cases[i].text);
+    }
+}
+
+static void hex_numbers_have_up_to_eight_digits(void **state)
+{
+    uint32_t value = 5;
+    (void)state;
+    assert_true(text_parse_hex(&value, "fFFFFFfe", 8) && value == 0xFFFFFFFE);
+    assert_true(text_parse_hex(&value, "0a9", 2) && value == 0x0A);
+    assert_false(text_parse_hex(&value, "000000001", 9));
+    assert_false(text_parse_hex(&value, "1g", 2));
+    assert_false(text_parse_hex(&value, "1", 2));
+    assert_false(text_parse_hex(&value, "1", 0));
+    assert_int_equal(value, 0x0A);
+}
+
+static void memos_grow_until_they_are_taken(void **state)
+{
+    memo m;
+    (void)state;
+    assert_non_null(memo_begin(&m));
+    fputs("a", m.out);
+    assert_string_equal(memo_text(&m), "a");
+    fputs("b", m.out);
+    char *text = memo_take(&m);
+    assert_string_equal(text, "ab");
+    memo_end(&m);
+    free(text);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -108,6 +230,13 @@ int main(void)
         cmocka_unit_test(hex_digits_are_those_of_printf),
         cmocka_unit_test(bytes_are_two_digits_each),
         cmocka_unit_test(texts_end_before_their_zero),
+        cmocka_unit_test(a_text_that_does_not_fit_is_cut),
+        cmocka_unit_test(buffers_take_texts),
+        cmocka_unit_test(json_has_commas_and_escapes),
+        cmocka_unit_test(json_in_memory_is_the_same),
+        cmocka_unit_test(digits_end_where_the_number_ends),
+        cmocka_unit_test(hex_numbers_have_up_to_eight_digits),
+        cmocka_unit_test(memos_grow_until_they_are_taken),
     };
     return cmocka_run_group_tests_name("chars", tests, NULL, NULL);
 }
