@@ -1284,6 +1284,7 @@ typedef enum cw_event_kind {
 #define CW_EVENTS_USUAL                                                                            \
     (((1u << CW_EVENT_COUNT) - 1) & ~(1u << CW_EVENT_SYNC) & ~(1u << CW_EVENT_CAPTURE))
 
+/* Returns the name used in events and fault rules ("arbitration-lost"), a constant string. */
 const char *cw_event_name(cw_event_kind kind);
 
 /* Why a node has been woken. The names are the "by" of wake events. */
@@ -1691,6 +1692,7 @@ typedef struct cw_bus_stats {
     uint16_t load_permille; /* busy time of the last second (as far as the bus has run) */
 } cw_bus_stats;
 
+/* Reads the statistics of the bus, up to cw_bus_now(). */
 void cw_bus_get_stats(const cw_bus *bus, cw_bus_stats *stats);
 
 /* Returns true when every frame of the node is accounted for. handed_in and made_by_rules are the
@@ -1777,6 +1779,7 @@ typedef struct cw_rule_stats {
     bool over;        /* finished: its count is used up, or its time has passed */
 } cw_rule_stats;
 
+/* Reads the counts of a rule. CW_INVALID: no such rule. */
 cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *stats);
 
 /* Returns the load between two readings of the same bus: permille of busy time; 0 when no time lies

@@ -223,6 +223,7 @@ extern const cw_stat cw_sleep_counters[];
     .line = CW_LINE_##line_, .place = (place_), .title = (title_)
 #define CW_COLUMN_NOWHERE .line = CW_LINE_NONE
 
+/* Returns the name of a unit, a constant string. */
 const char *cw_unit_name(cw_unit unit);
 
 /* Returns the word of a value of DROPS or ERRORS. */

@@ -116,6 +116,7 @@ void cw_run_due_node(cw_bus *bus, unsigned node);
 /* Asks the controller of a node to leave bus-off, and drops what waits (R12). */
 void cw_restart_now(cw_bus *bus, unsigned node);
 
+/* Returns true when a node of the running bus can have these settings. */
 bool cw_settings_valid(const cw_bus *bus, unsigned node, const cw_settings *settings);
 
 #endif

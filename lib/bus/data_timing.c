@@ -8,6 +8,7 @@
 
 #define MOST_BRP 65536u
 
+/* Looks at the values of a data phase by themselves; its quantum is not one of them. */
 bool cw_data_timing_valid(const cw_data_timing *d)
 {
     if (d->data_brp == 0)

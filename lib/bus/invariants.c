@@ -40,6 +40,8 @@ static void assert_confinement(const cw_confinement *c)
     assert(c->rec <= CW_REC_MAX);
 }
 
+/* Sets of the bus must agree with the node, nothing due may be missed, and each frame be accounted
+ * for. */
 static void assert_node(const cw_bus *bus, unsigned i)
 {
     const cw_bus_node *n = &bus->nodes[i];

@@ -116,6 +116,7 @@ static void carve_queues(arena *a, cw_bus_node *nodes, const cw_bus_config *c)
     }
 }
 
+/* Lays out filters, buffers and mailboxes, if any node has some (memory for all nodes then). */
 static void carve_buffers(arena *a, cw_bus *bus, const cw_bus_config *c)
 {
     if (!has_buffers(c))
@@ -150,6 +151,7 @@ static void carve_buffers(arena *a, cw_bus *bus, const cw_bus_config *c)
     }
 }
 
+/* Returns true when some node has local time. */
 static bool has_local_time(const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->node_count; i++)
@@ -169,6 +171,7 @@ static void init_tt(cw_tt *tt, const cw_bus_config *c, unsigned node)
                   .hand_in = CW_NEVER};
 }
 
+/* Lays out local times and schedules, if any node has local time (L2, L5). */
 static void carve_tt(arena *a, cw_bus *bus, const cw_bus_config *c)
 {
     if (!has_local_time(c))
@@ -193,6 +196,7 @@ static void carve_tt(arena *a, cw_bus *bus, const cw_bus_config *c)
     }
 }
 
+/* Lays out the rules, their index, and the frames that they hold back. */
 static void carve_rules(arena *a, cw_rule_set *set, const cw_bus_config *c)
 {
     size_t capacity = (size_t)c->rule_count + c->rule_room;
@@ -209,6 +213,7 @@ static void carve_rules(arena *a, cw_rule_set *set, const cw_bus_config *c)
                              .stale = true, .next_due = CW_NEVER};
 }
 
+/* Lays out counters and checksums, each with the first value of its counter. */
 static void carve_protections(arena *a, cw_rule_set *set, const cw_bus_config *c)
 {
     if (c->protection_count == 0)
@@ -253,6 +258,7 @@ static unsigned mark_room(const cw_bus_config *c)
     return c->marks ? 8u * bits * c->node_count + by_rules : 0;
 }
 
+/* Lays out what nodes with clocks of their own need: delays, edges, disturbances, marks. */
 static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
 {
     const size_t pairs = (size_t)c->node_count * c->node_count;

@@ -11,6 +11,7 @@ static void drop(cw_bus *bus, unsigned i, cw_side side, const cw_frame *frame, u
     cw_push_drop(bus, i, side, frame, CW_DROP_FAULT, tick);
 }
 
+/* Counts a frame that rules have made, by its way. */
 static void count_made(cw_bus *bus, unsigned i, cw_side side)
 {
     cw_node_stats *stats = &bus->nodes[i].stats;

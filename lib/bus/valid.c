@@ -18,6 +18,7 @@ static bool mailbox_valid(const cw_mailbox *box)
            (box->use != CW_MAILBOX_REPLY || (one_id && frame));
 }
 
+/* All mailboxes must be valid, and so must the choice of the next one. */
 static bool mailboxes_valid(const cw_host_config *h)
 {
     if (h->mailbox_count > CW_MAILBOXES_MAX || (unsigned)h->transmit >= CW_TRANSMIT_COUNT)
@@ -56,6 +57,7 @@ static bool schedule_valid(const cw_schedule *s, const cw_local_time *l)
     return valid;
 }
 
+/* Looks at the values of a node by themselves; the timing is looked at elsewhere. */
 static bool node_config_valid(const cw_node_config *c)
 {
     return c->queue >= 1 && c->queue <= CW_QUEUE_MAX && c->queue_room <= CW_QUEUE_MAX &&

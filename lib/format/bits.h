@@ -18,6 +18,7 @@ typedef struct cw_stuffing {
     uint64_t set[CW_BIT_WORDS];
 } cw_stuffing;
 
+/* Finds the stuff bits of a frame: dynamic ones (F7), and fixed ones of an FD frame (D4). */
 cw_stuffing cw_bits_stuffing(const cw_bits *bits);
 
 /* Returns the wire bit that is the u-th one, from 0, of those that are not stuff bits. */

@@ -51,6 +51,7 @@ static inline uint64_t load_be(const uint8_t b[8])
            (uint64_t)b[6] << 8 | b[7];
 }
 
+/* Stores a number in the same way. */
 static inline void store_be(uint8_t b[8], uint64_t word)
 {
 #if __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__

@@ -28,6 +28,7 @@ static inline cw_head cw_base_head(const cw_frame *frame, bool remote, unsigned 
                      .bits = CW_BASE_HEAD_BITS};
 }
 
+/* SRR and IDE are recessive; RTR stands behind the identifier (F2). */
 static inline cw_head cw_extended_head(const cw_frame *frame, bool remote, unsigned dlc)
 {
     const uint64_t high = frame->id >> CW_EXTENDED_ID_BITS;

@@ -47,6 +47,7 @@ void cw_disturb_end(cw_disturbances *all, unsigned rule, cw_span moment);
 /* Forgets those that no look after a moment can meet. */
 void cw_disturb_forget(cw_disturbances *all, cw_span moment);
 
+/* Moves the epoch forward. */
 void cw_disturb_rebase(cw_disturbances *all, cw_span by);
 
 /* Returns the levels of lines, or of wires, as rules have changed them right after a moment: at

@@ -114,6 +114,8 @@ void cw_rules_passed(cw_rule_set *set, unsigned node, cw_side side, uint64_t tic
 
 /* ---- Actions --------------------------------------------------------------------------------- */
 
+/* CHANGE: the identifier and the DLC become the given ones; bits of the data are set, masked,
+ * inverted. */
 bool cw_change_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
     (void)set;
@@ -133,6 +135,7 @@ bool cw_change_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
     return true;
 }
 
+/* DUPLICATE: the copies go before the frame itself, with its tick. */
 bool cw_copy_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
     const cw_rule_effects *effects = set->bus.effects;
@@ -146,6 +149,7 @@ bool cw_copy_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
     return true;
 }
 
+/* DROP: the frame does not go on. */
 bool cw_drop_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
     set->bus.effects->drop(set->bus.self, p->node, rule->side, p->frame, p->tick);
@@ -166,11 +170,13 @@ static bool hold_back(cw_rule_set *set, const cw_rule *rule, const cw_passing *p
     return !cw_rules_hold(set, &h);
 }
 
+/* DELAY: the frame goes on later; others overtake it. */
 bool cw_delay_frame(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
     return hold_back(set, rule, p, cw_after(p->tick, rule->for_ticks), 0);
 }
 
+/* REORDER: the frame goes on behind the next ones of its node and side. */
 bool cw_let_overtake(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
     return rule->number == 0 ||

@@ -202,6 +202,7 @@ bool cw_rule_reaches(cw_rule_set *set, unsigned rule, uint64_t nodes, uint64_t b
 
 /* ---- Effects on what is sampled -------------------------------------------------------------- */
 
+/* FLIP: inverts levels. */
 void cw_flip(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)set;
@@ -209,12 +210,14 @@ void cw_flip(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t node
     *levels ^= nodes;
 }
 
+/* FORCE: sets levels. */
 void cw_force(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)set;
     set_level(levels, nodes, s->rule.level);
 }
 
+/* GLITCH: sets levels to those of a pattern, as far as it has one for this bit. */
 void cw_glitch(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)set;
@@ -223,6 +226,7 @@ void cw_glitch(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t no
         set_level(levels, nodes, s->rule.pattern_level >> i & 1u);
 }
 
+/* STUCK and PULSE: set levels. */
 void cw_hold_level(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)set;

@@ -99,6 +99,7 @@ static void flip(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t 
         cw_rule_end_action(set, cw_rule_index(set, s));
 }
 
+/* NOISE: flips the levels that the draws of this bit choose, or begins bursts there. */
 void cw_flip_at_random(cw_rule_set *set, cw_rule_state *s, uint64_t *levels, uint64_t nodes)
 {
     (void)nodes; /* the rule draws its nodes */

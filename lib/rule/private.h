@@ -149,6 +149,7 @@ typedef struct cw_candidates {
  * usual result, by one look at a table. */
 bool cw_rules_may_wait(const cw_rule_set *set, const cw_frame *frame);
 
+/* Begin with a frame, and find the next rule. Returns false when there are no more. */
 void cw_candidates_begin(cw_candidates *c, const cw_rule_set *set, const cw_frame *frame);
 bool cw_candidates_next(cw_candidates *c, unsigned *rule, const cw_rule_set *set);
 
@@ -286,6 +287,7 @@ void cw_rules_release_held(cw_rule_set *set);
 /* Makes frames that an ending rule holds back due now. */
 void cw_rule_let_go(cw_rule_set *set, unsigned rule);
 
+/* Returns the tick at which the first frame that is held back is due, or CW_NEVER. */
 uint64_t cw_rules_next_held(const cw_rule_set *set);
 
 /* Returns the bits to come, at most `bits`, before whose end traffic rules send nothing as long as

@@ -61,6 +61,7 @@ cw_protected *cw_rules_protect(const cw_rule_set *set, unsigned node, cw_frame *
     return p;
 }
 
+/* COUNTER: gives the counter a wrong value, see cw_counter_fault, and decides how it counts on. */
 bool cw_fault_counter(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
     (void)set;
@@ -77,6 +78,7 @@ bool cw_fault_counter(cw_rule_set *set, const cw_rule *rule, const cw_passing *p
     return true;
 }
 
+/* CHECKSUM: inverts all bits of the checksum. */
 bool cw_fault_checksum(cw_rule_set *set, const cw_rule *rule, const cw_passing *p)
 {
     (void)set;

@@ -347,8 +347,10 @@ void cw_rules_remove(cw_rule_set *set, unsigned rule);
  * way. */
 bool cw_rules_arm(cw_rule_set *set, unsigned rule);
 
+/* Returns the counts of a rule, and its state at present. */
 cw_rule_stats cw_rules_get_stats(const cw_rule_set *set, unsigned rule);
 
+/* Ends the action of a rule at once, and lets go of the frames that it holds back. */
 void cw_rule_end_action(cw_rule_set *set, unsigned rule);
 
 /* ---- bind.c, error.c, due.c ------------------------------------------------------------------ */
@@ -458,6 +460,7 @@ static inline bool cw_rules_look_once(const cw_rule_set *set, unsigned node)
 #define CW_TOUCH_DOMINANT 0x10u    /* dominant bits of a node; nothing as long as there are none */
 #define CW_TOUCH_MORE 0x20u        /* anything else in the next bit */
 
+/* Does the work of cw_rules_touch() when some rule is awake. */
 unsigned cw_rules_touch_now(const cw_rule_set *set);
 
 /* Returns the CW_TOUCH_* of all awake rules. In the usual case no rule is awake. */
@@ -547,6 +550,7 @@ typedef struct cw_topology {
     unsigned wire_count;
 } cw_topology;
 
+/* Finds it; the caller applies it. */
 void cw_rules_find_topology(const cw_rule_set *set, cw_topology *topology);
 
 /* ---- host.c, traffic.c ----------------------------------------------------------------------- */

@@ -34,6 +34,7 @@ static bool can_take(const cw_rule_set *set, const cw_rule_state *s)
     return s->traffic.outstanding == 0 && set->bus.effects->can_take(set->bus.self, s->rule.node);
 }
 
+/* SEND and RAW_FRAME: sends a frame, and plans the next one by start and period. */
 void cw_send_periodically(cw_rule_set *set, unsigned rule)
 {
     cw_rule_state *s = &set->rules[rule];
@@ -52,6 +53,7 @@ void cw_send_periodically(cw_rule_set *set, unsigned rule)
     cw_rules_set_due(set, *next_at);
 }
 
+/* BABBLE: sends the frame again as soon as the last one is gone. */
 void cw_babble(cw_rule_set *set, unsigned rule)
 {
     const cw_rule_state *s = cw_rule_at(set, rule);

@@ -48,6 +48,7 @@ static uint32_t valid_read_number(const cw_rule *r, const cw_action_range *range
     return range->bytes == sizeof number ? number : half;
 }
 
+/* CW_KEEP, where it is allowed, leaves the value as it is. */
 static bool is_in_range(const cw_rule *r, const cw_action_range *range)
 {
     if (range->bytes == 0)

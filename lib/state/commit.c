@@ -84,6 +84,7 @@ void cw_report_arbitration_lost(cw_bus *bus, unsigned i, uint8_t bit)
     cw_rules_error(&bus->rules, i, e);
 }
 
+/* Reports an error, counts it, and shows it to rules that wait for errors. */
 static void report_error(cw_bus *bus, unsigned i, const cw_error *error, bool fast)
 {
     cw_event *e = cw_push_node_event(bus, CW_EVENT_ERROR, i);
@@ -171,6 +172,7 @@ static uint64_t handed_in_of(const cw_bus *bus, unsigned i)
     return over ? start->handed_in : offered_slot(&bus->nodes[i])->handed_in;
 }
 
+/* Finds who has sent the frame, and when the first sender's host handed it in. */
 static cw_frame_origin find_origin(const cw_bus *bus, unsigned receiver)
 {
     cw_frame_origin origin = {.from = find_senders(bus, receiver), .handed_in = CW_NEVER};

@@ -270,6 +270,7 @@ cw_drop cw_refusal(const cw_bus *bus, unsigned node);
 /* Makes the first frame of a node's queue the offered one, without encoding it. */
 void cw_pin_first(cw_bus_node *node);
 
+/* Takes a slot out of a node's queue. The frame that goes first may then be another one. */
 void cw_remove_slot(cw_bus *bus, unsigned node, uint16_t slot);
 
 /* Drops all frames of a node's queue. */
@@ -559,6 +560,7 @@ void cw_tt_take_over(cw_bus *bus, unsigned node, const cw_tt *old,
 /* Finds the most room that a bit can need. Call it when rules come or go. */
 void cw_ring_find_enough(cw_bus *bus);
 
+/* Does the work of cw_ring_has_room() when the ring is too full for every possible bit. */
 bool cw_ring_has_room_now(const cw_bus *bus);
 
 /* Returns true when the ring has room for the worst case up to the end of the next bit. */
@@ -616,6 +618,7 @@ void cw_order_check(cw_bus *bus, unsigned node);
 
 /* ---- shares.c -------------------------------------------------------------------------------- */
 
+/* Does the work of cw_share_lost() for a node that has a share. */
 void cw_share_lost_now(cw_bus *bus, unsigned node);
 
 /* Adds a node's share of lost arbitrations to its statistics. Call this function before the first
@@ -704,6 +707,7 @@ static inline void cw_report_state(cw_bus *bus, unsigned node)
 
 /* ---- commit.c -------------------------------------------------------------------------------- */
 
+/* Does the work of cw_count_clean_bits() when there are some. */
 void cw_count_clean_bits_now(cw_bus *bus);
 
 /* Adds the bits of clean frames to the statistics. Call it before other bits are counted or the

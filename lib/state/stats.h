@@ -7,6 +7,7 @@
 
 #include "time/rate.h"
 
+/* Adds one delay: count, sum, extremes and its bucket. */
 void cw_delay_add(cw_delay *delay, uint64_t ticks);
 
 /* Busy bits of the last second, in ten slices of 100 ms that go round. */
@@ -42,6 +43,7 @@ static inline void cw_load_add(cw_load *load, uint64_t bits, bool busy)
         load->busy[load->slice] += (uint32_t)bits;
 }
 
+/* Returns the busy part of the last second, or of all time so far if that is shorter. */
 unsigned cw_load_second_permille(const cw_load *load);
 
 #endif

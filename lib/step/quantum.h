@@ -240,6 +240,7 @@ void cw_timed_rebase_wires(cw_timed *timed, cw_span by);
 /* Forgets former ringing when no node looks back to it. */
 void cw_timed_forget_ringing(cw_bus *bus);
 
+/* Moves the epoch forward. */
 void cw_timed_rebase_ringing(cw_timed *timed, cw_span by);
 
 /* ---- quantum_sync.c -------------------------------------------------------------------------- */

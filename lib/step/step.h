@@ -208,6 +208,7 @@ void cw_assert_outlook(const cw_bus *bus);
 
 /* ---- arbiter.c ------------------------------------------------------------------------------- */
 
+/* Makes the tournament of that many nodes, none of which has a frame. */
 void cw_arbiter_init(cw_arbiter *arbiter, unsigned nodes);
 
 /* Repeats the matches of nodes whose first frame may have changed. */

@@ -354,6 +354,7 @@ static void write_tables(void)
     write_stuffing();
 }
 
+/* Writes the file that the argument names, layout or tables, to standard output. */
 int main(int argc, char **argv)
 {
     if (argc == 2 && strcmp(argv[1], "layout") == 0)
