@@ -7,6 +7,26 @@ VERSION := 0.2.0
 VARIANT ?= release
 CC ?= cc
 HOSTCC ?= cc
+
+# ARCH=arm64 builds for that architecture with Debian's cross compiler, against the libraries that
+# scripts/cross-root unpacks. Programs of it that the build or the tests call are emulated. What
+# kernel developers export as ARCH is not meant.
+HOST_ARCH = $(shell dpkg --print-architecture)
+ifeq ($(origin ARCH),command line)
+ifneq ($(ARCH),$(HOST_ARCH))
+ifneq ($(ARCH),arm64)
+$(error ARCH is arm64, or the architecture of this machine)
+endif
+CROSS := aarch64-linux-gnu-
+CROSS_ROOT ?= $(CURDIR)/build/cross/$(ARCH)
+CC := $(CROSS)gcc --sysroot=$(CROSS_ROOT)/root
+AR := $(CROSS)ar
+RUN := qemu-aarch64-static -L $(CROSS_ROOT)/root
+BUILD ?= build/$(ARCH)
+CROSS_GROUP := $(ARCH)
+PREPARE_CROSS = @scripts/cross-root $(ARCH) $(CROSS_ROOT)
+endif
+endif
 BUILD ?= build/$(VARIANT)
 PREFIX ?= /usr/local
 GEN := build/gen
@@ -108,7 +128,7 @@ endif
 
 .PHONY: all always dev dev-run picture calls soak mutant mutant-run mutant-short-cuts \
   mutant-short-cuts-run mutant-campaign mutant-campaign-run test \
-  test-deep test-unit demo bench check cover man install uninstall deb wheel clean help build \
+  test-deep test-arm64 test-unit dist demo bench check cover man install uninstall deb wheel clean help build \
   fuzz fuzz-run fuzz-merge fuzz-merge-run world world-night world-proof test-newer-kernel
 .DELETE_ON_ERROR:
 
@@ -132,7 +152,7 @@ test: ## all set-up, then all tests (units, sanitizers, conformance, real vcan);
 	@scripts/test
 
 test-deep: ## the same with all that `make test` takes samples of, for nightly runs and releases
-	@scripts/install-deps all
+	@scripts/install-deps all arm64
 	@scripts/test deep
 
 demo: ## three ECUs on real vcan, with canwired between them; under a minute
@@ -228,14 +248,27 @@ install: build man ## into $(DESTDIR)$(PREFIX), with units, configuration in $(D
 uninstall: ## remove exactly the files that install has put there
 	@$(INSTALL_FILES) uninstall
 
-deb: ## a Debian package in build/deb
-	@scripts/install-deps build deb
-	@scripts/deb $(VERSION)
+deb: ## a Debian package in build/deb; ARCH=arm64 makes one for that architecture
+	@scripts/install-deps build deb $(CROSS_GROUP)
+	$(PREPARE_CROSS)
+	@CROSS_ROOT='$(CROSS_ROOT)' scripts/deb $(VERSION) $(CROSS_GROUP)
 
-wheel: ## the Python package as a wheel and as sources, in build
-	@scripts/install-deps build
+wheel: ## the Python package as a wheel and as sources, in build; with ARCH=arm64 for that one
+	@scripts/install-deps build $(CROSS_GROUP)
+	$(PREPARE_CROSS)
 	@$(MAKE) --no-print-directory LTO=yes $(WHEEL_SIM)
-	@scripts/wheel $(WHEEL_SIM) build
+	@CC='$(CC)' scripts/wheel $(WHEEL_SIM) build
+
+# TWICE=yes builds all again elsewhere, and compares.
+dist: ## the files of a release, in build/dist: sources, packages and wheels for amd64 and arm64
+	@scripts/install-deps build deb arm64
+	@CROSS_ROOT='$(CURDIR)/build/cross/arm64' scripts/dist $(if $(TWICE),--twice) $(VERSION) \
+	  $(sort $(HOST_ARCH) arm64)
+
+test-arm64: ## units, conformance, scenarios, canwired and `canwire run` for ARM64, emulated
+	@scripts/install-deps build test arm64
+	@scripts/venv
+	@scripts/test-arm64
 
 clean: ## remove all built files, the guest's image included
 	rm -rf build
@@ -253,10 +286,10 @@ DIFFERENTIAL_BITS_release := 5000000
 DIFFERENTIAL_BITS_debug := 1000000
 DIFFERENTIAL_BITS = $(shell expr $(or $(DIFFERENTIAL_BITS_$(VARIANT)),2000000) / $(FEWER))
 
-# In a sample, tests that compare many results run in one variant only, and so do most of the
-# conformance cases.
+# In a sample, tests that compare many results run in one variant of this machine only, and so do
+# most of the conformance cases.
 FIGURES := test_away test_clocks test_encode_fd test_format test_quanta test_steady
-ifneq ($(VARIANT),release)
+ifneq ($(VARIANT)$(CROSS),release)
 ifneq ($(FEWER),1)
 LEFT_OUT := $(FIGURES)
 CASES := 7.2 7.5 7.7 8.1 8.4 8.6 9 X
@@ -271,21 +304,23 @@ MUTANTS_EVERY_debug := 28
 MUTANTS_EVERY = $(shell expr $(or $(MUTANTS_EVERY_$(VARIANT)),14) '*' $(FEWER))
 
 test-unit: $(addprefix $(BUILD)/,$(TESTS_RUN) $(FUZZ_TARGETS:%=replay_%)) $(CONFORMANCE) $(TOOL) \
-  $(CORPORA) $(DIFFERENTIAL) $(MUTANTS) $(BUILD)/bench $(BUILD)/bench_realtime
+  $(CORPORA) $(DIFFERENTIAL) $(MUTANTS) $(BUILD)/bench $(BUILD)/bench_realtime $(RUNNERS)
 	@status=0; run() { \
 	    name="$$1 ($(VARIANT), $(CC))"; shift; echo "== $$name"; \
 	    "$$@" || { echo "FAILED $$name: exit status $$?"; status=1; }; \
 	  }; \
-	  for test in $(TESTS_RUN); do run "$$test" env CANWIRE=$(TOOL) $(BUILD)/$$test; done; \
-	  run conformance $(CONFORMANCE) $(CASES); \
+	  for test in $(TESTS_RUN); do run "$$test" env CANWIRE=$(STARTED)/canwire \
+	    $(RUN) $(BUILD)/$$test; done; \
+	  run conformance $(RUN) $(CONFORMANCE) $(CASES); \
 	  $(foreach target,$(FUZZ_TARGETS),\
-	    run replay_$(target) $(BUILD)/replay_$(target) $(call fuzz_seeds,$(target));) \
-	  run differential $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS); \
+	    run replay_$(target) $(RUN) $(BUILD)/replay_$(target) \
+	      $(call fuzz_seeds,$(target));) \
+	  run differential $(RUN) $(DIFFERENTIAL) --bits $(DIFFERENTIAL_BITS); \
 	  run "differential, clocks of nodes" \
-	    $(DIFFERENTIAL) --own-clocks --bits $(DIFFERENTIAL_BITS); \
-	  run mutants $(MUTANTS) --every $(MUTANTS_EVERY); \
-	  run "bench, the work without times" $(BUILD)/bench --check; \
-	  run "bench in real time, the work without times" $(BUILD)/bench_realtime --check; \
+	    $(RUN) $(DIFFERENTIAL) --own-clocks --bits $(DIFFERENTIAL_BITS); \
+	  run mutants $(RUN) $(MUTANTS) --every $(MUTANTS_EVERY); \
+	  run "bench, the work without times" $(RUN) $(BUILD)/bench --check; \
+	  run "bench in real time, the work without times" $(RUN) $(BUILD)/bench_realtime --check; \
 	  exit $$status
 
 # The unit tests without those that take half a second or more.
@@ -393,7 +428,8 @@ $(PRELOAD): $(call objects,$(PRELOAD_SOURCES))
 	  -Wl,-soname,$(@F) $(filter-out -pie -fPIE,$(LDFLAGS)) -o $@ $^ -ldl
 
 # The buses in virtual time as a library (daemon/embed). Only canwire-sim.h is visible.
-PIC = -fPIC -fvisibility=hidden
+# The name of the checkout is not in it, so that wheels are the same from everywhere.
+PIC = -fPIC -fvisibility=hidden -ffile-prefix-map=$(CURDIR)=.
 SIM_OBJECTS := $(SIM_SOURCES:%.c=$(BUILD)/pic/%.o) $(BUILD)/pic/lib/format/tables.o
 
 $(BUILD)/pic/lib/%.o: lib/%.c | $(LAYOUT)
@@ -427,12 +463,26 @@ $(BUILD)/json-schema: $(call objects,$(wildcard daemon/schema/*.c)) $(PARTS) $(L
 
 $(SCHEMA): $(BUILD)/json-schema
 	@mkdir -p $(@D)
-	$(call tell,GEN,$(@D)) $< $(@D) $(BUILD)/counters.json
+	$(call tell,GEN,$(@D)) $(RUN) $< $(@D) $(BUILD)/counters.json
+
+# Scripts that start programs of another architecture in its emulator, for other scripts and tests.
+# A shell without a dynamic linker does not complain of a library that only the program can preload.
+$(BUILD)/run/%: $(BUILD)/%
+	@mkdir -p $(@D)
+	@printf '#!/bin/busybox sh\nexec %s %s "$$@"\n' '$(RUN)' '$(CURDIR)/$<' >$@ && chmod 755 $@
+
+$(BUILD)/run/schema: $(SCHEMA)
+	@mkdir -p $(@D) && ln -sfnr $(<D) $@ && ln -sfr $(BUILD)/counters.json $(@D)
+
+RUNNERS := $(if $(RUN),$(addprefix $(BUILD)/run/,canwire canwired canwire-usb schema))
+build: $(RUNNERS)
+# The folder of the programs as this machine can start them.
+STARTED := $(BUILD)$(if $(RUN),/run)
 
 $(BUILD)/man/%: daemon/man/%.md scripts/man $(DAEMON) $(TOOL) $(USB) $(wildcard systemd/*.conf) \
-  $(SCHEMA) $(wildcard config/*.yaml config/lcm/*.lcm)
+  $(SCHEMA) $(wildcard config/*.yaml config/lcm/*.lcm) $(RUNNERS)
 	@mkdir -p $(@D)
-	@scripts/man --build $(BUILD) $< >$@
+	@scripts/man --build $(STARTED) $< >$@
 
 $(CONFORMANCE): $(call objects,$(wildcard tests/conformance/*.c)) $(LIB)
 	$(call link,$(LINK_PLAIN))

@@ -2,8 +2,9 @@
 """The same file and seed give the same bytes: with each compiler, optimisation and machine word.
 
 `canwire sim` is built by gcc as it is released, and by clang without optimisation. All its outputs
-are compared, for some of the scenarios and for a large random one. `make test-deep` takes all
-scenarios, and also gcc without optimisation and clang with it. The library alone is also built for
+are compared, for some of the scenarios, the shipped examples and a large random one. `make
+test-deep` takes all scenarios, and also gcc without optimisation and clang with it. `make
+test-arm64` compares all with an emulated ARM64. The library alone is also built for
 32 bits: tests/determinism/digest.c runs random scenarios of the differential test and hashes all
 their results.
 """
@@ -19,13 +20,21 @@ import pytest
 from depth import DEEP, some
 
 ROOT = Path(__file__).resolve().parents[2]
-SCENARIOS = some(sorted((ROOT / "tests/scenarios").glob("*.yaml")), 4)
+EMULATED = os.environ.get("ARM64") == "yes"
+SCENARIOS = sorted((ROOT / "tests/scenarios").glob("*.yaml"))
+SCENARIOS = SCENARIOS if EMULATED else some(SCENARIOS, 4)
+EXAMPLES = sorted(path for path in (ROOT / "config").rglob("*.yaml")
+                  if "\nnodes:" in path.read_text() or "\nbuses:" in path.read_text())
 TIMEOUT_S = 600
 BUILDS = {"release": {"CC": "gcc"}, "debug-clang": {"VARIANT": "debug", "CC": "clang"}}
 if DEEP:
     BUILDS |= {"determinism/gcc-O0": {"CC": "gcc", "CFLAGS": "-O0"},
                "determinism/clang-O2": {"CC": "clang", "CFLAGS": "-O2"}}
+if EMULATED:
+    BUILDS = {"release": {"CC": "gcc"}, "arm64": {"ARCH": "arm64", "LTO": "no"}}
 OUTPUTS = ["events", "log", "stats", "vcd"]
+# The second option has the headers of the kernel, as gcc-multilib has them in its first place.
+NARROW = f"gcc -m32 -idirafter /usr/include/{platform.machine()}-linux-gnu"
 DIGEST_BITS = 2_000_000 if DEEP else 500_000
 
 
@@ -42,9 +51,15 @@ def build(name, how, *programs):
     return ROOT / folder
 
 
+def started(name, how):
+    """Returns the folder of the programs of a build, or of scripts that start them."""
+    place = "run/" if "ARCH" in how else ""
+    return build(name, how, f"{place}canwire", f"{place}digest") / place
+
+
 @pytest.fixture(name="builds", scope="module")
 def fixture_builds():
-    return {name: build(name, how, "canwire", "digest") for name, how in BUILDS.items()}
+    return {name: started(name, how) for name, how in BUILDS.items()}
 
 
 def arguments_of(path):
@@ -81,6 +96,11 @@ def assert_same_for_all(builds, tmp_path, path, *arguments, **more):
 @pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
 def test_a_scenario_is_the_same_for_all(path, builds, tmp_path):
     assert_same_for_all(builds, tmp_path, path, *arguments_of(path))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_is_the_same_for_all(path, builds, tmp_path):
+    assert_same_for_all(builds, tmp_path, path, "--until", "100ms")
 
 
 # ---- A large random scenario ---------------------------------------------------------------------
@@ -166,7 +186,7 @@ def test_random_scenarios_are_the_same_for_all_compilers(builds):
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="gcc -m32 is for x86-64")
 def test_random_scenarios_are_the_same_on_32_bits(builds):
-    narrow = build("determinism/gcc-m32", {"CC": "gcc -m32", "CFLAGS": "-O2"}, "digest")
+    narrow = build("determinism/gcc-m32", {"CC": NARROW, "CFLAGS": "-O2"}, "digest")
     header = (narrow / "digest").read_bytes()[:5]
     assert header == b"\x7fELF\x01"  # 32 bits
     assert digest(narrow) == digest(builds["release"])
@@ -177,5 +197,5 @@ def test_the_programs_compile_for_32_bits():
     sources = sorted(ROOT.glob("daemon/**/*.c"))
     assert len(sources) > 80
     # as objects: linking would need other packages' libraries of 32 bits
-    build("determinism/gcc-m32-O0", {"CC": "gcc -m32", "CFLAGS": "-O0"},
+    build("determinism/gcc-m32-O0", {"CC": NARROW, "CFLAGS": "-O0"},
           *(str(source.relative_to(ROOT).with_suffix(".o")) for source in some(sources, 8)))

@@ -113,6 +113,7 @@ def test_everything_is_where_it_belongs(make, prefix):
     assert modes[f"{prefix[1:]}/bin/canwire"] == "-rwxr-xr-x"
     assert modes[extcap[1:]] == "-rwxr-xr-x"
     assert modes[f"{prefix[1:]}/share/canwire/example.yaml"] == "-rw-r--r--"
+    assert modes[f"{prefix[1:]}/share/canwire/campaign/parallel.sh"] == "-rwxr-xr-x"
 
 
 def test_folders_can_be_chosen(make):

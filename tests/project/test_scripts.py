@@ -269,6 +269,8 @@ def test_the_deep_tests_take_more(all_tests, tmp_path, words, depth, fewer):
     assert {line.split()[0] for line in lines} == {depth}
     units = [line for line in lines if line.endswith(" test-unit")]
     assert len(units) == 3 and all(f" FEWER={fewer} " in line for line in units)
+    assert sum(line.endswith((" test-arm64", " dist TWICE=yes")) for line in lines) == \
+        (2 if depth == "deep" else 0)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
