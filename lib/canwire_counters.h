@@ -173,8 +173,9 @@ typedef enum cw_stat_shown {
     CW_STAT_SLEEP,
 } cw_stat_shown;
 
-/* The lines of counters that `canwire status` prints of a node: that of a driver in the output of
- * ip, the own one of canwire, and that of what sits between controller and host. */
+/* The lines of counters that `canwire status` prints for a node. The first one is that of a driver
+ * in the output of ip, the second one canwire's own. The third one is about what sits between
+ * controller and host. */
 typedef enum cw_stat_line {
     CW_LINE_NONE = 0,
     CW_LINE_LINK,

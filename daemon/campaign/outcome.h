@@ -19,8 +19,8 @@ typedef enum outcome {
     OUTCOME_COUNT
 } outcome;
 
-/* The counters of a row, in their order: those of all buses together, and of each node its key with
- * the member of cw_node_stats, of an array the sum of its values. */
+/* The counters of a row, in their order: those of all buses together, then those of each node. The
+ * latter are a key and a member of cw_node_stats; for an array, the sum of its values. */
 #define OUTCOME_BUS_COUNTERS(X) X(frames) X(error_frames) X(undetected_errors) X(faults)
 #define OUTCOME_NODE_COUNTERS(X)                                                                   \
     X(tx_frames, tx_frames, 1)                                                                     \

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
  * late_listen.c - to be preloaded into canwired and a program. canwired listens at the port
- * engine.sock only after a program has been refused there, and that one goes on only afterwards:
- * each opens the pipe $LATE_LISTEN twice, and waits for the other one.
+ * engine.sock only after a program has been refused there, and the program goes on only afterwards.
+ * Each opens the pipe $LATE_LISTEN twice, and waits for the other one.
  */
 #define _GNU_SOURCE // RTLD_NEXT
 #include <dlfcn.h>

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What ran when a test hung: pytest-timeout ends it, and this adds the processes to its report.
+"""Shows the processes of a test that hung. pytest-timeout ends it; this adds them to its report.
 
 The limit, --timeout of scripts/test, is for a test that would never end, far above what a slow
 machine needs.
