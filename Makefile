@@ -79,7 +79,7 @@ PARTS_SOURCES := $(filter-out daemon/cli/main.c daemon/usb/main.c daemon/preload
   daemon/schema/%, \
   $(wildcard daemon/*/*.c daemon/*/*/*.c))
 PRELOAD_SOURCES := $(wildcard daemon/preload/*.c daemon/preload/*/*.c)
-SIM_FOLDERS := base text file timing trace config run record sim embed
+SIM_FOLDERS := base timing trace config run record sim embed
 SIM_SOURCES := $(LIB_SOURCES) $(filter-out daemon/base/jsonexit.c daemon/base/unit.c, \
   $(foreach folder,$(SIM_FOLDERS),$(wildcard daemon/$(folder)/*.c daemon/$(folder)/*/*.c)))
 DAEMON_SOURCES := daemon/main.c \
