@@ -2,13 +2,13 @@
  *
  * main.c - canwired: one bus, or the buses of a rig, in the foreground.
  */
-#include "base/chars.h"
-#include "base/counted.h"
-#include "base/jsonput.h"
+#include "base/text/chars.h"
+#include "base/text/counted.h"
+#include "base/text/jsonput.h"
 #include "base/log.h"
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "base/standardfds.h"
-#include "base/memo.h"
+#include "base/text/memo.h"
 #include "base/unit.h"
 #include "base/version.h"
 #include "config/files.h"

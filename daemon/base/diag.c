@@ -4,7 +4,7 @@
  */
 #include "base/diag.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 
 #include <stdarg.h>
 #include <stdlib.h>

@@ -2,7 +2,7 @@
  *
  * jsonexit.c - ends a program that has no memory for JSON.
  */
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 
 #include "base/unit.h"
 

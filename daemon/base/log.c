@@ -7,8 +7,8 @@
  */
 #include "base/log.h"
 
-#include "base/counted.h"
-#include "base/plain.h"
+#include "base/text/counted.h"
+#include "base/text/plain.h"
 
 #include <errno.h>
 #include <inttypes.h>

@@ -4,7 +4,7 @@
  */
 #include "base/mounts.h"
 
-#include "base/folder.h"
+#include "base/file/folder.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -4,8 +4,8 @@
  */
 #include "base/schema.h"
 
-#include "base/number.h"
-#include "base/plain.h"
+#include "base/text/number.h"
+#include "base/text/plain.h"
 
 #include <assert.h>
 #include <inttypes.h>

@@ -14,8 +14,8 @@
 
 #include "base/arena.h"
 #include "base/diag.h"
-#include "base/nearest.h"
-#include "base/typetext.h"
+#include "base/text/nearest.h"
+#include "base/text/typetext.h"
 
 #include <stdint.h>
 #include <yaml.h>

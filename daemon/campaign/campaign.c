@@ -4,12 +4,12 @@
  */
 #include "campaign/campaign.h"
 
-#include "base/yamlfile.h"
+#include "base/text/yamlfile.h"
 #include "campaign/campaign_owner.h"
 #include "campaign/ends.h"
-#include "campaign/jsonvalue.h"
-#include "campaign/names.h"
-#include "campaign/sample.h"
+#include "campaign/space/jsonvalue.h"
+#include "campaign/space/names.h"
+#include "campaign/space/sample.h"
 #include "config/rig.h"
 
 #include <stdlib.h>

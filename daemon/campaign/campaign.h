@@ -6,8 +6,8 @@
 #define CANWIRE_CAMPAIGN_CAMPAIGN_H
 
 #include "campaign/ecus.h"
-#include "campaign/number_text.h"
-#include "campaign/splice.h"
+#include "campaign/space/number_text.h"
+#include "campaign/space/splice.h"
 #include "config/config.h"
 
 #define CAMPAIGN_FACTORS_MAX 64u

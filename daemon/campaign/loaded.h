@@ -7,7 +7,7 @@
 #ifndef CANWIRE_CAMPAIGN_LOADED_H
 #define CANWIRE_CAMPAIGN_LOADED_H
 
-#include "campaign/rule_slot.h"
+#include "campaign/space/rule_slot.h"
 #include "campaign/scenario.h"
 
 #define LOADED_MAX 64u

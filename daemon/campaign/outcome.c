@@ -4,7 +4,7 @@
  */
 #include "campaign/outcome.h"
 
-#include "base/jsontext.h"
+#include "base/text/jsontext.h"
 
 #include <errno.h>
 #include <stdio.h>

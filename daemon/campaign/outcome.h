@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CAMPAIGN_OUTCOME_H
 #define CANWIRE_CAMPAIGN_OUTCOME_H
 
-#include "base/buffer.h"
+#include "base/text/buffer.h"
 #include "campaign/scenario.h"
 
 /* The outcomes of a scenario. */

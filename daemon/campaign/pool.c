@@ -4,7 +4,7 @@
  */
 #include "campaign/pool.h"
 
-#include "base/counted.h"
+#include "base/text/counted.h"
 #include "base/stopped.h"
 #include "base/wall.h"
 #include "campaign/pool_worker.h"

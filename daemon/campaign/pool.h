@@ -9,7 +9,7 @@
 #ifndef CANWIRE_CAMPAIGN_POOL_H
 #define CANWIRE_CAMPAIGN_POOL_H
 
-#include "base/buffer.h"
+#include "base/text/buffer.h"
 
 #include <stdint.h>
 

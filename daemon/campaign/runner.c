@@ -4,12 +4,12 @@
  */
 #include "campaign/runner.h"
 
-#include "base/jsontext.h"
-#include "base/memo.h"
+#include "base/text/jsontext.h"
+#include "base/text/memo.h"
 #include "campaign/loaded.h"
 #include "campaign/shellword.h"
 #include "campaign/tally.h"
-#include "campaign/variant.h"
+#include "campaign/space/variant.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

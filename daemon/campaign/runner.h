@@ -10,7 +10,7 @@
 
 #include "campaign/outcome.h"
 #include "campaign/pool.h"
-#include "campaign/sample.h"
+#include "campaign/space/sample.h"
 
 typedef struct runner runner;
 

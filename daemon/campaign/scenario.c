@@ -4,7 +4,7 @@
  */
 #include "campaign/scenario.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "config/doubts.h"
 #include "run/bus_make.h"
 

@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CAMPAIGN_SCENARIO_H
 #define CANWIRE_CAMPAIGN_SCENARIO_H
 
-#include "base/memo.h"
+#include "base/text/memo.h"
 #include "campaign/observe.h"
 #include "config/rig.h"
 #include "run/journal_play.h"

@@ -4,8 +4,8 @@
  */
 #include "campaign/shard.h"
 
-#include "base/counted.h"
-#include "base/number.h"
+#include "base/text/counted.h"
+#include "base/text/number.h"
 
 #include <inttypes.h>
 #include <stdarg.h>

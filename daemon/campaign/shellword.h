@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CAMPAIGN_SHELLWORD_H
 #define CANWIRE_CAMPAIGN_SHELLWORD_H
 
-#include "base/buffer.h"
+#include "base/text/buffer.h"
 
 /* Begins a command line in place of the text before: a command, and a file for it. */
 void shellword_begin(buffer *line, const char *command, const char *file);

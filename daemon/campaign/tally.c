@@ -4,7 +4,7 @@
  */
 #include "campaign/tally.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 
 #include <inttypes.h>
 #include <stdio.h>

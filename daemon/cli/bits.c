@@ -2,8 +2,8 @@
  *
  * bits.c - `canwire bits`: the wire bits of a frame, annotated by field.
  */
-#include "base/counted.h"
-#include "base/plain.h"
+#include "base/text/counted.h"
+#include "base/text/plain.h"
 #include "canwire.h"
 #include "cli/cli.h"
 #include "trace/frametext.h"

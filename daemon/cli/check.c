@@ -2,13 +2,13 @@
  *
  * check.c - canwire check: validates a configuration or a fault profile, or lists its ports.
  */
-#include "base/counted.h"
+#include "base/text/counted.h"
 #include "cli/cli.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "cli/check_doubts.h"
 #include "config/files.h"
-#include "config/portname.h"
+#include "config/node/portname.h"
 #include "config/profilefile.h"
 #include "config/rig.h"
 #include "run/journal_check.h"

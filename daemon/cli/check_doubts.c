@@ -4,7 +4,7 @@
  */
 #include "cli/check_doubts.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "config/doubts.h"
 #include "run/release.h"
 

@@ -2,8 +2,8 @@
  *
  * clear.c - canwire clear and canwire fire: ends a fault rule, or lets a manual one act.
  */
-#include "base/counted.h"
-#include "base/jsonput.h"
+#include "base/text/counted.h"
+#include "base/text/jsonput.h"
 #include "cli/client.h"
 #include "cli/command.h"
 

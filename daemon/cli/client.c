@@ -4,9 +4,9 @@
  */
 #include "cli/client.h"
 
-#include "base/chars.h"
-#include "base/jsonput.h"
-#include "base/plain.h"
+#include "base/text/chars.h"
+#include "base/text/jsonput.h"
+#include "base/text/plain.h"
 #include "base/wall.h"
 #include "cli/buses.h"
 #include "cli/cli.h"

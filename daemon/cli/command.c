@@ -4,8 +4,8 @@
  */
 #include "cli/command.h"
 
-#include "base/number.h"
-#include "base/plain.h"
+#include "base/text/number.h"
+#include "base/text/plain.h"
 #include "cli/client.h"
 
 #include <getopt.h>

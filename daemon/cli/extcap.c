@@ -5,7 +5,7 @@
  * Wireshark calls the programs in its extcap folder with options that are named --extcap-..., and
  * reads lines such as "interface {value=NAME}{display=TEXT}". For a capture it makes a fifo.
  */
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "base/version.h"
 #include "cli/buses.h"
 #include "cli/cli.h"

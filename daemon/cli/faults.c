@@ -2,7 +2,7 @@
  *
  * faults.c - canwire faults: the fault rules on a bus.
  */
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 #include "cli/client.h"
 #include "cli/command.h"
 #include "serve/status.h"

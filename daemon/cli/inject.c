@@ -2,9 +2,9 @@
  *
  * inject.c - canwire inject: puts fault rules onto a running bus.
  */
-#include "base/buffer.h"
-#include "base/jsonput.h"
-#include "base/plain.h"
+#include "base/text/buffer.h"
+#include "base/text/jsonput.h"
+#include "base/text/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
 #include "config/profilefile.h"

@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CLI_LINES_H
 #define CANWIRE_CLI_LINES_H
 
-#include "base/buffer.h"
+#include "base/text/buffer.h"
 
 #include <stdbool.h>
 #include <stddef.h>

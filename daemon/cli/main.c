@@ -2,9 +2,9 @@
  *
  * main.c - the canwire tool: finds the subcommand and runs it.
  */
-#include "base/jsonput.h"
-#include "base/nearest.h"
-#include "base/plain.h"
+#include "base/text/jsonput.h"
+#include "base/text/nearest.h"
+#include "base/text/plain.h"
 #include "base/standardfds.h"
 #include "base/version.h"
 #include "cli/cli.h"

@@ -2,9 +2,9 @@
  *
  * record.c - canwire record: records the events of a bus in a file or a stream of the user.
  */
-#include "base/number.h"
-#include "base/plain.h"
-#include "base/spool.h"
+#include "base/text/number.h"
+#include "base/text/plain.h"
+#include "base/file/spool.h"
 #include "cli/command.h"
 #include "cli/record_bus.h"
 

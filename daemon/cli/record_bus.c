@@ -8,9 +8,9 @@
  */
 #include "cli/record_bus.h"
 
-#include "base/counted.h"
-#include "base/jsonput.h"
-#include "base/plain.h"
+#include "base/text/counted.h"
+#include "base/text/jsonput.h"
+#include "base/text/plain.h"
 #include "base/thread.h"
 #include "cli/cli.h"
 #include "cli/client.h"

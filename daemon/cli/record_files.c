@@ -8,10 +8,10 @@
  */
 #include "cli/record_files.h"
 
-#include "base/fileuse.h"
-#include "base/jsonput.h"
-#include "base/spool.h"
-#include "config/portname.h"
+#include "base/file/fileuse.h"
+#include "base/text/jsonput.h"
+#include "base/file/spool.h"
+#include "config/node/portname.h"
 
 #include <limits.h>
 #include <stdio.h>

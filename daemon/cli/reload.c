@@ -5,9 +5,9 @@
  * A service manager knows the file and the process of a bus, and needs the result. It uses --config
  * and --pid.
  */
-#include "base/jsonput.h"
-#include "base/plain.h"
-#include "base/memo.h"
+#include "base/text/jsonput.h"
+#include "base/text/plain.h"
+#include "base/text/memo.h"
 #include "cli/buses.h"
 #include "cli/client.h"
 #include "cli/command.h"

@@ -2,7 +2,7 @@
  *
  * restart.c - canwire restart: restarts a node that is bus-off.
  */
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 #include "cli/client.h"
 #include "cli/command.h"
 

@@ -5,8 +5,8 @@
  * The program gets a library (daemon/preload) that stands before the calls of the C library, and a
  * variable that tells it the interfaces.
  */
-#include "base/chars.h"
-#include "base/plain.h"
+#include "base/text/chars.h"
+#include "base/text/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
 #include "cli/run_fit.h"

@@ -4,7 +4,7 @@
  */
 #include "cli/run_fit.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 
 #include <elf.h>
 #include <fcntl.h>

@@ -5,11 +5,11 @@
  */
 #include "cli/run_nodes.h"
 
-#include "base/jsonput.h"
-#include "base/plain.h"
+#include "base/text/jsonput.h"
+#include "base/text/plain.h"
 #include "cli/client.h"
 #include "config/config.h"
-#include "config/portname.h"
+#include "config/node/portname.h"
 #include "config/rig.h"
 
 #include <errno.h>

@@ -2,11 +2,11 @@
  *
  * set.c - canwire set: changes settings of a node while the bus runs.
  */
-#include "base/jsonput.h"
-#include "base/plain.h"
+#include "base/text/jsonput.h"
+#include "base/text/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
-#include "config/live.h"
+#include "config/change/live.h"
 
 #include <stdio.h>
 #include <string.h>

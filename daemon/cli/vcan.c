@@ -7,10 +7,10 @@
  */
 #include "cli/cli.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "config/config.h"
-#include "config/fdnodes.h"
-#include "config/portname.h"
+#include "config/node/fdnodes.h"
+#include "config/node/portname.h"
 #include "config/rig.h"
 #include "port/claim.h"
 #include "port/links.h"

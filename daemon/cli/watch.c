@@ -2,8 +2,8 @@
  *
  * watch.c - canwire watch: prints the events of a bus as they happen.
  */
-#include "base/jsonput.h"
-#include "base/plain.h"
+#include "base/text/jsonput.h"
+#include "base/text/plain.h"
 #include "cli/client.h"
 #include "cli/command.h"
 

@@ -2,11 +2,11 @@
  *
  * action.c - the actions of fault rules: the key `do`, with a table of keys for each action.
  */
-#include "config/live.h"
+#include "config/change/live.h"
 #include "config/parts.h"
 #include "config/protect.h"
 #include "config/values.h"
-#include "config/wake.h"
+#include "config/node/wake.h"
 
 #include <string.h>
 

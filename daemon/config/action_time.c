@@ -2,10 +2,10 @@
  *
  * action_time.c - the actions that act for parts of bits: pulses, jitter, clocks that drift.
  */
-#include "base/counted.h"
-#include "config/live.h"
+#include "base/text/counted.h"
+#include "config/change/live.h"
 #include "config/parts.h"
-#include "config/retime.h"
+#include "config/change/retime.h"
 #include "config/values.h"
 #include "trace/frametext.h"
 

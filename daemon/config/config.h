@@ -8,7 +8,7 @@
 #ifndef CANWIRE_CONFIG_CONFIG_H
 #define CANWIRE_CONFIG_CONFIG_H
 
-#include "base/number.h"
+#include "base/text/number.h"
 #include "canwire.h"
 #include "timing/controllers.h"
 #include "trace/errframe.h"

@@ -4,7 +4,7 @@
  *
  * Each expectation has one key for its subject, and perhaps conditions.
  */
-#include "base/yamlfile.h"
+#include "base/text/yamlfile.h"
 #include "config/parts.h"
 #include "config/source.h"
 #include "config/values.h"

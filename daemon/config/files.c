@@ -4,7 +4,7 @@
  */
 #include "config/files.h"
 
-#include "config/portname.h"
+#include "config/node/portname.h"
 
 static fileuse at_place(const cfg *config, cfg_place place)
 {

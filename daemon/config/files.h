@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CONFIG_FILES_H
 #define CANWIRE_CONFIG_FILES_H
 
-#include "base/fileuse.h"
+#include "base/file/fileuse.h"
 #include "config/config.h"
 
 /* Add files by texts of the configuration, which must live as long as the uses. */

@@ -5,9 +5,9 @@
 #include "config/config.h"
 
 #include "base/unit.h"
-#include "config/live.h"
+#include "config/change/live.h"
 #include "config/parts.h"
-#include "config/portname.h"
+#include "config/node/portname.h"
 #include "config/source.h"
 #include "config/values.h"
 

@@ -5,7 +5,7 @@
  * A profile is a map of `parameters` (name: default, or nothing) and `faults`. In any text of
  * `faults`, $NAME or ${NAME} stands for a parameter, and $$ for a dollar.
  */
-#include "base/yamlfile.h"
+#include "base/text/yamlfile.h"
 #include "config/parts.h"
 #include "config/profilefile.h"
 #include "config/source.h"

@@ -5,7 +5,7 @@
 #include "config/parts.h"
 #include "config/source.h"
 
-#include "base/spool.h"
+#include "base/file/spool.h"
 
 #include <limits.h>
 #include <string.h>

@@ -5,8 +5,8 @@
 #include "config/rig.h"
 
 #include "base/schema.h"
-#include "base/yamlfile.h"
-#include "config/portname.h"
+#include "base/text/yamlfile.h"
+#include "config/node/portname.h"
 #include "config/rig_loop.h"
 #include "config/source.h"
 #include "config/values.h"

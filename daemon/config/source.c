@@ -4,8 +4,8 @@
  */
 #include "config/source.h"
 
-#include "base/memo.h"
-#include "base/yamlfile.h"
+#include "base/text/memo.h"
+#include "base/text/yamlfile.h"
 #include "config/profilefile.h"
 
 #include <stdlib.h>

@@ -4,8 +4,8 @@
  */
 #include "config/values.h"
 
-#include "base/counted.h"
-#include "base/nearest.h"
+#include "base/text/counted.h"
+#include "base/text/nearest.h"
 
 #include <inttypes.h>
 #include <string.h>

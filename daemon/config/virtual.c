@@ -4,7 +4,7 @@
  */
 #include "config/parts.h"
 
-#include "config/portname.h"
+#include "config/node/portname.h"
 #include "config/source.h"
 #include "config/values.h"
 

@@ -5,7 +5,7 @@
 #ifndef CANWIRE_EMBED_EMBED_H
 #define CANWIRE_EMBED_EMBED_H
 
-#include "base/memo.h"
+#include "base/text/memo.h"
 #include "embed/canwire-sim.h"
 #include "run/inputs.h"
 #include "sim/expect.h"

@@ -4,7 +4,7 @@
  */
 #include "embed/embed.h"
 
-#include "base/number.h"
+#include "base/text/number.h"
 #include "record/output.h"
 
 #include <linux/can.h>

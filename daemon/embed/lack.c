@@ -4,7 +4,7 @@
  */
 #include "embed/embed.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 
 static _Thread_local bool lacked; /* each thread makes its own texts, one at a time */
 

@@ -5,7 +5,7 @@
 #include "embed/embed.h"
 
 #include "base/least.h"
-#include "base/number.h"
+#include "base/text/number.h"
 
 #include <assert.h>
 #include <string.h>

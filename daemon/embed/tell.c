@@ -4,7 +4,7 @@
  */
 #include "embed/embed.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 #include "record/output.h"
 
 #include <stdlib.h>

@@ -4,7 +4,7 @@
  */
 #include "embed/embed.h"
 
-#include "base/number.h"
+#include "base/text/number.h"
 
 uint64_t embed_tick_at(int64_t ns)
 {

@@ -5,7 +5,7 @@
 #include "engine/clock.h"
 
 #include "base/epoch.h"
-#include "base/number.h"
+#include "base/text/number.h"
 
 #include <stdlib.h>
 

@@ -2,7 +2,7 @@
  *
  * go_over.c - changes the running bus to another configuration.
  */
-#include "base/counted.h"
+#include "base/text/counted.h"
 #include "engine/core.h"
 
 #include "base/log.h"

@@ -9,8 +9,8 @@
 #include "engine/core.h"
 
 #include "base/log.h"
-#include "config/fdnodes.h"
-#include "config/portname.h"
+#include "config/node/fdnodes.h"
+#include "config/node/portname.h"
 #include "engine/share.h"
 #include "port/loopless.h"
 #include "port/open.h"

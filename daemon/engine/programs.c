@@ -9,7 +9,7 @@
 #include "engine/programs.h"
 
 #include "base/log.h"
-#include "base/pathsocket.h"
+#include "base/file/pathsocket.h"
 #include "canwire.h"
 #include "port/kind.h"
 

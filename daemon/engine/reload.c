@@ -6,8 +6,8 @@
 
 #include "base/log.h"
 #include "base/mounts.h"
-#include "base/pathsocket.h"
-#include "base/spool.h"
+#include "base/file/pathsocket.h"
+#include "base/file/spool.h"
 #include "base/unit.h"
 #include "engine/share.h"
 #include "port/open.h"

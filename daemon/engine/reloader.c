@@ -4,8 +4,8 @@
  */
 #include "engine/reloader.h"
 
-#include "base/aside.h"
-#include "base/memo.h"
+#include "base/file/aside.h"
+#include "base/text/memo.h"
 
 #include <errno.h>
 #include <stdlib.h>

@@ -7,7 +7,7 @@
  * to the next moment at which something happens, or at which one of them wakes up. So what the bus
  * does is a function of what the programs do.
  */
-#include "base/counted.h"
+#include "base/text/counted.h"
 #include "engine/core.h"
 
 #include "base/log.h"

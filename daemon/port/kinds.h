@@ -5,7 +5,7 @@
 #ifndef CANWIRE_PORT_KINDS_H
 #define CANWIRE_PORT_KINDS_H
 
-#include "config/portname.h"
+#include "config/node/portname.h"
 #include "port/port.h"
 
 /* Opens a raw CAN socket on a vcan or vxcan interface, for a bus of this name. */

@@ -4,7 +4,7 @@
  */
 #include "port/open.h"
 
-#include "config/portname.h"
+#include "config/node/portname.h"
 #include "port/door.h"
 #include "port/kinds.h"
 

@@ -5,7 +5,7 @@
 #include "port/shared.h"
 
 #include "base/moment.h"
-#include "base/number.h"
+#include "base/text/number.h"
 
 #include <errno.h>
 #include <stdio.h>

@@ -9,9 +9,9 @@
 #include "port/kinds.h"
 
 #include "base/moment.h"
-#include "port/beacon.h"
+#include "port/tunnel/beacon.h"
 #include "port/shared.h"
-#include "port/socketcand.h"
+#include "port/tunnel/socketcand.h"
 
 #include <errno.h>
 #include <netinet/in.h>

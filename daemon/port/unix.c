@@ -15,7 +15,7 @@
  */
 #include "port/kinds.h"
 
-#include "base/pathsocket.h"
+#include "base/file/pathsocket.h"
 #include "port/door.h"
 #include "port/gathered.h"
 #include "port/shared.h"

@@ -4,7 +4,7 @@
  */
 #include "preload/conn.h"
 
-#include "preload/real.h"
+#include "preload/hooks/real.h"
 #include "preload/waiting.h"
 
 #include <errno.h>

@@ -8,7 +8,7 @@
 #include "preload/conn.h"
 #include "preload/pump.h"
 #include "preload/raw.h"
-#include "preload/real.h"
+#include "preload/hooks/real.h"
 #include "preload/relay.h"
 #include "preload/vtime.h"
 #include "preload/vtimer.h"

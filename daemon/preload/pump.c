@@ -5,7 +5,7 @@
 #include "preload/pump.h"
 
 #include "base/moment.h"
-#include "preload/real.h"
+#include "preload/hooks/real.h"
 #include "preload/table.h"
 #include "preload/vtime.h"
 

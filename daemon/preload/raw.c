@@ -4,7 +4,7 @@
  */
 #include "preload/raw.h"
 
-#include "preload/real.h"
+#include "preload/hooks/real.h"
 #include "preload/relay.h"
 #include "preload/wants.h"
 

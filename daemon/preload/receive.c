@@ -7,7 +7,7 @@
 #include "base/moment.h"
 #include "preload/conn.h"
 #include "preload/raw.h"
-#include "preload/real.h"
+#include "preload/hooks/real.h"
 #include "preload/waiting.h"
 
 #include <errno.h>

@@ -5,7 +5,7 @@
 #include "preload/relay.h"
 
 #include "preload/pump.h"
-#include "preload/real.h"
+#include "preload/hooks/real.h"
 #include "preload/wants.h"
 
 #include <errno.h>

@@ -4,7 +4,7 @@
  */
 #include "preload/table.h"
 
-#include "preload/real.h"
+#include "preload/hooks/real.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -6,7 +6,7 @@
 
 #include "base/epoch.h"
 #include "base/moment.h"
-#include "preload/real.h"
+#include "preload/hooks/real.h"
 #include "preload/table.h"
 
 #include <errno.h>

@@ -8,7 +8,7 @@
 #include "preload/vtimer.h"
 
 #include "base/moment.h"
-#include "preload/hook.h"
+#include "preload/hooks/hook.h"
 #include "preload/vtime.h"
 #include "preload/waiting.h"
 

@@ -8,7 +8,7 @@
 #include "preload/waiting.h"
 
 #include "preload/pump.h"
-#include "preload/real.h"
+#include "preload/hooks/real.h"
 #include "preload/table.h"
 #include "preload/vtime.h"
 #include "preload/vtimer.h"

@@ -4,7 +4,7 @@
  */
 #include "preload/watch.h"
 
-#include "preload/real.h"
+#include "preload/hooks/real.h"
 
 #include <stdlib.h>
 

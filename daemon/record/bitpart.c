@@ -4,7 +4,7 @@
  */
 #include "record/bitpart.h"
 
-#include "base/chars.h"
+#include "base/text/chars.h"
 
 #include <assert.h>
 

@@ -4,7 +4,7 @@
  */
 #include "record/event_read.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 #include "trace/frametext.h"
 
 #include <string.h>

@@ -4,7 +4,7 @@
  */
 #include "record/local_time.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 #include "trace/frametext.h"
 
 static json_t *time_json(const cfg *config, const cw_node_time *t, unsigned node)

@@ -4,10 +4,10 @@
  */
 #include "record/output.h"
 
-#include "base/jsonput.h"
-#include "base/jsontext.h"
-#include "base/number.h"
-#include "config/portname.h"
+#include "base/text/jsonput.h"
+#include "base/text/jsontext.h"
+#include "base/text/number.h"
+#include "config/node/portname.h"
 #include "record/local_time.h"
 #include "record/rate_load.h"
 #include "record/residual.h"

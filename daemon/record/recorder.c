@@ -8,7 +8,7 @@
  */
 #include "record/recorder.h"
 
-#include "base/memo.h"
+#include "base/text/memo.h"
 #include "record/output.h"
 #include "record/pcapng.h"
 #include "record/vcd.h"

@@ -9,7 +9,7 @@
 #ifndef CANWIRE_RECORD_RECORDER_H
 #define CANWIRE_RECORD_RECORDER_H
 
-#include "base/spool.h"
+#include "base/file/spool.h"
 #include "canwire.h"
 #include "config/config.h"
 

@@ -11,7 +11,7 @@
  */
 #include "record/vcd.h"
 
-#include "base/chars.h"
+#include "base/text/chars.h"
 #include "record/bit_moments.h"
 #include "record/bitpart.h"
 

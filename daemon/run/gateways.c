@@ -4,7 +4,7 @@
  */
 #include "run/gateways.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 #include "config/values.h"
 
 #include <stdlib.h>

@@ -9,7 +9,7 @@
 #ifndef CANWIRE_RUN_INPUTS_H
 #define CANWIRE_RUN_INPUTS_H
 
-#include "config/retime.h"
+#include "config/change/retime.h"
 #include "run/live.h"
 #include "run/release.h"
 

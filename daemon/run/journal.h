@@ -10,7 +10,7 @@
 #ifndef CANWIRE_RUN_JOURNAL_H
 #define CANWIRE_RUN_JOURNAL_H
 
-#include "base/sink.h"
+#include "base/file/sink.h"
 #include "config/rig.h"
 #include "run/inputs.h"
 

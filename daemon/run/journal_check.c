@@ -4,8 +4,8 @@
  */
 #include "run/journal_check.h"
 
-#include "base/counted.h"
-#include "base/number.h"
+#include "base/text/counted.h"
+#include "base/text/number.h"
 #include "run/journal_read.h"
 
 #include <inttypes.h>

@@ -4,10 +4,10 @@
  */
 #include "run/journal_keep.h"
 
-#include "base/filelock.h"
-#include "base/folder.h"
+#include "base/file/filelock.h"
+#include "base/file/folder.h"
 #include "base/log.h"
-#include "base/number.h"
+#include "base/text/number.h"
 #include "run/journal_seal.h"
 
 #include <errno.h>

@@ -7,8 +7,8 @@
  */
 #include "run/journal_play.h"
 
-#include "base/number.h"
-#include "base/memo.h"
+#include "base/text/number.h"
+#include "base/text/memo.h"
 #include "run/bus_make.h"
 
 #include <inttypes.h>

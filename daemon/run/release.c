@@ -8,7 +8,7 @@
  */
 #include "run/release.h"
 
-#include "base/counted.h"
+#include "base/text/counted.h"
 #include "run/replay.h"
 #include "trace/frametext.h"
 

@@ -4,13 +4,13 @@
  */
 #include "run/settings.h"
 
-#include "base/chars.h"
-#include "base/jsonput.h"
-#include "base/nearest.h"
-#include "base/number.h"
-#include "config/live.h"
+#include "base/text/chars.h"
+#include "base/text/jsonput.h"
+#include "base/text/nearest.h"
+#include "base/text/number.h"
+#include "config/change/live.h"
 #include "config/values.h"
-#include "config/wake.h"
+#include "config/node/wake.h"
 
 #include <inttypes.h>
 #include <string.h>

@@ -7,7 +7,7 @@
 #ifndef CANWIRE_RUN_SETTINGS_H
 #define CANWIRE_RUN_SETTINGS_H
 
-#include "config/retime.h"
+#include "config/change/retime.h"
 
 #include <jansson.h>
 

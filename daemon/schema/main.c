@@ -4,8 +4,8 @@
  *          their readers have (base/schema.h), and the tables of counters for scripts/man. The
  *          build runs it: json-schema FOLDER COUNTERS
  */
-#include "base/jsonput.h"
-#include "base/memo.h"
+#include "base/text/jsonput.h"
+#include "base/text/memo.h"
 #include "campaign/campaign_owner.h"
 #include "config/parts.h"
 #include "config/rig.h"

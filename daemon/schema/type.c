@@ -4,7 +4,7 @@
  */
 #include "schema/type.h"
 
-#include "base/memo.h"
+#include "base/text/memo.h"
 #include "config/parts.h"
 #include "config/values.h"
 #include "timing/controllers.h"

@@ -4,7 +4,7 @@
  */
 #include "serve/activation.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 
 #include <fcntl.h>
 #include <stdio.h>

@@ -7,12 +7,12 @@
  */
 #include "serve/confined.h"
 
-#include "base/chars.h"
+#include "base/text/chars.h"
 #include "base/log.h"
 #include "base/unit.h"
 #include "config/files.h"
-#include "config/portname.h"
-#include "config/tunnelname.h"
+#include "config/node/portname.h"
+#include "config/node/tunnelname.h"
 
 #include <arpa/inet.h>
 #include <errno.h>

@@ -4,10 +4,10 @@
  */
 #include "serve/control.h"
 
-#include "base/jsonput.h"
-#include "base/jsontext.h"
+#include "base/text/jsonput.h"
+#include "base/text/jsontext.h"
 #include "base/log.h"
-#include "base/memo.h"
+#include "base/text/memo.h"
 #include "engine/reload.h"
 #include "record/output.h"
 #include "serve/requests.h"

@@ -4,13 +4,13 @@
  */
 #include "serve/kept.h"
 
-#include "base/chars.h"
-#include "base/counted.h"
-#include "base/folder.h"
-#include "base/jsonput.h"
+#include "base/text/chars.h"
+#include "base/text/counted.h"
+#include "base/file/folder.h"
+#include "base/text/jsonput.h"
 #include "base/log.h"
-#include "base/statefile.h"
-#include "base/memo.h"
+#include "base/file/statefile.h"
+#include "base/text/memo.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -4,9 +4,9 @@
  */
 #include "serve/losses.h"
 
-#include "base/chars.h"
+#include "base/text/chars.h"
 #include "base/log.h"
-#include "config/portname.h"
+#include "config/node/portname.h"
 #include "engine/reload.h"
 #include "trace/frametext.h"
 

@@ -4,12 +4,12 @@
  */
 #include "serve/publish.h"
 
-#include "base/counted.h"
-#include "base/jsonput.h"
+#include "base/text/counted.h"
+#include "base/text/jsonput.h"
 #include "base/log.h"
-#include "base/number.h"
+#include "base/text/number.h"
 #include "base/thread.h"
-#include "base/memo.h"
+#include "base/text/memo.h"
 #include "engine/reload.h"
 #include "record/data_timing.h"
 #include "record/local_time.h"

@@ -9,7 +9,7 @@
 #ifndef CANWIRE_SERVE_PUBLISH_H
 #define CANWIRE_SERVE_PUBLISH_H
 
-#include "base/sink.h"
+#include "base/file/sink.h"
 #include "config/config.h"
 #include "engine/report.h"
 

@@ -7,8 +7,8 @@
  */
 #include "serve/recordings.h"
 
-#include "base/counted.h"
-#include "base/jsonput.h"
+#include "base/text/counted.h"
+#include "base/text/jsonput.h"
 #include "base/log.h"
 #include "base/thread.h"
 #include "base/unit.h"

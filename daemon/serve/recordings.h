@@ -5,7 +5,7 @@
 #ifndef CANWIRE_SERVE_RECORDINGS_H
 #define CANWIRE_SERVE_RECORDINGS_H
 
-#include "base/sink.h"
+#include "base/file/sink.h"
 #include "record/recorder.h"
 
 #include <ev.h>

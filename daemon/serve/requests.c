@@ -7,9 +7,9 @@
  */
 #include "serve/requests.h"
 
-#include "base/jsonput.h"
-#include "base/nearest.h"
-#include "base/memo.h"
+#include "base/text/jsonput.h"
+#include "base/text/nearest.h"
+#include "base/text/memo.h"
 #include "run/settings.h"
 
 #include <errno.h>

@@ -9,9 +9,9 @@
  */
 #include "serve/server.h"
 
-#include "base/buffer.h"
+#include "base/text/buffer.h"
 #include "base/log.h"
-#include "base/pathsocket.h"
+#include "base/file/pathsocket.h"
 
 #include <errno.h>
 #include <inttypes.h>

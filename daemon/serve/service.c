@@ -4,11 +4,11 @@
  */
 #include "serve/service.h"
 
-#include "base/chars.h"
-#include "base/counted.h"
-#include "base/jsonput.h"
+#include "base/text/chars.h"
+#include "base/text/counted.h"
+#include "base/text/jsonput.h"
 #include "base/log.h"
-#include "base/memo.h"
+#include "base/text/memo.h"
 #include "base/unit.h"
 #include "config/files.h"
 #include "engine/reloader.h"

@@ -4,10 +4,10 @@
  */
 #include "serve/status.h"
 
-#include "base/jsonput.h"
-#include "base/number.h"
+#include "base/text/jsonput.h"
+#include "base/text/number.h"
 #include "base/version.h"
-#include "config/portname.h"
+#include "config/node/portname.h"
 #include "record/data_timing.h"
 #include "record/local_time.h"
 #include "record/output.h"

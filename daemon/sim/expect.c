@@ -4,8 +4,8 @@
  */
 #include "sim/expect.h"
 
-#include "base/memo.h"
-#include "base/number.h"
+#include "base/text/memo.h"
+#include "base/text/number.h"
 #include "trace/frametext.h"
 
 #include <inttypes.h>

@@ -4,9 +4,9 @@
  */
 #include "sim/expect_report.h"
 
-#include "base/counted.h"
-#include "base/plain.h"
-#include "base/xmltext.h"
+#include "base/text/counted.h"
+#include "base/text/plain.h"
+#include "base/text/xmltext.h"
 #include "canwire.h"
 
 #include <inttypes.h>

@@ -4,9 +4,9 @@
  */
 #include "sim/losses.h"
 
-#include "base/chars.h"
-#include "base/counted.h"
-#include "base/plain.h"
+#include "base/text/chars.h"
+#include "base/text/counted.h"
+#include "base/text/plain.h"
 #include "config/doubts.h"
 
 #include <inttypes.h>

@@ -5,7 +5,7 @@
 #include "sim/sim_group.h"
 
 #include "base/least.h"
-#include "base/plain.h"
+#include "base/text/plain.h"
 
 #define SLICE_TICKS (CW_CLOCK_HZ / 100u)
 #define COMMON_BIT_MAX (CW_CLOCK_HZ / 100u) /* ticks; bits of odd rates hardly ever meet */

@@ -5,7 +5,7 @@
 #include "sim/sim_run.h"
 
 #include "base/least.h"
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "run/bus_make.h"
 
 #include <assert.h>

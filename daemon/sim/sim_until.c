@@ -4,7 +4,7 @@
  */
 #include "sim/sim_until.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "trace/frametext.h"
 
 #include <string.h>

@@ -4,7 +4,7 @@
  */
 #include "timing/bittiming.h"
 
-#include "base/wide.h"
+#include "base/text/wide.h"
 
 #include <assert.h>
 

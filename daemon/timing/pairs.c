@@ -4,7 +4,7 @@
  */
 #include "timing/pairs.h"
 
-#include "base/wide.h"
+#include "base/text/wide.h"
 
 #define PPM 1000000
 #define PRODUCT_BITS_MAX 62 /* two of them can be added */

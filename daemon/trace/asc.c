@@ -9,7 +9,7 @@
  *        0.030000 1  ErrorFrame
  *        0.040000 CANFD 1 Rx  123  NAME  1 0 9 12 00 11 ... BB  102203 133 303000 ...
  */
-#include "base/number.h"
+#include "base/text/number.h"
 #include "trace/format.h"
 
 #include <string.h>

@@ -5,7 +5,7 @@
  *     (1436509052.249713) vcan0 123#DEADBEEF              log; direction "R" or "T" behind it with
  * -x (000.000000)  vcan0  123   [4]  DE AD BE EF   '....'    -t a, z, d or A; -a; -x; -S; -i; -8
  */
-#include "base/number.h"
+#include "base/text/number.h"
 #include "trace/format.h"
 
 #include "trace/frametext.h"

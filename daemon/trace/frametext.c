@@ -4,8 +4,8 @@
  */
 #include "trace/frametext.h"
 
-#include "base/chars.h"
-#include "base/number.h"
+#include "base/text/chars.h"
+#include "base/text/number.h"
 
 #include <assert.h>
 #include <inttypes.h>

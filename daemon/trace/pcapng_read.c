@@ -5,7 +5,7 @@
  * A pcapng file is a sequence of blocks: type, length, body, length again. Each section (SHB) has
  * its own byte order and its own interfaces (IDB); packets are in EPB, SPB or the obsolete PB.
  */
-#include "base/wide.h"
+#include "base/text/wide.h"
 #include "trace/format.h"
 #include "trace/pcapng_format.h"
 

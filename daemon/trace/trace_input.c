@@ -2,10 +2,10 @@
  *
  * trace_input.c - bytes, lines and words of a recording, and the places of its errors.
  */
-#include "base/number.h"
+#include "base/text/number.h"
 #include "trace/format.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 
 #include <errno.h>
 #include <inttypes.h>

@@ -4,9 +4,9 @@
  */
 #include "usb/adapters.h"
 
-#include "base/chars.h"
+#include "base/text/chars.h"
 #include "base/log.h"
-#include "config/portname.h"
+#include "config/node/portname.h"
 #include "usb/access.h"
 #include "usb/naming.h"
 #include "usb/privileges.h"

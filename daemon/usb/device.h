@@ -11,7 +11,7 @@
 #ifndef CANWIRE_USB_DEVICE_H
 #define CANWIRE_USB_DEVICE_H
 
-#include "base/buffer.h"
+#include "base/text/buffer.h"
 #include "port/control.h"
 #include "usb/descriptors.h"
 #include "usb/peak.h"

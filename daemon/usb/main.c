@@ -3,7 +3,7 @@
  * main.c - canwire-usb: the USB CAN adapters of the nodes with `port: { usb: … }`.
  */
 #include "base/log.h"
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "base/standardfds.h"
 #include "base/unit.h"
 #include "base/version.h"

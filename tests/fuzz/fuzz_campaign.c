@@ -6,9 +6,9 @@
  */
 #include "fuzz.h"
 
-#include "base/yamlfile.h"
+#include "base/text/yamlfile.h"
 #include "campaign/runner.h"
-#include "campaign/variant.h"
+#include "campaign/space/variant.h"
 #include "parts.h"
 
 #include <fcntl.h>

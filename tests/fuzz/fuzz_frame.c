@@ -5,7 +5,7 @@
  */
 #include "fuzz.h"
 
-#include "base/number.h"
+#include "base/text/number.h"
 #include "trace/frametext.h"
 
 #include <inttypes.h>

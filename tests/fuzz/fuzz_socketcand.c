@@ -10,7 +10,7 @@
 #include "fuzz.h"
 
 #include "port/shared.h"
-#include "port/socketcand.h"
+#include "port/tunnel/socketcand.h"
 
 #include <stdlib.h>
 #include <string.h>

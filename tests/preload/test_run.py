@@ -350,7 +350,7 @@ def test_it_exports_calls_of_the_c_library_alone():
     listed = subprocess.run(["nm", "-D", "--defined-only", library], capture_output=True,
                             text=True, check=True).stdout
     names = {line.split()[-1].split("@")[0] for line in listed.splitlines()}
-    source = (ROOT / "daemon/preload/real.h").read_text()
+    source = (ROOT / "daemon/preload/hooks/real.h").read_text()
     assert names == set(re.findall(r"X\([^,]+, (\w+),", source)), names
     needs = subprocess.run(["readelf", "-d", library], capture_output=True, text=True,
                            check=True).stdout

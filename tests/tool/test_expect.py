@@ -2,7 +2,7 @@
 """`expect` in a scenario: the report of `canwire sim`, as text, JUnit XML and exit status.
 
 Needs no CAN in the kernel. CANWIRE is the tool, by default build/release/canwire.
-tests/unit/test_expect.c has the effects of events on each kind of expectation.
+tests/unit/files/test_expect.c has the effects of events on each kind of expectation.
 """
 
 import re

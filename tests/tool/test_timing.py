@@ -2,7 +2,7 @@
 """`canwire timing`: segments from delays, segments as Linux finds them, text, JSON and refusals.
 
 Linux' results are compared with can-calc-bit-timing of can-utils, for all its controllers, clocks
-and rates. Needs no CAN in the kernel. tests/unit/test_timing*.c has the rules.
+and rates. Needs no CAN in the kernel. tests/unit/config/test_timing*.c has the rules.
 """
 
 import json

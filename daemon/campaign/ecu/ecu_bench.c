@@ -4,7 +4,7 @@
  */
 #include "campaign/ecu/ecu_bench.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 #include "base/wall.h"
 #include "campaign/ecu/ecu_command.h"
 #include "trace/frametext.h"

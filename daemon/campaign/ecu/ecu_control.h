@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CAMPAIGN_ECU_ECU_CONTROL_H
 #define CANWIRE_CAMPAIGN_ECU_ECU_CONTROL_H
 
-#include "base/buffer.h"
+#include "base/text/buffer.h"
 
 #include <jansson.h>
 

@@ -4,8 +4,8 @@
  */
 #include "campaign/ecu/ecu_own.h"
 
-#include "base/jsonput.h"
-#include "base/memo.h"
+#include "base/text/jsonput.h"
+#include "base/text/memo.h"
 
 #include <jansson.h>
 #include <stdlib.h>

@@ -4,15 +4,15 @@
  */
 #include "campaign/ecu/ecu_row.h"
 
-#include "base/jsontext.h"
-#include "base/plain.h"
-#include "base/memo.h"
+#include "base/text/jsontext.h"
+#include "base/text/plain.h"
+#include "base/text/memo.h"
 #include "campaign/ecu/ecu_keeper.h"
 #include "campaign/ecu/ecu_network.h"
 #include "campaign/ecu/ecu_own.h"
 #include "campaign/scenario_journal.h"
 #include "campaign/shellword.h"
-#include "campaign/variant.h"
+#include "campaign/space/variant.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -6,10 +6,10 @@
  */
 #include "campaign/ecu/ecu_text.h"
 
-#include "base/jsontext.h"
-#include "base/yamlfile.h"
+#include "base/text/jsontext.h"
+#include "base/text/yamlfile.h"
 #include "campaign/ecu/ecu_folder.h"
-#include "campaign/splice.h"
+#include "campaign/space/splice.h"
 
 #include <inttypes.h>
 #include <string.h>

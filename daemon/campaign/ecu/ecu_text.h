@@ -6,7 +6,7 @@
 #define CANWIRE_CAMPAIGN_ECU_ECU_TEXT_H
 
 #include "campaign/campaign.h"
-#include "base/buffer.h"
+#include "base/text/buffer.h"
 
 #include <stdint.h>
 

@@ -4,10 +4,10 @@
  */
 #include "campaign/report/candidates.h"
 
-#include "base/jsonput.h"
-#include "base/jsontext.h"
+#include "base/text/jsonput.h"
+#include "base/text/jsontext.h"
 #include "campaign/report/memory.h"
-#include "base/buffer.h"
+#include "base/text/buffer.h"
 
 #include <stdlib.h>
 #include <string.h>

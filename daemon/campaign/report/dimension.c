@@ -4,7 +4,7 @@
  */
 #include "campaign/report/dimension.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 #include "campaign/report/memory.h"
 
 #include <stdlib.h>

@@ -4,7 +4,7 @@
  */
 #include "campaign/report/intake.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "campaign/report/memory.h"
 
 #include <errno.h>

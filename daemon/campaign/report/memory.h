@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CAMPAIGN_REPORT_MEMORY_H
 #define CANWIRE_CAMPAIGN_REPORT_MEMORY_H
 
-#include "base/buffer.h"
+#include "base/text/buffer.h"
 
 /* Makes room for `count` items in a list, or in a new one (NULL). Returns it; the caller frees it.
  * New items are not set. */

@@ -7,7 +7,7 @@
 #include "base/wall.h"
 #include "campaign/report/memory.h"
 #include "campaign/report/trial.h"
-#include "campaign/variant.h"
+#include "campaign/space/variant.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -13,7 +13,7 @@
 
 #include "campaign/report/bundle.h"
 #include "campaign/report/row.h"
-#include "campaign/sample.h"
+#include "campaign/space/sample.h"
 
 /* A scenario that is to become shorter. */
 typedef struct minimise_task {

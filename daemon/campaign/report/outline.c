@@ -5,8 +5,8 @@
  */
 #include "campaign/report/outline.h"
 
-#include "base/buffer.h"
-#include "base/yamlfile.h"
+#include "base/text/buffer.h"
+#include "base/text/yamlfile.h"
 #include "campaign/report/memory.h"
 
 #include <stdlib.h>

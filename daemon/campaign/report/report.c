@@ -4,10 +4,10 @@
  */
 #include "campaign/report/report.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 #include "campaign/report/memory.h"
 #include "campaign/report/valuetext.h"
-#include "campaign/sample.h"
+#include "campaign/space/sample.h"
 
 #include <stdio.h>
 #include <stdlib.h>

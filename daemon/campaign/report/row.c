@@ -4,8 +4,8 @@
  */
 #include "campaign/report/row.h"
 
-#include "base/jsonput.h"
-#include "base/number.h"
+#include "base/text/jsonput.h"
+#include "base/text/number.h"
 #include "campaign/report/rowcheck.h"
 
 #include <string.h>

@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CAMPAIGN_REPORT_ROW_H
 #define CANWIRE_CAMPAIGN_REPORT_ROW_H
 
-#include "campaign/class.h"
+#include "campaign/space/class.h"
 
 #include <jansson.h>
 

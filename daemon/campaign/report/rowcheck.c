@@ -4,7 +4,7 @@
  */
 #include "campaign/report/rowcheck.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 
 #include <string.h>
 

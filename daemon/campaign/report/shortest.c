@@ -5,7 +5,7 @@
 #include "campaign/report/shortest.h"
 
 #include "base/wall.h"
-#include "base/yamlfile.h"
+#include "base/text/yamlfile.h"
 #include "campaign/report/memory.h"
 
 #include <stdlib.h>

@@ -4,7 +4,7 @@
  */
 #include "campaign/report/trial.h"
 
-#include "base/jsontext.h"
+#include "base/text/jsontext.h"
 #include "campaign/pool.h"
 #include "campaign/report/memory.h"
 #include "campaign/tally.h"

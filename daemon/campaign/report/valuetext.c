@@ -4,7 +4,7 @@
  */
 #include "campaign/report/valuetext.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -4,8 +4,8 @@
  */
 #include "cli/cli.h"
 
-#include "base/jsonput.h"
-#include "base/plain.h"
+#include "base/text/jsonput.h"
+#include "base/text/plain.h"
 #include "cli/analyse/failure.h"
 #include "cli/analyse/report.h"
 #include "config/files.h"

@@ -4,7 +4,7 @@
  */
 #include "cli/analyse/report.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 #include "cli/analyse/failure.h"
 #include "trace/frametext.h"
 

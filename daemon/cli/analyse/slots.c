@@ -12,7 +12,7 @@
  */
 #include "cli/analyse/slots.h"
 
-#include "base/wide.h"
+#include "base/text/wide.h"
 #include "cli/analyse/lengths.h"
 
 #include <stdlib.h>

@@ -4,7 +4,7 @@
  */
 #include "cli/cli.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "campaign/pool.h"
 #include "cli/campaign/parts.h"
 

@@ -4,8 +4,8 @@
  */
 #include "cli/campaign/estimate.h"
 
-#include "base/counted.h"
-#include "base/plain.h"
+#include "base/text/counted.h"
+#include "base/text/plain.h"
 #include "base/wall.h"
 #include "campaign/runner.h"
 

@@ -2,12 +2,12 @@
  *
  * plan.c - `canwire campaign plan` and `show`: what a campaign will do.
  */
-#include "base/counted.h"
+#include "base/text/counted.h"
 #include "cli/campaign/parts.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "campaign/pool.h"
-#include "campaign/variant.h"
+#include "campaign/space/variant.h"
 #include "cli/campaign/estimate.h"
 #include "cli/cli.h"
 

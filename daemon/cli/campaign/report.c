@@ -4,7 +4,7 @@
  */
 #include "cli/campaign/parts.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "campaign/report/intake.h"
 #include "campaign/report/memory.h"
 #include "cli/campaign/report_files.h"

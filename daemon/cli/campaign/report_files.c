@@ -4,7 +4,7 @@
  */
 #include "cli/campaign/report_files.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "campaign/report/memory.h"
 
 #include <libgen.h>

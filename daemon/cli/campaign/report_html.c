@@ -2,11 +2,11 @@
  *
  * report_html.c - a report as a page of HTML that needs no other file and no script.
  */
-#include "base/counted.h"
+#include "base/text/counted.h"
 #include "cli/campaign/report_view.h"
 
-#include "base/decimal.h"
-#include "base/xmltext.h"
+#include "base/text/decimal.h"
+#include "base/text/xmltext.h"
 #include "cli/campaign/report_map.h"
 #include "cli/campaign/report_plot.h"
 

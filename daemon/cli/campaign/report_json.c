@@ -4,7 +4,7 @@
  */
 #include "cli/campaign/report_view.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 
 #include <stdlib.h>
 

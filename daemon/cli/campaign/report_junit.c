@@ -7,7 +7,7 @@
  */
 #include "cli/campaign/report_view.h"
 
-#include "base/xmltext.h"
+#include "base/text/xmltext.h"
 
 #include <inttypes.h>
 

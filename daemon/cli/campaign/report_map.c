@@ -4,8 +4,8 @@
  */
 #include "cli/campaign/report_map.h"
 
-#include "base/counted.h"
-#include "base/xmltext.h"
+#include "base/text/counted.h"
+#include "base/text/xmltext.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

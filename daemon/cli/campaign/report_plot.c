@@ -4,9 +4,9 @@
  */
 #include "cli/campaign/report_plot.h"
 
-#include "base/counted.h"
-#include "base/decimal.h"
-#include "base/xmltext.h"
+#include "base/text/counted.h"
+#include "base/text/decimal.h"
+#include "base/text/xmltext.h"
 
 #include <inttypes.h>
 #include <math.h>

@@ -2,11 +2,11 @@
  *
  * report_text.c - a report as text for people.
  */
-#include "base/counted.h"
+#include "base/text/counted.h"
 #include "cli/campaign/report_view.h"
 
-#include "base/decimal.h"
-#include "base/plain.h"
+#include "base/text/decimal.h"
+#include "base/text/plain.h"
 #include "cli/campaign/report_pairs.h"
 
 #include <inttypes.h>

@@ -4,8 +4,8 @@
  */
 #include "cli/campaign/report_view.h"
 
-#include "base/decimal.h"
-#include "base/plain.h"
+#include "base/text/decimal.h"
+#include "base/text/plain.h"
 #include "campaign/report/memory.h"
 #include "campaign/shellword.h"
 

@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CLI_CAMPAIGN_REPORT_VIEW_H
 #define CANWIRE_CLI_CAMPAIGN_REPORT_VIEW_H
 
-#include "campaign/normal.h"
+#include "campaign/space/normal.h"
 #include "campaign/report/shortest.h"
 
 #include <stdio.h>

@@ -4,8 +4,8 @@
  */
 #include "cli/campaign/resume.h"
 
-#include "base/counted.h"
-#include "base/plain.h"
+#include "base/text/counted.h"
+#include "base/text/plain.h"
 
 #include <errno.h>
 #include <inttypes.h>

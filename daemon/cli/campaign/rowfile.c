@@ -4,8 +4,8 @@
  */
 #include "cli/campaign/rowfile.h"
 
-#include "base/filelock.h"
-#include "base/plain.h"
+#include "base/file/filelock.h"
+#include "base/text/plain.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -2,10 +2,10 @@
  *
  * run.c - `canwire campaign run`: the rows of a campaign.
  */
-#include "base/counted.h"
+#include "base/text/counted.h"
 #include "cli/campaign/parts.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "base/wall.h"
 #include "campaign/ecu/ecu_row.h"
 #include "cli/campaign/resume.h"

@@ -4,7 +4,7 @@
  */
 #include "cli/cli.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "cli/sim/sim_endless.h"
 #include "cli/sim/sim_journal.h"
 #include "cli/sim/sim_judge.h"

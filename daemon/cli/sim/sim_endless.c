@@ -4,7 +4,7 @@
  */
 #include "cli/sim/sim_endless.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 
 #include <stdio.h>
 

@@ -4,7 +4,7 @@
  */
 #include "cli/sim/sim_judge.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 
 static bool sim_judge_fail(void)
 {

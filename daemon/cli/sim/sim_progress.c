@@ -4,8 +4,8 @@
  */
 #include "cli/sim/sim_progress.h"
 
-#include "base/counted.h"
-#include "base/memo.h"
+#include "base/text/counted.h"
+#include "base/text/memo.h"
 #include "base/wall.h"
 
 #include <inttypes.h>

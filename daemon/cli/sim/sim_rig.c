@@ -10,13 +10,13 @@
  */
 #include "cli/sim/sim_rig.h"
 
-#include "base/jsonput.h"
+#include "base/text/jsonput.h"
 #include "base/least.h"
-#include "base/plain.h"
-#include "base/memo.h"
+#include "base/text/plain.h"
+#include "base/text/memo.h"
 #include "base/version.h"
 #include "cli/cli.h"
-#include "cli/gateways_text.h"
+#include "cli/status/gateways_text.h"
 #include "cli/sim/sim_endless.h"
 #include "cli/sim/summary.h"
 #include "config/doubts.h"

@@ -4,9 +4,9 @@
  */
 #include "cli/sim/sim_seeds.h"
 
-#include "base/counted.h"
-#include "base/jsontext.h"
-#include "base/plain.h"
+#include "base/text/counted.h"
+#include "base/text/jsontext.h"
+#include "base/text/plain.h"
 #include "campaign/outcome.h"
 #include "campaign/pool.h"
 #include "campaign/shellword.h"

@@ -5,7 +5,7 @@
 #ifndef CANWIRE_CLI_SIM_SIM_SEEDS_H
 #define CANWIRE_CLI_SIM_SIM_SEEDS_H
 
-#include "base/number.h"
+#include "base/text/number.h"
 
 #include <stdbool.h>
 

@@ -4,7 +4,7 @@
  */
 #include "cli/sim/sim_trace.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 #include "record/bitpart.h"
 
 #include <assert.h>

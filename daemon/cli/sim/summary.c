@@ -4,7 +4,7 @@
  */
 #include "cli/sim/summary.h"
 
-#include "base/counted.h"
+#include "base/text/counted.h"
 #include "record/output.h"
 #include "record/rate_load.h"
 #include "record/residual.h"

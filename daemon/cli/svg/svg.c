@@ -7,9 +7,9 @@
  */
 #include "cli/svg/svg.h"
 
-#include "base/chars.h"
-#include "base/decimal.h"
-#include "base/xmltext.h"
+#include "base/text/chars.h"
+#include "base/text/decimal.h"
+#include "base/text/xmltext.h"
 #include "cli/svg/svg_inside.h"
 #include "cli/svg/svg_layout.h"
 #include "cli/svg/svg_parts.h"

@@ -5,9 +5,9 @@
  * It asks the control socket at each interval. The teller of the client gets all messages, since
  * standard error would destroy the screen.
  */
-#include "base/jsonput.h"
-#include "base/number.h"
-#include "base/plain.h"
+#include "base/text/jsonput.h"
+#include "base/text/number.h"
+#include "base/text/plain.h"
 #include "base/wall.h"
 #include "cli/buses.h"
 #include "cli/cli.h"

@@ -6,7 +6,7 @@
  */
 #include "cli/top/top_bus.h"
 
-#include "base/plain.h"
+#include "base/text/plain.h"
 
 #include <stdio.h>
 

@@ -4,8 +4,8 @@
  */
 #include "cli/top/top_model.h"
 
-#include "base/jsonput.h"
-#include "base/plain.h"
+#include "base/text/jsonput.h"
+#include "base/text/plain.h"
 
 #include <stdio.h>
 #include <string.h>

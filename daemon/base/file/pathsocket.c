@@ -1,0 +1,297 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * pathsocket.c - a Unix socket that listens at a path: it is for the daemon's group, and is removed
+ * at the end.
+ */
+#include "base/file/pathsocket.h"
+
+#include "base/file/lockfile.h"
+#include "base/log.h"
+#include "base/unit.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <grp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#ifndef SO_PASSRIGHTS /* of Linux 6.16 */
+#define SO_PASSRIGHTS 83
+#endif
+
+#define GROUP "canwire"
+
+static bool is_socket(const folder *in)
+{
+    struct stat found;
+    return fstatat(in->fd, in->name, &found, AT_SYMLINK_NOFOLLOW) == 0 && S_ISSOCK(found.st_mode);
+}
+
+/* Returns true when no program listens at the socket of the path. A socket of another type is in
+ * use. */
+static bool is_stale(const pathsocket *s, const struct sockaddr_un *address, int type)
+{
+    if (!is_socket(&s->folder))
+        return false;
+    int fd = socket(AF_UNIX, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    bool stale = fd >= 0 && connect(fd, (const struct sockaddr *)address, sizeof *address) != 0 &&
+                 errno == ECONNREFUSED;
+    if (fd >= 0)
+        (void)close(fd);
+    return stale;
+}
+
+/* Binds the socket. Returns 0 or an errno. The mask makes the socket 0660 from its first moment
+ * on. */
+static int bind_once(int fd, const struct sockaddr_un *address)
+{
+    mode_t mask = umask(S_IXUSR | S_IXGRP | S_IRWXO);
+    int result = bind(fd, (const struct sockaddr *)address, sizeof *address);
+    int number = result == 0 ? 0 : errno;
+    (void)umask(mask);
+    return number;
+}
+
+static const char *explain(const pathsocket *s, int number)
+{
+    if (number == EBUSY || (number == EADDRINUSE && is_socket(&s->folder)))
+        return "in use; is another canwired running for this bus?";
+    if (number == EADDRINUSE)
+        return "there is something that is no socket";
+    if (number == ENAMETOOLONG)
+        return "the path is too long for a socket";
+    if (number == ELOOP || number == EINVAL)
+        return "its lock, the path with .lock behind it, is no regular file";
+    if (number == ENXIO || number == EOPNOTSUPP)
+        return "this file system takes no sockets; /run does";
+    if (number == ESTALE)
+        return "somebody else has changed the directory meanwhile";
+    return number == ENOENT ? "the directory does not exist" : strerror(number);
+}
+
+/* Gives the socket to the group; without that group it stays with the daemon's user and group. So
+ * it does, without a word, where somebody outside of the group has started a bus by hand. */
+static void give_to_group(const pathsocket *s, int made, gid_t now, const char *what)
+{
+    const struct group *group = getgrnam(GROUP);
+    if (group && group->gr_gid != now &&
+        fchownat(made, "", (uid_t)-1, group->gr_gid, AT_EMPTY_PATH) != 0 &&
+        (errno != EPERM || unit_instance()))
+        log_warning("%s %s: cannot give it to the group " GROUP ": %s", what, s->path,
+                    strerror(errno));
+}
+
+/* Remembers the socket, to remove it at the end. Returns false when bind() has not made it. */
+static bool remember_made(pathsocket *s, const struct stat *found)
+{
+    if (!S_ISSOCK(found->st_mode) || found->st_uid != geteuid() || found->st_nlink != 1)
+        return false;
+    s->made = true;
+    s->device = found->st_dev;
+    s->inode = found->st_ino;
+    return true;
+}
+
+/* Checks and gives away the new socket through a descriptor: others who may write to the directory
+ * can replace the path at any moment. Returns 0 or an errno. */
+static int take_made(pathsocket *s, const char *what)
+{
+    struct stat found;
+    int made = openat(s->folder.fd, s->folder.name, O_PATH | O_NOFOLLOW | O_CLOEXEC);
+    int error = errno;
+    if (made < 0 && fstatat(s->folder.fd, s->folder.name, &found, AT_SYMLINK_NOFOLLOW) == 0)
+        return remember_made(s, &found) ? error : ESTALE;
+    if (made < 0)
+        return ESTALE;
+    bool own = fstat(made, &found) == 0 && remember_made(s, &found);
+    if (own)
+        give_to_group(s, made, found.st_gid, what);
+    (void)close(made);
+    return own ? 0 : ESTALE;
+}
+
+/* Binds the path while holding the lock, and listens at once: a client that finds the path may come
+ * in between. A program that has a socket here and does not listen has ended. */
+static int bind_path(const pathsocket *s, int type, int backlog, const char *what)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    memcpy(address.sun_path, s->path, strlen(s->path));
+    int number = bind_once(s->fd, &address);
+    if (number == EADDRINUSE && is_stale(s, &address, type)) {
+        log_info("%s %s: replacing the socket of a canwired that is gone", what, s->path);
+        (void)unlinkat(s->folder.fd, s->folder.name, 0);
+        number = bind_once(s->fd, &address);
+    }
+    if (number != 0)
+        return number;
+    return listen(s->fd, backlog) == 0 ? 0 : errno;
+}
+
+/* Opens the path. Returns 0 or the number of the error. */
+static int open_path(pathsocket *s, int type, int backlog, const char *what)
+{
+    struct sockaddr_un address;
+    if (!s->path)
+        return ENOMEM;
+    if (strlen(s->path) >= sizeof address.sun_path)
+        return ENAMETOOLONG;
+    int number = folder_open(&s->folder, s->path);
+    if (number == 0)
+        number = lockfile_take(&s->lock, &s->folder);
+    if (number != 0)
+        return number;
+    s->fd = socket(AF_UNIX, type | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    if (s->fd < 0)
+        return errno;
+    pathsocket_refuse_descriptors(s->fd);
+    number = bind_path(s, type, backlog, what);
+    return number == 0 ? take_made(s, what) : number;
+}
+
+void pathsocket_refuse_descriptors(int fd)
+{
+    const int off = 0;
+    (void)setsockopt(fd, SOL_SOCKET, SO_PASSRIGHTS, &off, sizeof off);
+}
+
+/* Reports a path where no socket can be. Returns whether it can. */
+static bool pathsocket_judge(const pathsocket *s, int number, char error[PATHSOCKET_ERROR_MAX])
+{
+    if (number != 0)
+        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s%s", explain(s, number),
+                       unit_hint(s->path, number));
+    return number == 0;
+}
+
+/* Returns 0, or the errno that making a socket there would end with. */
+static int probe_path(pathsocket *s)
+{
+    struct sockaddr_un address;
+    if (!s->path)
+        return ENOMEM;
+    if (strlen(s->path) >= sizeof address.sun_path)
+        return ENAMETOOLONG;
+    const int number = folder_open(&s->folder, s->path);
+    if (number != 0)
+        return number;
+    return faccessat(s->folder.fd, ".", W_OK | X_OK, AT_EACCESS) == 0 ? 0 : errno;
+}
+
+bool pathsocket_probe(const char *path, char error[PATHSOCKET_ERROR_MAX])
+{
+    pathsocket s = PATHSOCKET_NONE;
+    s.path = strdup(path);
+    const bool good = pathsocket_judge(&s, probe_path(&s), error);
+    pathsocket_close(&s);
+    return good;
+}
+
+/* Returns true where no start will make a socket: something else is there, or the file system takes
+ * none. */
+static bool takes_no_socket(const pathsocket *s, int number)
+{
+    return number == ENXIO || number == EOPNOTSUPP ||
+           (number == EADDRINUSE && !is_socket(&s->folder));
+}
+
+bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, const char *what,
+                     char error[PATHSOCKET_ERROR_MAX])
+{
+    *s = (pathsocket)PATHSOCKET_NONE;
+    s->path = strdup(path);
+    const int number = open_path(s, type, backlog, what);
+    unit_blame(takes_no_socket(s, number) ? ENOTSOCK : number);
+    return pathsocket_judge(s, number, error);
+}
+
+/* ---- Sockets of the service manager ---------------------------------------------------------- */
+
+static bool is_same_place(const char *a, const char *b)
+{
+    struct stat in_a;
+    struct stat in_b;
+    return strcmp(a, b) == 0 ||
+           (stat(a, &in_a) == 0 && stat(b, &in_b) == 0 && in_a.st_dev == in_b.st_dev &&
+            in_a.st_ino == in_b.st_ino);
+}
+
+/* Returns the path of the socket, to be freed; it is empty for a socket without path. Returns NULL
+ * with errno set. */
+static char *path_of(int fd)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    socklen_t size = sizeof address - 1; /* leaves a 0 at the end */
+    return getsockname(fd, (struct sockaddr *)&address, &size) == 0 ? strdup(address.sun_path)
+                                                                   : NULL;
+}
+
+/* Takes the lock of a socket that somebody else has made. A user who may not make a lock relies on
+ * the maker of the socket to use only one daemon. */
+static bool lock_adopted(pathsocket *s)
+{
+    if (*s->path == '\0' || folder_open(&s->folder, s->path) != 0)
+        return true;
+    return lockfile_take(&s->lock, &s->folder) != EBUSY;
+}
+
+/* Prepares a socket that listens already. Listening once more makes this process the peer that
+ * clients see (SO_PEERCRED); `canwire reload --pid` looks for it. Before that they see the maker of
+ * the socket. */
+static bool pathsocket_prepare(int fd, int backlog)
+{
+    int flags = fcntl(fd, F_GETFL);
+    return flags >= 0 && fcntl(fd, F_SETFL, flags | O_NONBLOCK) == 0 &&
+           fcntl(fd, F_SETFD, FD_CLOEXEC) == 0 && listen(fd, backlog) == 0;
+}
+
+static bool pathsocket_refuse(char error[PATHSOCKET_ERROR_MAX], const char *why)
+{
+    (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", why);
+    return false;
+}
+
+bool pathsocket_adopt(pathsocket *s, int fd, const char *path, int backlog,
+                      char error[PATHSOCKET_ERROR_MAX])
+{
+    *s = (pathsocket)PATHSOCKET_NONE;
+    s->fd = fd;
+    pathsocket_refuse_descriptors(fd);
+    s->path = path_of(fd);
+    if (!s->path)
+        return pathsocket_refuse(error, strerror(errno));
+    if (path && !is_same_place(path, s->path)) {
+        (void)snprintf(error, PATHSOCKET_ERROR_MAX, "the service manager listens at %s instead",
+                       *s->path ? s->path : "a place without a path");
+        return false;
+    }
+    if (!lock_adopted(s))
+        return pathsocket_refuse(error, explain(s, EBUSY));
+    return pathsocket_prepare(fd, backlog) || pathsocket_refuse(error, strerror(errno));
+}
+
+/* ---- The end --------------------------------------------------------------------------------- */
+
+/* Removes the path, but not the socket of a daemon that has replaced this one. */
+static void remove_path(const pathsocket *s)
+{
+    struct stat now;
+    if (s->made && fstatat(s->folder.fd, s->folder.name, &now, AT_SYMLINK_NOFOLLOW) == 0 &&
+        now.st_ino == s->inode && now.st_dev == s->device)
+        (void)unlinkat(s->folder.fd, s->folder.name, 0);
+}
+
+/* Removes the lock last. */
+void pathsocket_close(pathsocket *s)
+{
+    remove_path(s);
+    if (s->fd >= 0)
+        (void)close(s->fd);
+    lockfile_release(s->lock, &s->folder);
+    folder_close(&s->folder);
+    free(s->path);
+    *s = (pathsocket)PATHSOCKET_NONE;
+}

@@ -1,0 +1,76 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * chars.c - writes words and numbers into memory where printf would cost too much.
+ */
+#include "base/text/chars.h"
+
+#include <assert.h>
+#include <stdarg.h>
+#include <stdio.h>
+
+/* The decimal digits of 0 to 99 halve the number of divisions. */
+static const char pairs[] = "00010203040506070809101112131415161718192021222324"
+                            "25262728293031323334353637383940414243444546474849"
+                            "50515253545556575859606162636465666768697071727374"
+                            "75767778798081828384858687888990919293949596979899";
+
+static const char hex[] = "0123456789ABCDEF";
+
+char *chars_digits(char *at, uint64_t value, unsigned count)
+{
+    assert(count <= CHARS_DECIMAL_MAX);
+    char *const end = at + count;
+    char *first = end;
+    while (first - at >= 2) {
+        first -= 2;
+        memcpy(first, pairs + value % 100 * 2, 2);
+        value /= 100;
+    }
+    if (first > at)
+        *at = (char)('0' + value % 10);
+    return end;
+}
+
+char *chars_decimal(char *at, uint64_t value)
+{
+    char digits[CHARS_DECIMAL_MAX];
+    char *const end = digits + sizeof digits;
+    char *first = end;
+    while (value >= 100) {
+        first -= 2;
+        memcpy(first, pairs + value % 100 * 2, 2);
+        value /= 100;
+    }
+    if (value >= 10)
+        *--first = pairs[value * 2 + 1];
+    *--first = pairs[value * 2 + (value < 10)];
+    while (first < end)
+        *at++ = *first++;
+    return at;
+}
+
+char *chars_hex(char *at, uint32_t value, unsigned count)
+{
+    assert(count <= 2 * sizeof value);
+    for (unsigned i = 0; i < count; i++)
+        at[i] = hex[value >> 4 * (count - 1 - i) & 0xFu];
+    return at + count;
+}
+
+char *chars_bytes(char *at, const uint8_t *bytes, unsigned count)
+{
+    for (unsigned i = 0; i < count; i++) {
+        *at++ = hex[bytes[i] >> 4];
+        *at++ = hex[bytes[i] & 0xFu];
+    }
+    return at;
+}
+
+size_t chars_print(char *text, size_t size, size_t used, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    const int length = used < size ? vsnprintf(text + used, size - used, format, args) : 0;
+    va_end(args);
+    return used + (length > 0 ? (size_t)length : 0);
+}

@@ -1,0 +1,105 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * jsontext.c - writes JSON with keys in a fixed order, faster than jansson does.
+ */
+#include "base/text/jsontext.h"
+
+#include "base/text/chars.h"
+#include "base/text/jsonput.h"
+#include "base/text/number.h"
+
+#include <stdlib.h>
+
+/* Writes a text in quotes. Returns its end, or NULL when a character needs an escape. */
+static char *write_simple(char *out, const char *text)
+{
+    *out++ = '"';
+    for (; *text; text++) {
+        if (*text < ' ' || *text > '~' || *text == '"' || *text == '\\')
+            return NULL;
+        *out++ = *text;
+    }
+    *out++ = '"';
+    return out;
+}
+
+static void put_escaped(buffer *out, const char *text)
+{
+    json_t *value = text_to_json(text, strlen(text));
+    char *quoted = json_dumps(value, JSON_ENCODE_ANY);
+    json_decref(value);
+    if (quoted)
+        buffer_put(out, quoted);
+    else
+        out->no_memory = true;
+    free(quoted);
+}
+
+void jsontext_quoted(buffer *out, const char *text)
+{
+    if (!buffer_reserve(out, strlen(text) + 2))
+        return;
+    const char *end = write_simple(out->data + out->end, text);
+    if (end)
+        out->end = (size_t)(end - out->data);
+    else
+        put_escaped(out, text);
+}
+
+static void put_comma(buffer *out)
+{
+    char last = '\0';
+    if (buffer_length(out) > 0)
+        last = out->data[out->end - 1];
+    if (last != '\0' && last != '{' && last != '[' && last != ':' && last != '\n')
+        (void)buffer_append(out, ",", 1);
+}
+
+void jsontext_item(buffer *out, const char *text)
+{
+    put_comma(out);
+    buffer_put(out, text);
+}
+
+void jsontext_key(buffer *out, const char *key)
+{
+    put_comma(out);
+    jsontext_quoted(out, key);
+    (void)buffer_append(out, ":", 1);
+}
+
+void jsontext_value(buffer *out, const char *key, const char *text)
+{
+    jsontext_key(out, key);
+    buffer_put(out, text);
+}
+
+void jsontext_number(buffer *out, const char *key, uint64_t value)
+{
+    jsontext_key(out, key);
+    if (buffer_reserve(out, CHARS_DECIMAL_MAX))
+        out->end = (size_t)(chars_decimal(out->data + out->end, value) - out->data);
+}
+
+void jsontext_string(buffer *out, const char *key, const char *text)
+{
+    jsontext_key(out, key);
+    jsontext_quoted(out, text);
+}
+
+void jsontext_seconds(buffer *out, const char *key, uint64_t ticks)
+{
+    char text[TIME_TEXT_MAX];
+    (void)text_print_seconds(text, ticks);
+    jsontext_value(out, key, text);
+}
+
+void jsontext_out(buffer *text, FILE *out)
+{
+    buffer_put(text, "\n");
+    if (text->no_memory)
+        json_no_memory();
+    else
+        (void)fwrite(buffer_first(text), 1, buffer_length(text), out);
+    buffer_free(text);
+}

@@ -1,0 +1,220 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * space.c - positions in frames: those of a pattern, and all faults of a space.
+ */
+#include "campaign/space/space.h"
+
+#include "trace/frametext.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define POSITION_MAX 48 /* bytes of a position with its final 0 */
+#define PATTERN "a position, or several such as \"crc[0..14]\", \"data[0..7].*\" or \"crc.*\""
+
+/* ---- Lists ----------------------------------------------------------------------------------- */
+
+void space_add(space_list *list, const char *text)
+{
+    list->too_many = list->too_many || list->count == CAMPAIGN_VALUES_MAX;
+    if (list->too_many)
+        return;
+    if (list->count == list->room) {
+        const uint64_t room = list->room > 0 ? 2 * list->room : 64;
+        const char **texts = arena_alloc(list->memory, (size_t)room * sizeof *texts);
+        if (texts && list->count > 0)
+            memcpy(texts, list->texts, (size_t)list->count * sizeof *texts);
+        list->texts = texts;
+        list->room = texts ? room : 0;
+        list->count = texts ? list->count : 0;
+    }
+    list->no_memory = list->no_memory || !list->texts || !text;
+    if (!list->no_memory)
+        list->texts[list->count++] = text;
+}
+
+/* ---- Positions ------------------------------------------------------------------------------- */
+
+static bool has_position(const cw_frame *frame, cw_field field, unsigned index)
+{
+    cw_bits bits;
+    if (cw_bits_encode(&bits, frame) != CW_OK)
+        return false;
+    for (unsigned n = 0; n < bits.length; n++)
+        if (cw_bits_is_at(&bits, n, field, index))
+            return true;
+    return false;
+}
+
+static bool is_behind_eof(cw_field field)
+{
+    return field == CW_FIELD_INTERMISSION || field == CW_FIELD_SUSPEND ||
+           field == CW_FIELD_ERROR_FLAG || field == CW_FIELD_ERROR_DELIMITER ||
+           field == CW_FIELD_OVERLOAD_FLAG || field == CW_FIELD_OVERLOAD_DELIMITER;
+}
+
+/* Adds a position, unless the frame lacks it. Returns what is wrong with it, or NULL. */
+static const char *add_position(space_list *list, const char *position, const cw_frame *frame)
+{
+    cw_field field;
+    uint16_t index;
+    const char *wrong = text_parse_position(&field, &index, position, true);
+    if (wrong)
+        return wrong;
+    if (frame && !is_behind_eof(field) && !has_position(frame, field, index))
+        list->pruned++;
+    else
+        space_add(list, arena_print(list->memory, "\"%s\"", position));
+    return NULL;
+}
+
+/* A pattern: NAME[first..last], with all bits of bytes where there is a .* behind it. */
+typedef struct pattern {
+    char name[POSITION_MAX];
+    unsigned first;
+    unsigned last;
+    bool bytes;
+} pattern;
+
+static const char *add_pattern(space_list *list, const pattern *p, const cw_frame *frame)
+{
+    const char *wrong = NULL;
+    for (unsigned i = p->first; i <= p->last && !wrong; i++) {
+        for (unsigned bit = 0; bit < (p->bytes ? 8u : 1u) && !wrong; bit++) {
+            char position[2 * POSITION_MAX];
+            if (p->bytes)
+                (void)snprintf(position, sizeof position, "%s[%u.%u]", p->name, i, bit);
+            else
+                (void)snprintf(position, sizeof position, "%s[%u]", p->name, i);
+            wrong = add_position(list, position, frame);
+        }
+    }
+    return wrong;
+}
+
+/* Adds all bits of a field, by its name. */
+static const char *add_field(space_list *list, const char *name, const cw_frame *frame)
+{
+    const bool fd = frame && (frame->flags & CW_FRAME_FD);
+    for (unsigned field = 0; field < CW_FIELD_COUNT; field++) {
+        const unsigned bits = cw_field_bits((cw_field)field, fd);
+        if (strcmp(cw_field_name((cw_field)field), name) != 0 || bits == 0)
+            continue;
+        pattern p = {.last = bits - 1, .bytes = field == CW_FIELD_DATA};
+        p.last = p.bytes ? bits / 8 - 1 : p.last;
+        (void)snprintf(p.name, sizeof p.name, "%s", name);
+        return bits == 1 ? add_position(list, name, frame) : add_pattern(list, &p, frame);
+    }
+    return "expected " PATTERN;
+}
+
+const char *space_add_positions(space_list *list, const char *text, const cw_frame *frame)
+{
+    pattern p = {.first = 0};
+    char behind[3] = "";
+    const size_t length = strlen(text);
+    if (length >= POSITION_MAX)
+        return "expected " PATTERN;
+    const int found = sscanf(text, "%40[a-z-][%3u..%3u]%2s", p.name, &p.first, &p.last, behind);
+    p.bytes = strcmp(behind, ".*") == 0;
+    if (found >= 3 && (found == 3 || p.bytes) && text[length - 1] == (found == 3 ? ']' : '*'))
+        return p.first <= p.last ? add_pattern(list, &p, frame) : "expected " PATTERN;
+    if (length > 2 && strcmp(text + length - 2, ".*") == 0 && !strchr(text, '[')) {
+        memcpy(p.name, text, length - 2);
+        p.name[length - 2] = '\0';
+        return add_field(list, p.name, frame);
+    }
+    return add_position(list, text, frame);
+}
+
+/* ---- Spaces ---------------------------------------------------------------------------------- */
+
+/* Prints the rule that inverts a wire bit once. */
+static const char *rule_text(arena *memory, const space *s, const char *suffix,
+                             const cw_frame *frame, unsigned bit)
+{
+    const bool extended = frame->flags & CW_FRAME_EXTENDED;
+    const char *from = s->from ? arena_print(memory, ",\"from\":%s", s->from) : "";
+    const char *at = s->at ? arena_print(memory, ",\"at\":%s", s->at) : "";
+    if (!from || !at)
+        return NULL;
+    return arena_print(memory,
+                       "{\"name\":\"%s%s\",\"when\":{\"frame\":\"%0*X\"%s,\"skip\":%" PRIu64
+                       ",\"count\":1},\"do\":{\"flip\":\"bit[%u]\"%s}}",
+                       s->name, suffix, extended ? 8 : 3, frame->id, from, s->skip, bit, at);
+}
+
+/* Prints the place of a wire bit: bit[37] is crc[3]. */
+static void print_place(char out[POSITION_MAX], const cw_bits *bits, unsigned n)
+{
+    const cw_place place = cw_bits_place(bits, n);
+    const char *name = cw_field_name(place.field);
+    const char *stuff = place.stuff ? " stuff" : "";
+    if (cw_field_bits(place.field, true) == 1)
+        (void)snprintf(out, POSITION_MAX, "%s%s", name, stuff);
+    else if (place.field == CW_FIELD_DATA)
+        (void)snprintf(out, POSITION_MAX, "%s[%u.%u]%s", name, place.index / 8u,
+                       place.index % 8u, stuff);
+    else
+        (void)snprintf(out, POSITION_MAX, "%s[%u]%s", name, place.index, stuff);
+}
+
+/* Prints the identifier of a frame. */
+static const char *id_text(arena *memory, const cw_frame *frame)
+{
+    return arena_print(memory, "%0*X", frame->flags & CW_FRAME_EXTENDED ? 8 : 3, frame->id);
+}
+
+void space_add_bits(space_list *values, space_list *rules, const space *s, const cw_frame *frame)
+{
+    cw_bits bits;
+    if (cw_bits_encode(&bits, frame) != CW_OK)
+        return;
+    for (unsigned n = 0; n < bits.length; n++) {
+        char place[POSITION_MAX];
+        const char *id = id_text(values->memory, frame);
+        print_place(place, &bits, n);
+        space_add(values, arena_print(values->memory,
+                                      "{\"frame\":\"%s\",\"bit\":%u,\"place\":\"%s\"}", id, n,
+                                      place));
+        space_add(rules, rule_text(rules->memory, s, "", frame, n));
+    }
+}
+
+static void add_pair(space_list *values, space_list *rules, const space *s, const cw_frame *frame,
+                     const cw_bits *bits, const unsigned pair[2])
+{
+    char places[2][POSITION_MAX];
+    const char *id = id_text(values->memory, frame);
+    print_place(places[0], bits, pair[0]);
+    print_place(places[1], bits, pair[1]);
+    space_add(values, arena_print(values->memory,
+                                  "{\"frame\":\"%s\",\"bits\":[%u,%u],\"places\":[\"%s\",\"%s\"]}",
+                                  id, pair[0], pair[1], places[0], places[1]));
+    const char *first = rule_text(rules->memory, s, ".1", frame, pair[0]);
+    const char *second = rule_text(rules->memory, s, ".2", frame, pair[1]);
+    space_add(rules, first && second ? arena_print(rules->memory, "%s\n%s", first, second) : NULL);
+}
+
+const char *space_add_pairs(space_list *values, space_list *rules, const space *s,
+                            const cw_frame *frame, const char *field)
+{
+    unsigned chosen[CW_BITS_MAX];
+    unsigned count = 0;
+    cw_bits bits;
+    if (cw_bits_encode(&bits, frame) != CW_OK)
+        return "no such frame exists";
+    for (unsigned n = 0; n < bits.length; n++) {
+        const cw_place place = cw_bits_place(&bits, n);
+        if (!field || (!place.stuff && strcmp(cw_field_name(place.field), field) == 0))
+            chosen[count++] = n;
+    }
+    if (values->count + (uint64_t)count * count / 2 > CAMPAIGN_VALUES_MAX)
+        values->too_many = true;
+    for (unsigned i = 0; i < count && !values->too_many; i++)
+        for (unsigned k = i + 1; k < count; k++)
+            add_pair(values, rules, s, frame, &bits, (unsigned[]){chosen[i], chosen[k]});
+    return count < 2 ? "the frame has no two bits there" : NULL;
+}

@@ -1,0 +1,267 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * status_check.c - judges the status of buses for monitoring: one line, and an exit code.
+ */
+#include "cli/status/status_check.h"
+
+#include "base/text/counted.h"
+#include "base/text/jsonput.h"
+#include "base/text/number.h"
+#include "base/text/plain.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+
+#define SLEEPING "sleeping"
+#define COUNT_OF(array) (sizeof(array) / sizeof((array)[0]))
+
+static const char *const levels[] = {"ok", "warning", "critical"};
+static const char *const titles[] = {"OK", "WARNING", "CRITICAL", "UNKNOWN"};
+
+/* From good to bad; "none" is never reached. */
+static const char *const states[] = {"error-active", "error-warning", "error-passive", "bus-off",
+                                     "none"};
+#define NONE (COUNT_OF(states) - 1)
+
+/* ---- Options --------------------------------------------------------------------------------- */
+
+static bool status_check_refuse(const char *option, const char *text, const char *expected)
+{
+    plain_print(stderr, "canwire status: --%s %s: expected %s\n", option, text, expected);
+    return false;
+}
+
+/* Splits "W,C"; each may be empty. Returns false without a comma, or with long parts. */
+static bool split(char parts[2][32], const char *text)
+{
+    const char *comma = strchr(text, ',');
+    if (!comma || comma - text >= 32 || strlen(comma + 1) >= 32)
+        return false;
+    (void)snprintf(parts[0], 32, "%.*s", (int)(comma - text), text);
+    (void)snprintf(parts[1], 32, "%s", comma + 1);
+    return true;
+}
+
+bool check_take_load(void *user, const char *text)
+{
+    check_limits *limits = user;
+    char parts[2][32];
+    bool good = split(parts, text);
+    limits->given = true;
+    for (size_t i = 0; good && i < 2; i++) {
+        uint64_t percent = 0;
+        good = *parts[i] == '\0' || (!text_parse_uint(&percent, parts[i]) && percent <= 100);
+        limits->load_permille[CHECK_WARNING + i] = percent * 10;
+    }
+    if (good && limits->load_permille[CHECK_CRITICAL] > 0 &&
+        limits->load_permille[CHECK_WARNING] > limits->load_permille[CHECK_CRITICAL])
+        return status_check_refuse("load", text,
+                                   "a limit for WARNING that is at most the one for CRITICAL, such "
+                                   "as 70,90");
+    return good || status_check_refuse("load", text, "two percentages, such as 70,90");
+}
+
+static bool status_check_find(unsigned *place, const char *const *words, size_t count,
+                              const char *word)
+{
+    for (*place = 0; *place < count; (*place)++)
+        if (strcmp(words[*place], word) == 0)
+            return true;
+    return false;
+}
+
+bool check_take_state(void *user, const char *text)
+{
+    check_limits *limits = user;
+    char parts[2][32];
+    bool good = split(parts, text);
+    limits->given = true;
+    for (size_t i = 0; good && i < 2; i++)
+        good = status_check_find(&limits->state[CHECK_WARNING + i], states, COUNT_OF(states),
+                                 parts[i]);
+    const unsigned warning = limits->state[CHECK_WARNING];
+    good = good && (warning <= limits->state[CHECK_CRITICAL] || warning == NONE);
+    return good || status_check_refuse("state", text,
+                                       "two of error-active, error-warning, error-passive, "
+                                       "bus-off and none, the worse one last, such as "
+                                       "error-passive,bus-off");
+}
+
+static bool take_level(check_limits *limits, check_level *level, const char *option,
+                       const char *text)
+{
+    unsigned place;
+    limits->given = true;
+    if (!status_check_find(&place, levels, COUNT_OF(levels), text))
+        return status_check_refuse(option, text, "ok, warning or critical");
+    *level = (check_level)place;
+    return true;
+}
+
+bool check_take_sinks(void *user, const char *text)
+{
+    check_limits *limits = user;
+    return take_level(limits, &limits->sinks, "sinks", text);
+}
+
+bool check_take_links(void *user, const char *text)
+{
+    check_limits *limits = user;
+    return take_level(limits, &limits->links, "links", text);
+}
+
+/* ---- Findings -------------------------------------------------------------------------------- */
+
+/* A bus that is critical matters more than one of which nothing is known. */
+static void raise_to(check *c, check_level level)
+{
+    static const unsigned weight[] = {
+        [CHECK_OK] = 0, [CHECK_WARNING] = 1, [CHECK_UNKNOWN] = 2, [CHECK_CRITICAL] = 3};
+    if (weight[level] > weight[c->level])
+        c->level = level;
+}
+
+/* Returns the highest level whose limit a value has reached. */
+static check_level reached(uint64_t value, uint64_t warning, uint64_t critical)
+{
+    return critical > 0 && value >= critical  ? CHECK_CRITICAL
+           : warning > 0 && value >= warning ? CHECK_WARNING
+                                              : CHECK_OK;
+}
+
+static void status_check_check_node(check *c, const json_t *node)
+{
+    const char *state = get_any_text(node, "state"), *link = get_any_text(node, "link");
+    unsigned place;
+    const check_level level =
+        status_check_find(&place, states, COUNT_OF(states), state)
+            ? reached(place, c->limits.state[CHECK_WARNING], c->limits.state[CHECK_CRITICAL])
+        : strcmp(state, SLEEPING) == 0 ? CHECK_OK
+                                       : CHECK_UNKNOWN;
+    if (level > CHECK_OK)
+        buffer_print(&c->text, ", %s %s", get_any_text(node, "name"),
+                     *state ? state : "without a state");
+    raise_to(c, level);
+    if (c->limits.links == CHECK_OK || *link == '\0' || strcmp(link, "up") == 0 ||
+        json_object_get(node, "guest"))
+        return;
+    buffer_print(&c->text, ", %s link %s", get_any_text(node, "name"), link);
+    raise_to(c, c->limits.links);
+}
+
+static void check_sink(check *c, const json_t *sink)
+{
+    if (c->limits.sinks == CHECK_OK || json_is_true(json_object_get(sink, "good")))
+        return;
+    const char *why = get_any_text(sink, "why");
+    buffer_print(&c->text, ", %s %s %s%s%s", get_any_text(sink, "kind"),
+                 get_any_text(sink, "name"), get_any_text(sink, "state"), *why ? ": " : "", why);
+    raise_to(c, c->limits.sinks);
+}
+
+static void check_rules(check *c, const json_t *status)
+{
+    const char *lost = get_any_text(json_object_get(status, "lost_rules"), "note");
+    const char *unread = get_any_text(status, "unread_rules");
+    const char *refused = get_any_text(status, "reload_refused");
+    const json_t *kept = json_object_get(status, "kept_rules");
+    if (*lost) {
+        buffer_print(&c->text, ", %s", lost);
+        raise_to(c, CHECK_WARNING);
+    }
+    if (*unread) {
+        buffer_print(&c->text, ", %s", unread);
+        raise_to(c, CHECK_WARNING);
+    }
+    if (*refused) {
+        buffer_print(&c->text, ", reload refused: %s", refused);
+        raise_to(c, CHECK_WARNING);
+    }
+    for (size_t i = 0; i < json_array_size(kept); i++) {
+        const json_t *one = json_array_get(kept, i);
+        if (!json_is_true(json_object_get(one, "refused")))
+            continue;
+        buffer_print(&c->text, ", rules of %s are refused", get_any_text(one, "name"));
+        raise_to(c, CHECK_WARNING);
+    }
+}
+
+/* Adds "powertrain_load=12.3%;70;90;0;100". */
+static void add_figure(check *c, const char *bus, uint64_t permille)
+{
+    buffer_print(&c->figures, " %s_load=%" PRIu64 ".%" PRIu64 "%%;", bus, permille / 10,
+                 permille % 10);
+    for (size_t i = CHECK_WARNING; i <= CHECK_CRITICAL; i++)
+        if (c->limits.load_permille[i] > 0)
+            buffer_print(&c->figures, "%" PRIu64 ";", c->limits.load_permille[i] / 10);
+        else
+            buffer_print(&c->figures, ";");
+    buffer_print(&c->figures, "0;100");
+}
+
+/* Returns what a status lacks, or NULL when it is one. */
+static const char *lack_of(const json_t *status)
+{
+    const json_t *now = json_object_get(status, "bus");
+    if (!json_is_object(status))
+        return "a status";
+    if (*get_any_text(now, "name") == '\0')
+        return "the name of a bus";
+    if (!json_is_integer(json_object_get(now, "load_second_permille")))
+        return "a load";
+    if (!json_is_array(json_object_get(status, "nodes")))
+        return "nodes";
+    return json_is_array(json_object_get(status, "sinks")) ? NULL : "sinks";
+}
+
+void check_bus(check *c, const char *bus, const json_t *status, const char *why)
+{
+    const json_t *now = json_object_get(status, "bus");
+    const json_t *nodes = json_object_get(status, "nodes");
+    const json_t *sinks = json_object_get(status, "sinks");
+    const uint64_t load = get_count(now, "load_second_permille");
+    if (buffer_length(&c->text) > 0)
+        buffer_put(&c->text, "; ");
+    if (!status) {
+        buffer_put(&c->text, why);
+        raise_to(c, CHECK_CRITICAL);
+        return;
+    }
+    if (lack_of(status)) {
+        buffer_print(&c->text, "bus %s: what it answers has not got %s", bus, lack_of(status));
+        raise_to(c, CHECK_UNKNOWN);
+        return;
+    }
+    buffer_print(&c->text, "%s: load %" PRIu64 ".%" PRIu64 " %%, %s, %s",
+                 get_any_text(now, "name"), load / 10, load % 10,
+                 counted(json_array_size(nodes), "node").text,
+                 counted(json_array_size(sinks), "sink").text);
+    raise_to(c, reached(load, c->limits.load_permille[CHECK_WARNING],
+                        c->limits.load_permille[CHECK_CRITICAL]));
+    add_figure(c, get_any_text(now, "name"), load);
+    for (size_t i = 0; i < json_array_size(nodes); i++)
+        status_check_check_node(c, json_array_get(nodes, i));
+    for (size_t i = 0; i < json_array_size(sinks); i++)
+        check_sink(c, json_array_get(sinks, i));
+    check_rules(c, status);
+}
+
+static const char *plain_text(buffer *text)
+{
+    if (!buffer_text(text))
+        return "out of memory";
+    plain_make(buffer_first(text), '?');
+    return buffer_first(text);
+}
+
+int check_end(check *c)
+{
+    const char *figures = plain_text(&c->figures);
+    plain_print(stdout, "CANWIRE %s - %s%s%s\n", titles[c->level],
+                buffer_length(&c->text) > 0 ? plain_text(&c->text) : "no bus",
+                *figures ? " |" : "", figures);
+    buffer_free(&c->text);
+    buffer_free(&c->figures);
+    return (int)c->level;
+}

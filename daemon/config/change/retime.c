@@ -1,0 +1,217 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * retime.c - keys of a node's bit timing and of its place as texts. They change a node that is in
+ * use.
+ */
+#include "config/change/retime.h"
+
+#include "config/change/live.h"
+#include "config/node/phases.h"
+#include "config/change/redata.h"
+
+#include <inttypes.h>
+#include <string.h>
+
+#define BIT(key) RETIME_BIT(key)
+#define SEGMENTS RETIME_SEGMENTS
+#define DATA_MASK (BIT(RETIME_TDCV + 1) - BIT(RETIME_DSAMPLE_POINT))
+
+/* ---- A change -------------------------------------------------------------------------------- */
+
+/* Returns the keys of a node in use. Without any it has the default of the library, whose clock is
+ * not known. */
+static cfg_node_time present(const cfg *config, unsigned node)
+{
+    cfg_node_time time = config->nodes[node].time;
+    if (time.phase[0].bit.phase_seg2 == 0)
+        time.phase[0].bit = (bit_timing){.brp = 1, .prop_seg = 6, .phase_seg1 = 7, .phase_seg2 = 2,
+                                .sjw = 1};
+    if (!time.limits)
+        time.limits = timing_controller("any");
+    return time;
+}
+
+/* Returns the keys of the place that are not 0. */
+static unsigned present_way(const cw_node_timing *t, const cfg_node_time *time)
+{
+    return (t->tx_delay[0] || t->tx_delay[1] ? BIT(RETIME_TX_DELAY) : 0) |
+           (t->rx_delay[0] || t->rx_delay[1] ? BIT(RETIME_RX_DELAY) : 0) |
+           (time->position_mm ? BIT(RETIME_POSITION) : 0) |
+           (time->stub_mm ? BIT(RETIME_STUB) : 0) | (t->ringing ? BIT(RETIME_RINGING) : 0);
+}
+
+/* Returns the keys of the data phase that mean anything. */
+static unsigned present_data(const cfg_retime *values)
+{
+    unsigned given = DATA_MASK & ~BIT(RETIME_DSAMPLE_POINT);
+    if (values->phase[1].bit.clock_hz == 0)
+        return 0;
+    if (values->tdc == CFG_TDC_OFF)
+        given &= ~BIT(RETIME_TDCO);
+    if (values->tdc != CFG_TDC_MANUAL)
+        given &= ~BIT(RETIME_TDCV);
+    return given;
+}
+
+static cfg_way way_of(const cfg_node_time *time)
+{
+    const cw_node_timing *t = &time->timing;
+    return (cfg_way){.tx_delay = {cfg_delay_of(t->tx_delay[0]), cfg_delay_of(t->tx_delay[1])},
+                     .rx_delay = {cfg_delay_of(t->rx_delay[0]), cfg_delay_of(t->rx_delay[1])},
+                     .position_mm = time->position_mm,
+                     .stub_mm = time->stub_mm,
+                     .ringing = cfg_delay_of(t->ringing)};
+}
+
+cfg_retime cfg_retime_present(const cfg_node_time *time)
+{
+    const unsigned bit = SEGMENTS | BIT(RETIME_SJW) | BIT(RETIME_CLOCK);
+    const unsigned known = time->phase[0].bit.clock_hz ? bit : 0;
+    cfg_retime values = {.way = way_of(time),
+                         .phase[0].bit = time->phase[0].bit,
+                         .ppm = time->ppm,
+                         .triple_sampling = time->triple_sampling};
+    cfg_data_present(&values, time);
+    values.given = known | BIT(RETIME_PPM) | BIT(RETIME_TRIPLE_SAMPLING) |
+                   present_way(&time->timing, time) | present_data(&values);
+    return values;
+}
+
+/* Returns the first key of the segments that is missing. */
+static const char *first_missing(unsigned given)
+{
+    retime_key key = RETIME_BRP;
+    while (given & BIT(key))
+        key++;
+    return cfg_retime_row(key)->name;
+}
+
+static bool keys_agree(char problem[RETIME_PROBLEM_MAX], unsigned given, bool clock_known)
+{
+    const unsigned segments = given & SEGMENTS;
+    if (segments && (given & BIT(RETIME_SAMPLE_POINT)))
+        return cfg_refuse(problem,
+                      "sample-point: the segments say where it is; use one or the other");
+    if (!clock_known && segments && segments != SEGMENTS)
+        return cfg_refuse(problem, "%s is missing: brp, prop-seg, phase-seg1 and phase-seg2 are "
+                      "needed together, as the configuration has none of them",
+                      first_missing(segments));
+    return true;
+}
+
+/* Changes the bit. A node without segments of its own finds them with its clock. */
+static bool change_bit(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], const cfg *config,
+                       const cfg_retime *change, unsigned *which)
+{
+    const unsigned given = change->given;
+    const bool clock_known = time->phase[0].bit.clock_hz > 0;
+    const bool finds = (given & BIT(RETIME_SAMPLE_POINT)) ||
+                       (!clock_known && (given & BIT(RETIME_CLOCK)) && !(given & SEGMENTS));
+    char wrong[TIMING_PROBLEM_MAX];
+    if (given & BIT(RETIME_CLOCK))
+        time->phase[0].bit.clock_hz = change->phase[0].bit.clock_hz;
+    else if (!clock_known && (finds || (given & SEGMENTS)))
+        time->phase[0].bit.clock_hz = CFG_CLOCK_DEFAULT_HZ;
+    if (finds || (!clock_known && (given & SEGMENTS)))
+        time->phase[0].bit.sjw = 0;
+    if (given & SEGMENTS)
+        time->phase[0].found = false;
+    cfg_take_segments(&time->phase[0].bit, &change->phase[0].bit, given);
+    if (given & BIT(RETIME_SAMPLE_POINT))
+        time->phase[0].sample_permille = change->phase[0].sample_permille;
+    if (finds ? !cfg_find_phase(time, 0, wrong, config) : !cfg_fit_phase(time, 0, wrong))
+        return cfg_refuse(problem, "%s", wrong);
+    if (finds || (given & (BIT(RETIME_BRP) | BIT(RETIME_CLOCK) | BIT(RETIME_PPM))))
+        *which |= CW_SET_QUANTUM;
+    if (finds || (given & (SEGMENTS & ~BIT(RETIME_BRP))) || (given & BIT(RETIME_SJW)))
+        *which |= CW_SET_SEGMENTS;
+    return true;
+}
+
+static bool refuse_data(char problem[RETIME_PROBLEM_MAX], const cfg *config, unsigned node,
+                     unsigned given)
+{
+    retime_key key = RETIME_DSAMPLE_POINT;
+    while (!(given & BIT(key)))
+        key++;
+    return cfg_refuse(problem, "%s: %s", cfg_retime_row(key)->name,
+                  cfg_knows_fd(config, &config->nodes[node])
+                      ? "the bus has no data rate; bus: { dbitrate } gives it one"
+                      : "only a node of kind fd has a data phase");
+}
+
+/* Changes the data phase. Whenever a quantum is given, that of the other phase is, too: what rules
+ * have done to it ends. */
+static bool change_data(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], const cfg *config,
+                        unsigned node, const cfg_retime *change, unsigned *which)
+{
+    const unsigned given = change->given & DATA_MASK;
+    const bool found_anew = change->given & BIT(RETIME_SAMPLE_POINT);
+    bool bit_changes;
+    if (time->phase[1].bit.clock_hz == 0)
+        return !given || refuse_data(problem, config, node, given);
+    if (!given && !(*which & CW_SET_QUANTUM))
+        return true;
+    if (!cfg_change_data(time, problem, RETIME_PROBLEM_MAX, &bit_changes, config, change,
+                         found_anew))
+        return false;
+    *which |= CW_SET_QUANTUM | CW_SET_DATA | (bit_changes ? CW_SET_SEGMENTS : 0);
+    return true;
+}
+
+cw_span cfg_nominal_quantum(const cfg *config, unsigned node)
+{
+    const bit_timing *bit = &config->nodes[node].time.phase[0].bit;
+
+    /* without keys the default of the library: a bit in 16 quanta */
+    return bit->clock_hz ? cw_quantum(bit->clock_hz, bit->brp, 0)
+                         : (cw_span)cw_rate_ticks(config->rate, 1) * (CW_TICK / 16);
+}
+
+static bool bus_takes(const cfg *config, unsigned node, const cw_settings *settings)
+{
+    cw_node_config nodes[CW_NODES_MAX];
+    cw_bus_config bus;
+    cfg_bus_config(&bus, nodes, config);
+    return cw_bus_config_takes(&bus, node, settings);
+}
+
+/* Returns the keys of the place that are given, as CW_SET_*. */
+static unsigned ways_given(const cfg_retime *change)
+{
+    unsigned given = 0;
+    for (retime_key key = RETIME_TX_DELAY; key < RETIME_KEYS; key++)
+        given |= change->given & BIT(key) ? cfg_live_of(cfg_retime_row(key))->which : 0;
+    return given;
+}
+
+bool cfg_retime_node(cfg_node_time *out, cw_settings *set, char problem[RETIME_PROBLEM_MAX],
+                     const cfg *config, unsigned node, const cfg_retime *change)
+{
+    cfg_node_time time = present(config, node);
+    unsigned which = 0;
+    if (change->given & BIT(RETIME_PPM))
+        time.ppm = change->ppm;
+    if (change->given & BIT(RETIME_TRIPLE_SAMPLING)) {
+        time.triple_sampling = change->triple_sampling;
+        which |= CW_SET_SAMPLING;
+    }
+    if (!keys_agree(problem, change->given, time.phase[0].bit.clock_hz > 0) ||
+        !change_bit(&time, problem, config, change, &which) ||
+        !change_data(&time, problem, config, node, change, &which))
+        return false;
+    set->which = (uint16_t)((set->which & ~(CW_SET_TIMING | CW_SET_UNIT)) | which);
+    set->timing = cfg_bit_timing(&time, cfg_nominal_quantum(config, node));
+    set->data = cfg_data_timing(&time);
+    if ((which & CW_SET_QUANTUM) && config->nodes[node].local.bits) {
+        set->which |= CW_SET_UNIT;
+        set->unit = cfg_local_unit(&config->nodes[node], time.ppm);
+    }
+    if (!bus_takes(config, node, set))
+        return cfg_refuse(problem, "a bit of the node would be too long or too short for this bus");
+    set->which |= (uint16_t)cfg_change_way(&time, set, config, &change->way, ways_given(change));
+    *out = time;
+    return bus_takes(config, node, set) ||
+           cfg_refuse(problem, "no edge is under way and no wire rings for longer than 16 of the "
+                  "shortest bits");
+}

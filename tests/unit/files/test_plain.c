@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * test_plain.c - foreign text that is shown: on a terminal, in XML and in HTML.
+ */
+#include "base/text/plain.h"
+#include "base/text/xmltext.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+typedef struct example {
+    const char *text;
+    const char *plain;
+    const char *xml;
+} example;
+
+static const example examples[] = {
+    {"a\u00E4\u20AC\U0001F697", "a\u00E4\u20AC\U0001F697", "a\u00E4\u20AC\U0001F697"},
+    {"a\x1B[31m\x7F", "a?[31m?", "a?[31m?"},
+    {"a\xC2\x9B" "1m", "a??1m", "a?1m"},
+    {"a\u202Etxt.exe", "a???txt.exe", "a?txt.exe"},
+    {"\u200B\u200F\u2028\u2066\u2069\uFEFF", "??????????????????", "??????"},
+    {"\u061C\u00AD", "????", "??"},
+    {"a\U000E0041b", "a????b", "a?b"},
+    {"\uFFFE", "\uFFFE", "?"}, /* no character of XML */
+    {"\xE2\x82", "??", "?"},
+    {"\xFF<\x80>&", "?<?>&", "?&lt;?&gt;&amp;"},
+    {"\u200A\u2010\u2027\u202F\u2070", "\u200A\u2010\u2027\u202F\u2070",
+     "\u200A\u2010\u2027\u202F\u2070"},
+};
+
+static void text_is_made_plain(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof examples / sizeof examples[0]; i++) {
+        char *text = strdup(examples[i].text);
+        assert_non_null(text);
+        plain_make(text, '?');
+        assert_string_equal(text, examples[i].plain);
+        assert_false(plain_is_not(text));
+        free(text);
+    }
+}
+
+/* A name may have them where a language needs them. */
+static void hidden_characters_are_no_control_characters(void **state)
+{
+    (void)state;
+    assert_false(plain_is_not("a\u200Cb\u2028c\r\n"));
+    assert_true(plain_is_not("a\xC2\x9B"));
+    assert_true(plain_is_not("a\xE2\x82"));
+}
+
+static void lines_stay(void **state)
+{
+    char text[] = "a\tb\n\x1B" "c\u202E\n";
+    (void)state;
+    assert_true(plain_is_not(text));
+    plain_make_lines(text, '?');
+    assert_string_equal(text, "a\tb\n?c???\n");
+}
+
+static void xml_shows_each_such_character_once(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof examples / sizeof examples[0]; i++) {
+        char *got = NULL;
+        size_t size = 0;
+        FILE *out = open_memstream(&got, &size);
+        assert_non_null(out);
+        xml_value(out, examples[i].text);
+        (void)fclose(out);
+        assert_string_equal(got, examples[i].xml);
+        free(got);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(text_is_made_plain),
+        cmocka_unit_test(hidden_characters_are_no_control_characters),
+        cmocka_unit_test(lines_stay),
+        cmocka_unit_test(xml_shows_each_such_character_once),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
