@@ -9,8 +9,8 @@ CC ?= cc
 HOSTCC ?= cc
 
 # ARCH=arm64 builds for that architecture with Debian's cross compiler, against the libraries that
-# scripts/cross-root unpacks. Programs of it that the build or the tests call are emulated. What
-# kernel developers export as ARCH is not meant.
+# scripts/cross-root unpacks. Programs of it that the build or the tests call are emulated. An ARCH in
+# the environment, which kernel developers export, does not count.
 HOST_ARCH = $(shell dpkg --print-architecture)
 ifeq ($(origin ARCH),command line)
 ifneq ($(ARCH),$(HOST_ARCH))
@@ -128,7 +128,8 @@ endif
 
 .PHONY: all always dev dev-run picture calls soak mutant mutant-run mutant-short-cuts \
   mutant-short-cuts-run mutant-campaign mutant-campaign-run test \
-  test-deep test-arm64 test-unit dist demo bench check cover man install uninstall deb wheel clean help build \
+  test-deep test-arm64 test-unit dist demo bench check cover man install uninstall deb wheel \
+  clean help build \
   fuzz fuzz-run fuzz-merge fuzz-merge-run world world-night world-proof test-newer-kernel
 .DELETE_ON_ERROR:
 
@@ -170,8 +171,8 @@ bench: ## measure the cost of canwire, in ns and instructions, beside others; bu
 SCOPE ?= all
 check: ## static analysis: compiler, clang-tidy, cppcheck, shellcheck; needs of the library
 	@scripts/install-deps all
-	@$(MAKE) --no-print-directory LIB_FLAGS= BUILD=build/check build/check/libcanwire.a $(LCM_SOURCES) \
-	  $(VERSION_HEADER)
+	@$(MAKE) --no-print-directory LIB_FLAGS= BUILD=build/check build/check/libcanwire.a \
+	  $(LCM_SOURCES) $(VERSION_HEADER)
 	@scripts/check build/check/libcanwire.a $(SCOPE)
 
 picture: build ## draw the picture in README.md again

@@ -99,7 +99,8 @@ static bool refuse_key(char *error, const char *name)
                  name, guess.best);
         return false;
     }
-    used = chars_print(error, SETTINGS_ERROR_MAX, 0, "there is no setting '%.40s'; there are", name);
+    used = chars_print(error, SETTINGS_ERROR_MAX, 0, "there is no setting '%.40s'; there are",
+                       name);
     const char *between = " ";
     for (const schema_key *key = cfg_node_keys; key->name; key++) {
         if (!cfg_is_live(key))

@@ -90,8 +90,8 @@ static bool read_stamp(trace_input *in, candump_state *s, trace_record *r, const
 static bool is_error_id(const char *text)
 {
     uint32_t id;
-    return strspn(text, HEX_DIGITS) == EXTENDED_DIGITS && text_parse_hex(&id, text, EXTENDED_DIGITS) &&
-           (id & ERROR_FLAG);
+    return strspn(text, HEX_DIGITS) == EXTENDED_DIGITS &&
+           text_parse_hex(&id, text, EXTENDED_DIGITS) && (id & ERROR_FLAG);
 }
 
 /* Reads the direction and the flags behind a frame, single letters, with -x. */

@@ -140,7 +140,8 @@ const char *text_parse_error_mask(uint32_t *mask, const char *text)
     size_t digits = *text == '#' ? strspn(text + 1, HEX_DIGITS) : 0;
     uint32_t value = 0;
 
-    if (!text_parse_hex(&value, text + 1, digits) || !(value & ERROR_MASK_ALL) || text[digits + 1] != '\0')
+    if (!text_parse_hex(&value, text + 1, digits) || !(value & ERROR_MASK_ALL) ||
+        text[digits + 1] != '\0')
         return error_mask_problem;
     *mask = value & ERROR_MASK_ALL;
     return NULL;

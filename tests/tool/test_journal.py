@@ -2,7 +2,8 @@
 """`canwire sim --journal`: outputs, messages and exit status.
 
 Needs no CAN in the kernel. That the events are those of the live run is tested in
-tests/unit/engine/test_journal_play.c and, with canwired on real vcan, in tests/kernel/test_journal.py.
+tests/unit/engine/test_journal_play.c and, with canwired on real vcan, in
+tests/kernel/test_journal.py.
 """
 
 import json

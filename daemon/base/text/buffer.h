@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * buffer.h - bytes in memory that grows and shrinks: a text in the making, or bytes that wait, first
- * in, first out.
+ * buffer.h - bytes in memory that grows and shrinks: a text in the making, or bytes that wait,
+ * first in, first out.
  */
 #ifndef CANWIRE_BASE_BUFFER_H
 #define CANWIRE_BASE_BUFFER_H

@@ -13,7 +13,7 @@ counted_text counted(uint64_t count, const char *noun)
 {
     counted_text out;
     const size_t length = strlen(noun);
-    const char last = length > 0 ? noun[length - 1] : '\0';
+    const char last = noun[length > 0 ? length - 1 : 0];
     const bool is_y = last == 'y' && length > 1 && !strchr("aeiou", noun[length - 2]);
     if (count == 1)
         (void)snprintf(out.text, sizeof out.text, "1 %s", noun);

@@ -22,7 +22,7 @@ void jsontext_item(buffer *out, const char *text);
 void jsontext_number(buffer *out, const char *key, uint64_t value);
 void jsontext_string(buffer *out, const char *key, const char *text);
 void jsontext_seconds(buffer *out, const char *key, uint64_t ticks);
-void jsontext_value(buffer *out, const char *key, const char *text); /* ... as it is, or its begin */
+void jsontext_value(buffer *out, const char *key, const char *text); /* ... as it is, or a part */
 void jsontext_key(buffer *out, const char *key);                     /* ... without the value */
 
 /* Writes what has been made on a line, and frees it. Without memory see json_no_memory(). */
