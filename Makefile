@@ -9,8 +9,8 @@ CC ?= cc
 HOSTCC ?= cc
 
 # ARCH=arm64 builds for that architecture with Debian's cross compiler, against the libraries that
-# scripts/cross-root unpacks. Programs of it that the build or the tests call are emulated. An ARCH in
-# the environment, which kernel developers export, does not count.
+# scripts/cross-root unpacks. Programs of it that the build or the tests call are emulated. An ARCH
+# in the environment, which kernel developers export, does not count.
 HOST_ARCH = $(shell dpkg --print-architecture)
 ifeq ($(origin ARCH),command line)
 ifneq ($(ARCH),$(HOST_ARCH))
