@@ -847,7 +847,6 @@ void publisher_event(publisher *p, const cw_event *event)
         return;
     rewind(p->event.out);
     output_event(p->event.out, p->config, event);
-    (void)fputc('\0', p->event.out); /* text of longer, earlier events follows it */
     if (memo_text(&p->event) && p->event.size > 0)
         publish_lines(p, event, p->event.text);
 }

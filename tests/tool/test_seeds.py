@@ -82,6 +82,16 @@ def test_the_command_of_a_row_repeats_it(write):
     assert json.loads(again.stdout)["bus"]["frames"] == row["frames"] == 3
 
 
+def test_a_note_is_in_the_rows_of_its_runs_alone(write):
+    faults = NOISY.index("faults:")
+    file = write(NOISY[:faults] + "faults:\n  - { name: off, when: { time: 5ms, "
+                 "probability: 0.5 }, do: { disconnect: engine } }\n")
+    found = rows(file, "--seeds", "0..19", "--jobs", "1")
+    assert len({row["faults"] for row in found}) == 2
+    for row in found:
+        assert [note[:8] for note in row.get("notes", [])] == ["ended af"] * row["faults"]
+
+
 def test_all_pass(write):
     assert len(rows(write(ENDLESS), "--seeds", "1..3", "--until", "1s")) == 3
 

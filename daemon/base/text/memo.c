@@ -13,9 +13,13 @@ FILE *memo_begin(memo *t)
     return t->out = open_memstream(&t->text, &t->size);
 }
 
+/* Behind the end there may be a longer text from before a rewind. */
 char *memo_text(const memo *t)
 {
-    return t->out && fflush(t->out) == 0 ? t->text : NULL;
+    if (!t->out || fflush(t->out) != 0)
+        return NULL;
+    t->text[t->size] = '\0';
+    return t->text;
 }
 
 char *memo_take(memo *t)

@@ -17,7 +17,8 @@ typedef struct memo {
 /* Returns the stream, or NULL without memory; memo_end() is called in any case. */
 FILE *memo_begin(memo *t);
 
-/* Returns what has been written up to now, or NULL without memory. */
+/* Returns what has been written up to now, or NULL without memory. After rewind() that is what has
+ * been written since. */
 char *memo_text(const memo *t);
 
 /* Closes the stream and returns the text, to be freed; NULL without memory. */

@@ -222,6 +222,20 @@ static void memos_grow_until_they_are_taken(void **state)
     free(text);
 }
 
+static void memos_forget_what_a_rewind_leaves_behind(void **state)
+{
+    memo m;
+    (void)state;
+    assert_non_null(memo_begin(&m));
+    fputs("a long text", m.out);
+    assert_string_equal(memo_text(&m), "a long text");
+    rewind(m.out);
+    assert_string_equal(memo_text(&m), "");
+    fputs("short", m.out);
+    assert_string_equal(memo_text(&m), "short");
+    memo_end(&m);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -237,6 +251,7 @@ int main(void)
         cmocka_unit_test(digits_end_where_the_number_ends),
         cmocka_unit_test(hex_numbers_have_up_to_eight_digits),
         cmocka_unit_test(memos_grow_until_they_are_taken),
+        cmocka_unit_test(memos_forget_what_a_rewind_leaves_behind),
     };
     return cmocka_run_group_tests_name("chars", tests, NULL, NULL);
 }
