@@ -6,6 +6,7 @@ runs with the emulated canwired.
 """
 
 import os
+import re
 import shlex
 import subprocess
 import zipfile
@@ -18,11 +19,8 @@ from simtool import ROOT
 RUN, SYSTEM = shlex.split(os.environ["ARM64_RUN"]), Path(os.environ["ARM64_ROOT"])
 PYTHON = next((SYSTEM / "usr/bin").glob("python3.*[0-9]"))
 # The emulator does not bring the kernel's times of messages to a program.
-TIMELESS = [("bytes, now", "bytes, never"),
-            ("&stamp)                                 ok", "&stamp)                                 ENOENT"),
-            ("&nano)                                ok", "&nano)                                ENOENT"),
-            ("_s()) < 1000                    1 ok", "_s()) < 1000                    0 ok"),
-            ("_s()) < 1000                     1 ok", "_s()) < 1000                     0 ok")]
+TIMELESS = [(r"bytes, now", "bytes, never"), (r"(&(?:stamp|nano)\) +)ok", r"\1ENOENT"),
+            (r"(_s\(\)\) < 1000 +)1 ok", r"\g<1>0 ok")]
 SOCKETS = """
 import socket, struct, sys
 bus = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
@@ -54,8 +52,8 @@ def fixture_starter(tmp_path):
 def test_the_calls_of_socketcan_give_what_they_give_here(bus, calls):
     expected = (ROOT / "tests/preload/calls.expected").read_text()
     for here, emulated in TIMELESS:
-        assert here in expected
-        expected = expected.replace(here, emulated)
+        expected, count = re.subn(here, emulated, expected)
+        assert count > 0
     r = bus(bus=", dbitrate: 2000000")
     assert r.run("engine=can0", calls, "can0").stdout == expected
     r.stop()

@@ -24,7 +24,7 @@ EMULATED = os.environ.get("ARM64") == "yes"
 SCENARIOS = sorted((ROOT / "tests/scenarios").glob("*.yaml"))
 SCENARIOS = SCENARIOS if EMULATED else some(SCENARIOS, 4)
 EXAMPLES = sorted(path for path in (ROOT / "config").rglob("*.yaml")
-                  if "\nnodes:" in path.read_text() or "\nbuses:" in path.read_text())
+                  if "\nnodes:" in path.read_text())  # a rig has no VCD
 TIMEOUT_S = 600
 BUILDS = {"release": {"CC": "gcc"}, "debug-clang": {"VARIANT": "debug", "CC": "clang"}}
 if DEEP:
