@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
  * report_html.c - a report as a page of HTML that needs no other file and no script.
+ *
+ * It is here and not in the Python package, since a rig or a CI machine with the tool alone gets
+ * the page, too. The numbers are those of report_view.c; the page adds less than a template would.
  */
 #include "base/text/counted.h"
 #include "cli/campaign/report_view.h"
