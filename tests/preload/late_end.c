@@ -4,7 +4,6 @@
  * opens the pipe $LATE_END for writing before it closes the first one, and then for reading. Each
  * waits for the other end.
  */
-#define _GNU_SOURCE // RTLD_NEXT
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <stdbool.h>

@@ -4,7 +4,6 @@
  * engine.sock only after a program has been refused there, and the program goes on only afterwards.
  * Each opens the pipe $LATE_LISTEN twice, and waits for the other one.
  */
-#define _GNU_SOURCE // RTLD_NEXT
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
