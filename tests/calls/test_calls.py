@@ -16,6 +16,7 @@ at later calls of a site (make calls).
 import concurrent.futures
 import contextlib
 import json
+import shutil
 import socket
 import subprocess
 import threading
@@ -258,6 +259,25 @@ def test_campaign_show(programs):
     good, _ = fail_each(programs([CANWIRE, "campaign", "show", "campaign.yaml", "9"],
                                  **{"campaign.yaml": CAMPAIGN}))
     assert good.status == 0 and b"crc[9]" in good.stdout
+
+
+def test_campaign_report(programs):
+    """Without memory it says so, and not that rows are bad."""
+    file = CAMPAIGN.replace("3 ]", "18446744073709551615 ]")
+    some = programs([CANWIRE, "campaign", "report", "rows"], **{"campaign.yaml": file})
+    canwire("campaign", "run", "campaign.yaml", "--out", "rows", cwd=some[0].folder)
+    for each in some[1:]:
+        shutil.copy(some[0].folder / "rows", each.folder)
+    good, sites = some[0].list_sites()
+    assert good.status == 0 and b"12 rows" in good.stdout
+
+    def attempt(program, each):
+        wrong, reached = program.attempt(each, good)
+        text = str(program.last.messages)
+        told = "out of memory" in text or "Cannot allocate memory" in text
+        return wrong or (program.last.status != 0 and not told and
+                         f"{text}: {each.text(CANWIRE)}"), reached
+    run_all(some, CANWIRE, plan([site for site in sites if site.group == "memory"]), attempt)
 
 
 # ---- Clients -------------------------------------------------------------------------------------

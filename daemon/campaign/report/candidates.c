@@ -33,7 +33,6 @@ static void write_kind(buffer *kind, const report_row *row, const row_signs *sig
         buffer_put(kind, get_any_text(row->first_error, keys[i]));
         buffer_put(kind, "\n");
     }
-    (void)buffer_text(kind);
 }
 
 static const char *first_failed(const report_row *row, const row_signs *signs)
@@ -100,11 +99,12 @@ static bool candidates_make_room(candidates *c, const report_row *row, const cha
 
 void candidates_add(candidates *c, const report_row *row, const row_signs *signs)
 {
-    buffer kind = {.data = NULL};
-    write_kind(&kind, row, signs);
-    if (candidates_make_room(c, row, buffer_first(&kind))) {
+    buffer text = {.data = NULL};
+    write_kind(&text, row, signs);
+    char *kind = memory_of_buffer(&text);
+    if (candidates_make_room(c, row, kind)) {
         const char *failed = first_failed(row, signs);
-        const candidate added = {.kind = memory_text(buffer_first(&kind)),
+        const candidate added = {.kind = memory_text(kind),
                                  .expectation = failed ? memory_text(failed) : NULL,
                                  .repeat = memory_text(row->repeat),
                                  .degraded = degraded_of(row),
@@ -113,7 +113,7 @@ void candidates_add(candidates *c, const report_row *row, const row_signs *signs
                                  .end_ns = row->end_ns};
         put_in(c, &added, row);
     }
-    buffer_free(&kind);
+    free(kind);
 }
 
 void candidates_free(candidates *c)

@@ -115,8 +115,9 @@ static bool check_values(intake *in, const report_row *row, const char *line, si
                                row->number, c->rows - 1);
     buffer head = {.data = NULL};
     runner_head(in->runner, row->number, &head);
+    const char *wanted = memory_seen(&head);
     const size_t size = buffer_length(&head);
-    const bool same = (length > size && memcmp(line, buffer_first(&head), size) == 0) ||
+    const bool same = (length > size && memcmp(line, wanted, size) == 0) ||
                       has_values(row, &head);
     buffer_free(&head);
     return same ||

@@ -41,11 +41,17 @@ char *memory_text(const char *text)
     return copy;
 }
 
+const char *memory_seen(buffer *b)
+{
+    const char *text = buffer_text(b);
+    if (!text)
+        memory_give_up();
+    return text;
+}
+
 char *memory_of_buffer(buffer *b)
 {
-    if (!buffer_text(b))
-        memory_give_up();
-    char *text = memory_text(buffer_first(b));
+    char *text = memory_text(memory_seen(b));
     buffer_free(b);
     return text;
 }

@@ -17,6 +17,9 @@ void *memory_grow(void *list, size_t *room, size_t count, size_t item_bytes);
 /* Returns a copy of a text, to be freed. */
 char *memory_text(const char *text);
 
+/* Returns the text of a buffer, as long as that stays as it is. */
+const char *memory_seen(buffer *b);
+
 /* Returns the text of a buffer, which is empty then; to be freed. */
 char *memory_of_buffer(buffer *b);
 

@@ -35,8 +35,7 @@ static void add_values(dimension *d, const factor *f)
     for (uint64_t i = 0; i < f->count; i++) {
         buffer_clear(&text);
         sample_value(&text, f, &(choice){.index = i});
-        json_t *value = json_loadb(buffer_first(&text), buffer_length(&text),
-                                   JSON_DECODE_ANY, NULL);
+        json_t *value = json_loads(memory_seen(&text), JSON_DECODE_ANY, NULL);
         (void)dimension_find(d, value_text(&text, value));
         json_decref(value);
     }

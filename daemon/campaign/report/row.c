@@ -6,6 +6,7 @@
 
 #include "base/text/jsonput.h"
 #include "base/text/number.h"
+#include "campaign/report/memory.h"
 #include "campaign/report/rowcheck.h"
 
 #include <string.h>
@@ -71,8 +72,8 @@ static json_t *row_load(const char *line, size_t length, json_error_t *error)
         return object;
     buffer quoted = {.data = NULL};
     quote_large(&quoted, line, length);
-    object = json_loadb(buffer_first(&quoted), buffer_length(&quoted),
-                        JSON_REJECT_DUPLICATES, error);
+    const char *text = memory_seen(&quoted);
+    object = json_loadb(text, buffer_length(&quoted), JSON_REJECT_DUPLICATES, error);
     buffer_free(&quoted);
     return object;
 }

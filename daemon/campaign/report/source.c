@@ -13,7 +13,9 @@
 /* Returns the next word; "" at the end. */
 static const char *next(buffer *word, const char **line)
 {
-    return shellword_take(word, line) ? buffer_first(word) : "";
+    const bool any = shellword_take(word, line);
+    const char *text = memory_seen(word);
+    return any ? text : "";
 }
 
 static void read_options(row_source *out, buffer *word, const char *line)
