@@ -80,8 +80,10 @@ const char *unit_private_folder(const char *path)
     return i < FOLDERS ? private_folders[i].folder : NULL;
 }
 
+/* Keeps errno: texts that show the hint show that, too. */
 static void name_user(void)
 {
+    const int error = errno;
     char buffer[USER_BUFFER];
     struct passwd entry, *found = NULL;
     (void)getpwuid_r(geteuid(), &entry, buffer, sizeof buffer, &found);
@@ -90,6 +92,7 @@ static void name_user(void)
     else
         (void)snprintf(user_hint, sizeof user_hint, " (as the user %lu)",
                        (unsigned long)geteuid());
+    errno = error;
 }
 
 const char *unit_hint(const char *path, int number)

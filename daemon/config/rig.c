@@ -462,6 +462,6 @@ bool rig_load_either(rig **several, cfg **alone, const cfg_file *file, FILE *err
     if (is_rig(file))
         *several = file->text ? rig_load_text(file, errors) : rig_load(file->name, errors);
     else
-        *alone = file->text ? cfg_load_text(file, errors) : cfg_load(file->name, errors);
+        *alone = file->text ? cfg_load_text(file, errors) : cfg_load_regular(file->name, errors);
     return *several || *alone;
 }

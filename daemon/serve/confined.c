@@ -114,8 +114,8 @@ static bool wants_server(const cfg_lcm *lcm)
 
 static void warn_of_ports(const char *all)
 {
-    log_warning("%s: the service drops packets from and to other hosts (IPAddressDeny=): allow "
-                "them by sudo systemctl set-property canwired@%s.service "
+    log_warning("%s: the service drops packets from and to other hosts (IPAddressDeny=), unless "
+                "you have allowed them: sudo systemctl set-property canwired@%s.service "
                 "IPAddressAllow=192.168.0.0/16 or whatever their network is; see canwired(8)",
                 all, unit_instance());
 }

@@ -83,7 +83,7 @@ def test_it_is_installed_used_and_purged_without_a_trace(package):
     bus = use()
     dpkg("--purge", "python3-canwire", "canwire")
     assert [f for f in [*files, PYTHON_CACHE] if f.exists()] == []
-    assert units() == ""
+    assert units() == ""  # nor one that has failed
     kept = [names | {"canwire"} for names in accounts_before]
     assert list(accounts()) == kept, "the user's number is not to be used again"
     assert tree() - before == {"/etc/canwire", str(bus.config)}, "a configuration is the user's"

@@ -73,7 +73,10 @@ def test_a_reload_by_the_service_manager_goes_by_that_socket(early):
 
 
 def test_the_socket_goes_with_its_unit(early):
+    """So does a bus that has it: nobody could speak to that."""
+    systemctl("start", early.unit)
     systemctl("stop", "canwired@early.socket")
+    wait_until(lambda: early.show("ActiveState") == "inactive", "the end of the bus")
     assert not SOCKET.exists()
     systemctl("start", early.unit)  # it makes its own
     assert early.status()["bus"]["name"] == "early"
