@@ -146,8 +146,9 @@ static void say_join(void)
     int pid = m.join.pid;
     for (unsigned i = 0; i < TIMING_ANCESTORS && pid > 1; i++)
         m.join.ancestors[i] = pid = parent_of(pid);
-    if (real()->send(fd, &m, m.head.size, MSG_NOSIGNAL) < 0)
-        vtime_give_up(strerror(errno));
+    while (real()->send(fd, &m, m.head.size, MSG_NOSIGNAL) < 0)
+        if (errno != EINTR)
+            vtime_give_up(strerror(errno));
 }
 
 /* Connects, and says that the program is there. Its turn has not begun. */
@@ -157,8 +158,11 @@ static void vtime_join(void)
     const struct sockaddr *any = (const struct sockaddr *)&address;
     memcpy(address.sun_path, path, sizeof path);
     fd = table_hide(real()->socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0));
-    if (fd < 0 || real()->connect(fd, any, sizeof address) != 0)
+    if (fd < 0)
         vtime_give_up(strerror(errno));
+    while (real()->connect(fd, any, sizeof address) != 0) /* it may wait for room in the backlog */
+        if (errno != EINTR)
+            vtime_give_up(strerror(errno));
     say_join();
     owner = getpid();
     state = VTIME_ON;

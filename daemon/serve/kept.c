@@ -119,10 +119,11 @@ static void forget_losses(kept *k)
 static void on_written(void *user, uint64_t number, int error)
 {
     kept *k = user;
-    if (k->forgets && number >= k->forgets && error == 0)
+    const bool decides = k->forgets && number >= k->forgets;
+    if (decides && error == 0)
         forget_losses(k);
-    if (error != 0)
-        k->forgets = 0;
+    else if (decides)
+        k->forgets = 0; /* not by an earlier save: the one that forgets is still to come */
     if (error != 0) {
         k->there = true; /* maybe: the next save tries again */
         complain_unwritten(k, error);
