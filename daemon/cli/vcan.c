@@ -50,7 +50,11 @@ static const char help[] =
     "An interface that is there already is used when it is of the right kind, and never\n"
     "removed; one of another kind is refused, before anything is made. What `up` has made\n"
     "has the alias \"canwire FILE\" (`ip link show`). When a peer has changed, its pair\n"
-    "is made anew. Namespaces have to be there: `ip netns add NAME`. Needs root, or\n"
+    "is made anew. With \"missing-port: wait\" in FILE, real CAN interfaces are left\n"
+    "alone, and can0, slcan0 and the like are not made: they are those of adapters, and\n"
+    "the bus waits for them. With a peer they are made.\n"
+    "\n"
+    "Namespaces have to be there: `ip netns add NAME`. Needs root, or\n"
     "CAP_NET_ADMIN.\n"
     "\n"
     "Exit status: 0, 1 bad input or refused, 2 wrong usage.\n";
@@ -61,7 +65,14 @@ static const struct option options[] = {
 };
 
 /* The step that the port of a node needs. */
-typedef enum step { STEP_NONE = 0, STEP_SET_UP, STEP_MAKE, STEP_REPLACE, STEP_MTU } step;
+typedef enum step {
+    STEP_NONE = 0,
+    STEP_SET_UP,
+    STEP_MAKE,
+    STEP_REPLACE,
+    STEP_MTU,
+    STEP_LEAVE /* it is not made, as hardware comes under this name */
+} step;
 
 typedef struct plan {
     links *links;
@@ -209,6 +220,27 @@ static void warn_of_mtu(const cfg_node *node, const link_info *info, unsigned mt
                 node->port, node->port, mtu);
 }
 
+/* Returns true for a name that the kernel gives to hardware: can0, slcan12. */
+static bool is_hardware_name(const char *name)
+{
+    const char *number = name + (strncmp(name, "sl", 2) == 0 ? 2 : 0);
+    if (strncmp(number, "can", 3) != 0 || number[3] == '\0')
+        return false;
+    return number[3 + strspn(number + 3, "0123456789")] == '\0';
+}
+
+/* Returns true for a port that hardware has, or will have: then the bus has to wait for it. A vcan
+ * of its name would take its place. info is NULL when the port is missing. */
+static bool is_for_hardware(const cfg *config, const cfg_node *node, const link_info *info)
+{
+    if (config->missing_port != CFG_MISSING_PORT_WAIT || node->peer)
+        return false;
+    if (!info)
+        return is_hardware_name(node->port);
+    return strcmp(info->kind, "can") == 0 ||
+           (info->kind[0] == '\0' && is_hardware_name(node->port)); /* slcan before Linux 6.0 */
+}
+
 static int open_netns(const cfg_node *node)
 {
     char path[sizeof NETNS_FOLDER + NAME_MAX];
@@ -226,6 +258,10 @@ static bool plan_port(plan *p, size_t i)
 
     if (number != 0 && number != ENODEV)
         return complain_link(p, "look at", node->port, number);
+    if (is_for_hardware(p->config, node, number == 0 ? &info : NULL)) {
+        p->steps[i] = number == 0 ? STEP_NONE : STEP_LEAVE;
+        return true;
+    }
     p->steps[i] = STEP_MAKE;
     if (number == 0 && !vcan_judge(&p->steps[i], p, i, &info))
         return false;
@@ -290,7 +326,9 @@ static bool carry_out(plan *p, size_t i)
         return complain_link(p, "remove", port, number);
     if (p->steps[i] == STEP_MAKE || p->steps[i] == STEP_REPLACE)
         return vcan_make(p, i);
-    if (p->steps[i] == STEP_SET_UP)
+    if (p->steps[i] == STEP_LEAVE)
+        plain_print(stdout, "left %s to hardware: missing-port: wait\n", port);
+    else if (p->steps[i] == STEP_SET_UP)
         number = links_set(p->links, port, NULL);
     else if (p->steps[i] == STEP_MTU)
         number = links_set_mtu(p->links, port, mtu_of(p, i));

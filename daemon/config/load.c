@@ -93,7 +93,8 @@ const schema_key cfg_file_keys[] = {
      .arg = missing_ports,
      .preset = "fail",
      .help = "What to do at the start, and at a reload, when the interface of a port is not "
-             "there. One that goes later is waited for in any case."},
+             "there. One that goes later is waited for in any case. With wait, `canwire vcan up` "
+             "leaves can0 and the like to hardware."},
     {.name = "catch-up", .read = cfg_read_span, .offset = offsetof(cfg, catch_up), .preset = "1s",
      .help = "How far the bus may fall behind real time; when it is further behind, it skips "
              "that time and says so."},

@@ -171,6 +171,26 @@ def test_the_example_of_the_page():
     wait_until(lambda: not exists("can0"), "the end of can0")
 
 
+def test_canwire_vcan_leaves_a_real_interface_alone(ends, tmp_path):
+    """For a bus that waits for it. The others are made; for another bus none is."""
+    assert ends and not details("can0")["flags"].count("UP")
+    nodes = "nodes: [ { name: a, port: can0 }, { name: b, port: beside } ]\n"
+    text = "bus: { name: real, bitrate: 500000 }\n" + nodes
+    file = tmp_path / "real.yaml"
+    file.write_text(text)
+    words = [CANWIRE, "vcan", "up", file]
+    refused = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert "can0: it exists and is no vcan or vxcan interface" in refused.stderr
+    assert refused.returncode == 1 and not exists("beside")
+    file.write_text(text + "missing-port: wait\n")
+    try:
+        assert run(*words) == "made beside\n"
+        assert not details("can0")["flags"].count("UP"), "its bit rate is for others to set"
+    finally:
+        run(CANWIRE, "vcan", "down", file)
+    assert exists("can0") and not exists("beside")
+
+
 # ---- Frames --------------------------------------------------------------------------------------
 
 

@@ -181,6 +181,33 @@ def test_what_was_there_is_used_and_stays(rig):
     assert set(links()) == {"lo", "v0", "v1", "other"}
 
 
+WAITS = "missing-port: wait\n"
+
+
+@pytest.mark.parametrize("name", ["can0", "slcan12"])
+def test_a_bus_that_waits_gets_no_vcan_in_place_of_hardware(rig, canwired, name):
+    """The adapter may come later, and needs its name."""
+    text = PAIR.replace("v1", name) + WAITS
+    left = f"left {name} to hardware: missing-port: wait\n"
+    assert rig("up", text) == "made v0\n" + left
+    assert set(links()) == {"lo", "v0"} and rig("up") == left
+    assert f"{name} is missing, waiting for it" in canwired(text).stop()
+    ip(f"link add {name} type vcan")
+    assert rig("up") == "" and is_up(links()[name]), "a vcan that somebody has made is used"
+    assert rig("down") == "removed v0\n"
+
+
+def test_other_names_and_other_buses_get_their_interfaces(rig, netns):
+    """Those of the examples, those of peers, and all where the bus does not wait."""
+    names = ["can", "can0x", "pt-engine", "vcan0", "vxcan0", "slcan", "xcan0"]
+    nodes = "".join(f"  - {{ name: n{i}, port: {name} }}\n" for i, name in enumerate(names))
+    assert rig("up", HEAD + nodes + WAITS) == "".join(f"made {name}\n" for name in names)
+    assert rig("up", PAIR.replace("v0", "can1")) == "made can1\nmade v1\n"
+    netns("ecu1", "ecu2")
+    peers = PEERS.replace("v0", "can2") + WAITS
+    assert rig("up", peers).startswith("made can2: can0 in ecu1\n")
+
+
 def test_an_interface_that_is_down_is_set_up(rig):
     rig("up", PAIR)
     ip("link set v1 down")
