@@ -118,6 +118,12 @@ static void free_message(message *m)
     m->data = NULL;
 }
 
+/* Returns what may help against a failure, after what says so; "" when multicast is not used. */
+static const char *multicast_hint(const publisher *p, const char *hint)
+{
+    return strstr(p->url, "udpm://") ? hint : "";
+}
+
 /* Splits host and port off "udpm://HOST:PORT?..." */
 static bool split_url(const char *url, char host[64], char service[16])
 {
@@ -222,8 +228,9 @@ static lcm_t *try_connect(publisher *p, bool *warned)
     if (lcm && *warned)
         log_info("LCM at %s works now", url);
     if (!lcm && !*warned)
-        log_warning("LCM at %s cannot start, trying again after %d s, and later after up to %d s; "
-                    "without multicast route: %s", url, RETRY_S, RETRY_MAX_S, REMEDY);
+        log_warning("LCM at %s cannot start, trying again after %d s, and later after up to %d s%s",
+                    url, RETRY_S, RETRY_MAX_S,
+                    multicast_hint(p, "; without multicast route: " REMEDY));
     *warned = !lcm;
     return lcm;
 }
@@ -251,7 +258,7 @@ static void note_sent(publisher *p, outage *o, bool good)
     o->lost += !good;
     if (!good && !o->warned && thread_is_past(&o->next_warning)) {
         log_warning("LCM at %s: messages cannot be sent and are lost: %s%s", p->url,
-                    strerror(error), error == ENETUNREACH ? "; " REMEDY : "");
+                    strerror(error), error == ENETUNREACH ? multicast_hint(p, "; " REMEDY) : "");
         o->next_warning = thread_in_seconds(WARNING_S);
         o->warned = true;
     }

@@ -109,6 +109,14 @@ def test_lcm_is_tried_again_more_and_more_rarely_and_in_silence(bus):
     assert log.count("messages cannot be sent and are lost") == 1
 
 
+def test_a_server_without_a_route_needs_no_multicast(bus):
+    """No TCP connection goes to that address."""
+    running = bus('lcm: { url: "tcpq://255.255.255.255:7700" }\n')
+    wait_until(lambda: "Network is unreachable" in running.log.read_text(), "the warning")
+    log = running.stop()
+    assert "are lost: Network is unreachable\n" in log and "ip route" not in log
+
+
 def test_a_journal_that_somebody_takes_away_is_told(bus, tmp_path):
     running = bus("", "--journal", "day.journal")
     assert ", journal day.journal writing" in running.line("journal")
