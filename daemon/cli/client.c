@@ -498,10 +498,17 @@ static void print_refusal(const client *c, const json_t *reply)
         client_complain(c, "%s", error ? error : "refused without a reason");
 }
 
-static const char *why_no_reply(int number)
+/* Returns true for a request that does more than to tell something. */
+static bool is_order(const json_t *request)
+{
+    const char *name = get_any_text(request, "request");
+    return strcmp(name, "status") != 0 && strcmp(name, "faults") != 0 && strcmp(name, "watch") != 0;
+}
+
+static const char *why_no_reply(int number, bool order)
 {
     if (number == EAGAIN)
-        return "it does not answer";
+        return order ? "it does not answer; what was asked may yet be done" : "it does not answer";
     if (number == EMSGSIZE)
         return "what it answers is too long";
     return number == ENOMEM ? "out of memory" : "it ended the connection";
@@ -517,7 +524,7 @@ static json_t *read_reply(client *c, int64_t until)
     if (!c->exact || !json_is_true(json_object_get(reply, "ok")))
         clean(reply);
     if (!line)
-        client_complain(c, "%s", why_no_reply(number));
+        client_complain(c, "%s", why_no_reply(number, c->order));
     else if (!json_is_object(reply))
         client_complain(c, "what it answers is no JSON object%s%s", *error.text ? ": " : "",
                         error.text);
@@ -532,6 +539,7 @@ static json_t *read_reply(client *c, int64_t until)
 json_t *client_ask(client *c, json_t *request)
 {
     const int64_t until = end_of_patience();
+    c->order = is_order(request);
     bool sent = send_request(c, request, until);
     json_decref(request);
     return sent ? read_reply(c, until) : NULL;

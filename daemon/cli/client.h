@@ -16,6 +16,7 @@ typedef struct client {
     int fd;
     lines_reader in;
     bool exact; /* texts of replies stay as they are */
+    bool order; /* the last request is to do something */
     int error; /* the errno that ended client_next(), 0: the bus has ended */
 } client;
 

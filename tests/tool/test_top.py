@@ -158,6 +158,22 @@ def test_a_bus_that_hangs_does_not_hold_up_the_keys(rig, terminal):
     r.stop()
 
 
+def test_what_a_bus_that_hangs_was_asked_is_done_later(rig, terminal):
+    """The message of all commands that do something; the others wait for half a minute."""
+    r = rig()
+    r.run("inject", "./power.sock", BROKEN)
+    t = terminal("power", "--interval", "60s")
+    t.wait("broken", "q quit")
+    r.process.send_signal(signal.SIGSTOP)
+    t.keys("C")
+    t.wait("canwire: bus power: it does not answer; what was asked may yet be done")
+    r.process.send_signal(signal.SIGCONT)
+    wait_until(lambda: "broken" not in r.run("faults", "./power.sock").stdout, "its end")
+    t.keys("q")
+    t.wait("end 0")
+    r.stop()
+
+
 def test_several_buses_and_any_size(rig, terminal, tmp_path):
     r = rig()
     (tmp_path / "body.yaml").write_text(BODY)
