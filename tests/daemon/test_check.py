@@ -216,6 +216,14 @@ def test_links(bus, words, expected):
     assert (", b link missing |" in line) == (expected != OK) and "g link" not in line
 
 
+def test_a_tunnel_that_waits_is_a_link_that_is_down(bus):
+    bus.start('  - { name: far, port: "cannelloni:tcp,connect=127.0.0.1:1" }\n')  # nobody listens
+    status, line = bus.check()
+    assert status == WARNING and re.search(r", far tunnel (waiting|connecting) \|", line)
+    assert bus.check("--links", "critical")[0] == CRITICAL
+    assert bus.check("--links", "ok")[0] == OK
+
+
 JUNK = "what it answers has not got"
 
 

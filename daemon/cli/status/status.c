@@ -40,8 +40,9 @@ static const char help[] = "Shows per node what `ip -details -statistics link sh
                            "      --sinks LEVEL  of LCM, a recording or a journal in trouble: ok, "
                            "warning (default)\n"
                            "                    or critical\n"
-                           "      --links LEVEL  of a node whose link is down or missing, in the "
-                           "same way\n";
+                           "      --links LEVEL  of a node whose link is down or missing, or whose "
+                           "tunnel has no peer,\n"
+                           "                    in the same way\n";
 
 /* Takes a reply over. Returns its status, null when it has none, and NULL without a reply. */
 static json_t *take_status(json_t *reply)

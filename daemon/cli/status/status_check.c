@@ -130,6 +130,15 @@ static check_level reached(uint64_t value, uint64_t warning, uint64_t critical)
                                               : CHECK_OK;
 }
 
+/* Checks a link of a node, or a tunnel, which is one. Without a state there is none. */
+static void check_link(check *c, const json_t *node, const char *what, const char *state)
+{
+    if (c->limits.links == CHECK_OK || *state == '\0' || strcmp(state, "up") == 0)
+        return;
+    buffer_print(&c->text, ", %s %s %s", get_any_text(node, "name"), what, state);
+    raise_to(c, c->limits.links);
+}
+
 static void status_check_check_node(check *c, const json_t *node)
 {
     const char *state = get_any_text(node, "state"), *link = get_any_text(node, "link");
@@ -143,11 +152,10 @@ static void status_check_check_node(check *c, const json_t *node)
         buffer_print(&c->text, ", %s %s", get_any_text(node, "name"),
                      *state ? state : "without a state");
     raise_to(c, level);
-    if (c->limits.links == CHECK_OK || *link == '\0' || strcmp(link, "up") == 0 ||
-        json_object_get(node, "guest"))
+    if (json_object_get(node, "guest"))
         return;
-    buffer_print(&c->text, ", %s link %s", get_any_text(node, "name"), link);
-    raise_to(c, c->limits.links);
+    check_link(c, node, "link", link);
+    check_link(c, node, "tunnel", get_any_text(json_object_get(node, "tunnel"), "state"));
 }
 
 static void check_sink(check *c, const json_t *sink)
