@@ -26,6 +26,11 @@ const char *buses_folder(void)
     return folder && *folder ? folder : FOLDER_DEFAULT;
 }
 
+bool buses_are_of_service(void)
+{
+    return strcmp(buses_folder(), FOLDER_DEFAULT) == 0;
+}
+
 char *buses_path(const char *name)
 {
     char *path = NULL;

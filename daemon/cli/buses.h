@@ -16,6 +16,9 @@
 /* Returns the folder of their sockets: /run/canwire, or $CANWIRE_RUN. */
 const char *buses_folder(void);
 
+/* Returns true when that is where the service has its buses. */
+bool buses_are_of_service(void);
+
 /* Finds up to `most` buses whose sockets are in buses_folder() and have a listener; closed: or are
  * closed to this user. Returns their number, with the names in order, to be freed. Names with
  * characters that need quoting are left out. */

@@ -63,6 +63,28 @@ def test_a_bad_configuration_fails_at_once_and_shows(new):
     assert bus.carries() and bus.unit not in failed_units()
 
 
+def test_monitoring_names_failed_units(new):
+    """Beside a bus that is well, and with the name of a bus that is not there."""
+    good, bad = new("good"), new("bad", lambda text: text.replace("500000", "500k"))
+    systemctl("reset-failed")  # some may be left by other tests
+    good.start()
+    assert run("canwire", "status", "--check").startswith("CANWIRE OK - ")
+    systemctl("start", bad.unit, status=1)
+    line = run("canwire", "status", "--check", status=2)
+    assert line.startswith("CANWIRE CRITICAL - good: load ") and f"; {bad.unit} has failed" in line
+    line = run("canwire", "status", "--check", "bad", "--wait", "0ms", status=2)
+    assert f"; {bad.unit} has failed" in line
+    assert run("canwire", "status", "--check", "good").startswith("CANWIRE OK - ")
+
+
+def test_a_real_can0_that_is_missing_is_waited_for(new):
+    bus = new("mp", lambda text: text.replace("port: mp1", "port: can0") + "missing-port: wait\n")
+    bus.start()
+    assert "mp0" in links() and "can0" not in links()
+    assert systemctl("show", "-P", "ActiveState", bus.vcan_unit).strip() == "active"
+    assert "b link missing" in run("canwire", "status", "--check", "mp", status=1)
+
+
 def test_a_path_that_can_never_be_made_fails_at_once(new):
     bus = new("never", lambda text: text + "record: [ { file: /etc/canwire/never.log } ]\n")
     assert "failed" in systemctl("start", bus.unit, status=1)

@@ -7,6 +7,7 @@
 #include "cli/buses.h"
 #include "cli/client.h"
 #include "cli/command.h"
+#include "cli/status/failed_units.h"
 #include "cli/status/status_check.h"
 #include "serve/status.h"
 
@@ -32,7 +33,9 @@ static const char help[] = "Shows per node what `ip -details -statistics link sh
                            "                    1 WARNING, 2 CRITICAL (also a bus that does not "
                            "run or not\n"
                            "                    answer within 10 s), 3 UNKNOWN (an answer that is "
-                           "no status)\n"
+                           "no status).\n"
+                           "                    Without BUS a failed unit of systemd, such as\n"
+                           "                    canwired@BUS, is CRITICAL, too\n"
                            "      --load W,C    limits of the load in percent; 0 or nothing is no\n"
                            "                    limit, which is the default\n"
                            "      --state W,C   limits of the state of nodes; default "
@@ -206,10 +209,13 @@ static int show_check(const check_limits *limits, const char *bus)
     client_set_patience(CHECK_PATIENCE_S);
     if (!bus) {
         check_all(&c);
+        check_failed_units(&c, NULL);
         return check_end(&c);
     }
     json_t *status = ask(bus);
     check_bus(&c, bus, status, last_message);
+    if (!json_is_object(status))
+        check_failed_units(&c, bus);
     json_decref(status);
     return check_end(&c);
 }

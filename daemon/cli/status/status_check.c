@@ -223,19 +223,31 @@ static const char *lack_of(const json_t *status)
     return json_is_array(json_object_get(status, "sinks")) ? NULL : "sinks";
 }
 
+/* Begins another part of the line. */
+static void begin_part(check *c)
+{
+    if (buffer_length(&c->text) > 0)
+        buffer_put(&c->text, "; ");
+}
+
+void check_tell(check *c, check_level level, const char *text)
+{
+    begin_part(c);
+    buffer_put(&c->text, text);
+    raise_to(c, level);
+}
+
 void check_bus(check *c, const char *bus, const json_t *status, const char *why)
 {
     const json_t *now = json_object_get(status, "bus");
     const json_t *nodes = json_object_get(status, "nodes");
     const json_t *sinks = json_object_get(status, "sinks");
     const uint64_t load = get_count(now, "load_second_permille");
-    if (buffer_length(&c->text) > 0)
-        buffer_put(&c->text, "; ");
     if (!status) {
-        buffer_put(&c->text, why);
-        raise_to(c, CHECK_CRITICAL);
+        check_tell(c, CHECK_CRITICAL, why);
         return;
     }
+    begin_part(c);
     if (lack_of(status)) {
         buffer_print(&c->text, "bus %s: what it answers has not got %s", bus, lack_of(status));
         raise_to(c, CHECK_UNKNOWN);

@@ -47,6 +47,9 @@ typedef struct check {
 
 void check_bus(check *c, const char *bus, const json_t *status, const char *why);
 
+/* Adds a part to the line, at least of this level. */
+void check_tell(check *c, check_level level, const char *text);
+
 /* Prints the line and returns the exit status. */
 int check_end(check *c);
 

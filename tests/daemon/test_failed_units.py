@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: MIT
+"""`canwire status --check` names the failed units of systemd, here of a systemctl of the test.
+
+CANWIRE and CANWIRED are the programs.
+"""
+
+import os
+import signal
+import subprocess
+
+import pytest
+
+from simtool import CANWIRE, CANWIRED, kill_all
+from test_record import wait_until
+
+OK, _, CRITICAL, UNKNOWN = range(4)
+FAILED = ("canwired@night.service loaded failed failed CAN bus night of virtual ECUs\n"
+          "canwire-vcan@day-2.service loaded failed failed Interfaces of the CAN bus day-2\n")
+BUS = """bus: { name: day, bitrate: 500000 }
+control: run/canwire/day.sock
+nodes: [ { name: load, traffic: [ { send: 123#11, every: 10ms } ] }, { name: dash } ]
+"""
+MOUNTS = 'mount --bind run /run && exec "$@"'
+
+
+class Machine:
+    """A /run of its own, with a bus, and a systemctl."""
+
+    def __init__(self, folder):
+        self.folder, self.process = folder, None
+        for name in "run/canwire", "run/systemd/system", "bin":
+            (folder / name).mkdir(parents=True)
+        self.systemctl("true")
+
+    def start(self):
+        (self.folder / "day.yaml").write_text(BUS)
+        log = self.folder / "stderr"
+        with log.open("w") as errors:
+            self.process = subprocess.Popen([CANWIRED, "-c", "day.yaml"], cwd=self.folder,
+                                            stderr=errors)
+        wait_until(lambda: " bit/s, " in log.read_text(), "the bus")
+
+    def systemctl(self, script):
+        file = self.folder / "bin/systemctl"
+        file.write_text(f'#!/bin/sh\necho "$@" >>"{self.folder}/asked"\n{script}\n')
+        file.chmod(0o755)
+
+    def fails(self, units=FAILED):
+        (self.folder / "units").write_text(units)
+        self.systemctl(f'echo noise >&2; cat "{self.folder}/units"')
+
+    def check(self, *words, **more):
+        """Returns exit status and line; nothing else is said."""
+        environment = {name: value for name, value in os.environ.items() if name != "CANWIRE_RUN"}
+        environment["PATH"] = f"{self.folder}/bin:{environment['PATH']}"
+        done = subprocess.run(
+            ["unshare", "--map-root-user", "--mount", "sh", "-c", MOUNTS, "sh", CANWIRE, "status",
+             "--check", "--wait", "0ms", *words], cwd=self.folder,
+            env=environment | more.pop("env", {}), capture_output=True, text=True, timeout=60,
+            check=False, **more)
+        assert done.stderr == "" and done.stdout.count("\n") == 1, done
+        return done.returncode, done.stdout.strip()
+
+    def asked(self):
+        file = self.folder / "asked"
+        return file.read_text() if file.exists() else ""
+
+
+@pytest.fixture(name="machine")
+def fixture_machine(tmp_path):
+    machine = Machine(tmp_path)
+    yield machine
+    kill_all([machine.process] if machine.process else [])
+
+
+def test_failed_units_are_critical_beside_a_bus_that_is_well(machine):
+    machine.start()
+    status, line = machine.check()
+    assert status == OK and line.startswith("CANWIRE OK - day: load ")
+    assert machine.asked() == (
+        "list-units --state=failed --plain --no-legend --no-pager canwired@*.service "
+        "canwire-vcan@*.service canwire-usb@*.service\n")
+    machine.fails()
+    status, line = machine.check()
+    assert status == CRITICAL and line.startswith("CANWIRE CRITICAL - day: load ")
+    assert ("sinks; canwired@night.service has failed; canwire-vcan@day-2.service has failed "
+            "| day_load=") in line
+
+
+def test_failed_units_where_no_bus_runs(machine):
+    machine.fails()
+    assert machine.check() == (
+        CRITICAL, "CANWIRE CRITICAL - no bus runs in /run/canwire; canwired@night.service has "
+        "failed; canwire-vcan@day-2.service has failed")
+
+
+def test_a_name_is_for_its_own_units_and_only_when_its_bus_is_not_there(machine):
+    machine.fails()
+    status, line = machine.check("night")
+    assert status == CRITICAL and line.endswith("; canwired@night.service has failed")
+    assert "day-2" not in line
+    status, line = machine.check("day")
+    assert status == CRITICAL and "has failed" not in line
+    machine.start()
+    machine.fails(FAILED.replace("night", "day"))
+    assert machine.check("day")[0] == OK
+
+
+@pytest.mark.parametrize("script, why", [
+    ("exit 3", "exit status 3"),
+    ("kill -9 $$", "ended by signal 9"),
+    ("exec sleep 1000", "no answer within 5 s"),
+    ("exec sleep 1000 >&-", "no answer within 5 s"),
+], ids=["fails", "killed", "hangs", "hangs-silently"])
+def test_without_an_answer_failed_units_are_not_known(machine, script, why):
+    machine.start()
+    machine.systemctl(script)
+    status, line = machine.check()
+    assert status == UNKNOWN
+    assert f"; failed units are not known: systemctl: {why} | day_load=" in line
+    assert machine.check("day")[0] == OK
+
+
+def test_without_systemctl_failed_units_are_not_known(machine):
+    machine.start()
+    (machine.folder / "bin/systemctl").write_text("")
+    (machine.folder / "bin/systemctl").chmod(0o644)
+    bins = {"PATH": f"{machine.folder}/bin"}
+    for name in "mount", "sh", "unshare":
+        (machine.folder / "bin" / name).symlink_to(
+            subprocess.run(["which", name], capture_output=True, text=True, check=True)
+            .stdout.strip())
+    status, line = machine.check(env=bins)
+    assert status == UNKNOWN and "not known: systemctl: Permission denied" in line
+
+
+def test_a_monitor_that_ignores_its_children(machine):
+    machine.start()
+    ignore = lambda: signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # noqa: E731
+    assert machine.check(preexec_fn=ignore)[0] == OK
+
+
+def test_nothing_is_asked_without_systemd_or_for_other_folders(machine):
+    machine.start()
+    machine.fails()
+    elsewhere = {"CANWIRE_RUN": str(machine.folder / "run/canwire")}
+    assert machine.check(env=elsewhere)[0] == OK
+    (machine.folder / "run/systemd/system").rmdir()
+    assert machine.check()[0] == OK
+    assert machine.asked() == ""
