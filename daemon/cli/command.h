@@ -9,7 +9,7 @@
 
 #include <stdbool.h>
 
-#define COMMAND_FLAGS_MAX 6
+#define COMMAND_FLAGS_MAX 7
 
 /* An option: a flag, or with `text` one that takes an argument and may be repeated. */
 typedef struct command_option {

@@ -5,6 +5,7 @@
 #include "serve/losses.h"
 
 #include "base/text/chars.h"
+#include "base/text/jsonput.h"
 #include "base/log.h"
 #include "config/node/portname.h"
 #include "engine/reload.h"
@@ -55,6 +56,10 @@ static const char *const single_texts[LOSS_KINDS] = {
     [LOSS_STRANGERS] = "packet or connection of others than the peer",
     [LOSS_GAVE_WAY] = "connection ended for a new one, since it had said nothing",
 };
+
+/* Those that nobody has asked for, by a rule or a setting, and that no state explains. */
+static const loss_kind unwanted[LOSSES_UNWANTED] = {
+    (loss_kind)CW_DROP_QUEUE_FULL, LOSS_RECEIVED + CW_DROP_QUEUE_FULL, LOSS_NOT_TAKEN, LOSS_KERNEL};
 
 const char *losses_text(loss_kind kind, uint64_t count)
 {
@@ -172,6 +177,41 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
     log_node_warning(node->name, "%s", line);
 }
 
+/* Counts the seconds down for which something is news, from the last time that it happened on. */
+static void count_lately(unsigned *lately, uint64_t *seen, uint64_t now)
+{
+    *lately = now > *seen ? LOSSES_LATELY_S : *lately - (*lately > 0);
+    *seen = now;
+}
+
+void losses_note(losses_node *node, const uint64_t now[LOSS_KINDS])
+{
+    for (size_t n = 0; n < LOSSES_UNWANTED; n++)
+        count_lately(&node->lately[n], &node->seen[n], now[unwanted[n]]);
+}
+
+static void put_one_lately(json_t *all, const char *node, const char *what)
+{
+    json_t *one = json_object();
+    put_text(one, "node", node);
+    put_text(one, "what", what);
+    put_last(all, one);
+}
+
+void losses_put_lately(const losses *l, const cfg *config, json_t *status)
+{
+    json_t *all = json_array();
+    if (l->skipped_lately > 0)
+        put_one_lately(all, NULL, "fell behind real time and has skipped some");
+    for (unsigned i = 0; i < config->node_count; i++)
+        for (size_t n = 0; n < LOSSES_UNWANTED; n++)
+            if (l->nodes[i].lately[n] > 0)
+                put_one_lately(all, config->nodes[i].name, losses_text(unwanted[n], 2));
+    put(status, "lately", all);
+}
+
+_Static_assert(sizeof(losses_node) <= RELOAD_REMAP_BYTES_MAX, "a reload moves it");
+
 void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX])
 {
     reload_remap(l->nodes, sizeof l->nodes[0], from);
@@ -179,10 +219,12 @@ void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX])
 
 void losses_log(losses *l, const cfg *config, const cw_bus *bus, const report *beyond, bool last)
 {
+    count_lately(&l->skipped_lately, &l->skipped_ns, beyond->skipped_ns);
     for (unsigned i = 0; i < config->node_count; i++) {
         uint64_t now[LOSS_KINDS] = {0};
         losses_node *node = &l->nodes[i];
         collect(now, bus, i, &beyond->nodes[i].interface);
+        losses_note(node, now);
         const uint64_t kinds = kinds_added(node->logged, now);
         const unsigned seconds = node->wait > 0 ? node->passed + 1 : 0;
         if (losses_due(node, kinds) || (last && kinds))

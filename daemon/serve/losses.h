@@ -8,6 +8,7 @@
 #include "config/config.h"
 #include "engine/report.h"
 
+#include <jansson.h>
 #include <stdbool.h>
 
 /* First the reasons of cw_drop for frames on their way onto the bus, then the same for frames on
@@ -29,23 +30,38 @@ typedef enum loss_kind {
     LOSS_KINDS
 } loss_kind;
 
+#define LOSSES_UNWANTED 4 /* kinds */
+
 /* The losses of a node that have been logged, and the time for the next line. */
 typedef struct losses_node {
     uint64_t logged[LOSS_KINDS];
     uint64_t kinds;   /* that the lines of late had */
     unsigned passed;  /* seconds since the last line */
     unsigned wait;    /* ... up to the next one with nothing but these kinds */
+    uint64_t seen[LOSSES_UNWANTED];   /* a second ago */
+    unsigned lately[LOSSES_UNWANTED]; /* seconds for which the last one still is news */
 } losses_node;
 
 /* The losses that have been logged; starts all zero. */
 typedef struct losses {
     losses_node nodes[CW_NODES_MAX];
+    uint64_t skipped_ns; /* a second ago */
+    unsigned skipped_lately;
 } losses;
 
 #define LOSSES_WAIT_MAX 60u /* s between lines about what goes on and on */
 
+#define LOSSES_LATELY_S 600u /* longer than the time between two looks of a monitor */
+
 /* Adapts to a changed configuration, in which nodes have other places. */
 void losses_remap(losses *l, const uint8_t from[CW_NODES_MAX]);
+
+/* Notes the counters of a node, for what happened lately; called each second. */
+void losses_note(losses_node *node, const uint64_t now[LOSS_KINDS]);
+
+/* Puts `lately`: the frames that were lost in the last LOSSES_LATELY_S other than by intention, and
+ * bus time that was skipped. */
+void losses_put_lately(const losses *l, const cfg *config, json_t *status);
 
 /* Returns the text behind the number of a loss, or of going bus-off or restarting. */
 const char *losses_text(loss_kind kind, uint64_t count);

@@ -296,6 +296,7 @@ static void put_more(void *user, json_t *status)
     if (s->host->journal)
         put(status, "journal", journal_to_json(s->host->journal));
     put(status, "sinks", sinks_json(&all));
+    losses_put_lately(&s->losses, s->config, status);
     if (s->kept)
         kept_put(s->kept, status);
     if (*s->refused)

@@ -73,7 +73,7 @@ _canwire_options() {
         "$tool" "$1" --help 2>/dev/null | grep -o -- '^  --[a-z-]\+' | tr -d ' ' && echo --help
         ;;
     analyse) echo --simulate --error-every --error-rate --json --help ;;
-    status) echo --json --check --load --state --sinks --links --wait --help ;;
+    status) echo --json --check --load --state --sinks --links --losses --wait --help ;;
     faults) echo --json --wait --help ;;
     watch) echo --json --text --wait --help ;;
     top) echo --interval --once --wait --help ;;

@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import threading
+import time
 
 import pytest
 
@@ -222,6 +223,28 @@ def test_a_tunnel_that_waits_is_a_link_that_is_down(bus):
     assert status == WARNING and re.search(r", far tunnel (waiting|connecting) \|", line)
     assert bus.check("--links", "critical")[0] == CRITICAL
     assert bus.check("--links", "ok")[0] == OK
+
+
+@pytest.mark.parametrize("words, expected", [
+    ((), WARNING), (("--losses", "critical"), CRITICAL), (("--losses", "ok"), OK)])
+def test_losses_of_late(bus, words, expected):
+    lately = [{"node": "a", "what": "dropped, queue full"}, {"node": None, "what": "fell behind"}]
+    status, line = check_answer(bus, {"ok": True, "status": status_of([], lately=lately)}, *words)
+    assert status == expected
+    assert (", a frames dropped, queue full, the bus fell behind |" in line) == (expected != OK)
+
+
+def test_a_bus_that_loses_frames_and_time(bus):
+    bus.start("  - { name: much, queue: 1, traffic: [ { send: 7FF#11, every: 20us } ] }\n")
+    wait_until(lambda: ", much frames dropped, queue full" in bus.check()[1], "the loss")
+    bus.process.send_signal(signal.SIGSTOP)
+    time.sleep(1)  # whole: longer than the bus catches up
+    bus.process.send_signal(signal.SIGCONT)
+    wait_until(lambda: ", the bus fell behind real time and has skipped some" in bus.check()[1],
+               "the time that is missing")
+    assert bus.check()[0] == WARNING and bus.check("--losses", "ok")[0] == OK
+    answer(bus.folder, "reload", "./day.sock")
+    assert ", much frames dropped, queue full" in bus.check()[1]
 
 
 JUNK = "what it answers has not got"

@@ -45,7 +45,11 @@ static const char help[] = "Shows per node what `ip -details -statistics link sh
                            "                    or critical\n"
                            "      --links LEVEL  of a node whose link is down or missing, or whose "
                            "tunnel has no peer,\n"
-                           "                    in the same way\n";
+                           "                    in the same way\n"
+                           "      --losses LEVEL  of frames that were lost in the last 10 minutes, "
+                           "since a queue was\n"
+                           "                    full or a program too slow, and of bus time that "
+                           "was skipped\n";
 
 /* Takes a reply over. Returns its status, null when it has none, and NULL without a reply. */
 static json_t *take_status(json_t *reply)
@@ -236,7 +240,8 @@ int cli_status(int argc, char **argv)
     const bool monitors = wants_check(argc, argv);
     int first = 0;
     const command c = {.usage = "canwire status [BUS] [--json | --check [--load W,C]\n"
-                                "       [--state W,C] [--sinks LEVEL] [--links LEVEL]]",
+                                "       [--state W,C] [--sinks LEVEL] [--links LEVEL]\n"
+                                "       [--losses LEVEL]]",
                        .help = help,
                        .words_max = 1,
                        .options = {{.name = "json", .flag = &json},
@@ -244,7 +249,8 @@ int cli_status(int argc, char **argv)
                                    {.name = "load", .text = check_take_load},
                                    {.name = "state", .text = check_take_state},
                                    {.name = "sinks", .text = check_take_sinks},
-                                   {.name = "links", .text = check_take_links}},
+                                   {.name = "links", .text = check_take_links},
+                                   {.name = "losses", .text = check_take_losses}},
                        .user = &limits};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)

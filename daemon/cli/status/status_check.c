@@ -111,6 +111,12 @@ bool check_take_links(void *user, const char *text)
     return take_level(limits, &limits->links, "links", text);
 }
 
+bool check_take_losses(void *user, const char *text)
+{
+    check_limits *limits = user;
+    return take_level(limits, &limits->losses, "losses", text);
+}
+
 /* ---- Findings -------------------------------------------------------------------------------- */
 
 /* A bus that is critical matters more than one of which nothing is known. */
@@ -166,6 +172,17 @@ static void check_sink(check *c, const json_t *sink)
     buffer_print(&c->text, ", %s %s %s%s%s", get_any_text(sink, "kind"),
                  get_any_text(sink, "name"), get_any_text(sink, "state"), *why ? ": " : "", why);
     raise_to(c, c->limits.sinks);
+}
+
+/* Checks what has happened to the frames of a node, or to the time of the bus. */
+static void check_lately(check *c, const json_t *one)
+{
+    const char *node = get_any_text(one, "node");
+    if (c->limits.losses == CHECK_OK)
+        return;
+    buffer_print(&c->text, ", %s%s %s", *node ? node : "the bus", *node ? " frames" : "",
+                 get_any_text(one, "what"));
+    raise_to(c, c->limits.losses);
 }
 
 static void check_rules(check *c, const json_t *status)
@@ -242,6 +259,7 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
     const json_t *now = json_object_get(status, "bus");
     const json_t *nodes = json_object_get(status, "nodes");
     const json_t *sinks = json_object_get(status, "sinks");
+    const json_t *lately = json_object_get(status, "lately");
     const uint64_t load = get_count(now, "load_second_permille");
     if (!status) {
         check_tell(c, CHECK_CRITICAL, why);
@@ -264,6 +282,8 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
         status_check_check_node(c, json_array_get(nodes, i));
     for (size_t i = 0; i < json_array_size(sinks); i++)
         check_sink(c, json_array_get(sinks, i));
+    for (size_t i = 0; i < json_array_size(lately); i++)
+        check_lately(c, json_array_get(lately, i));
     check_rules(c, status);
 }
 

@@ -24,17 +24,20 @@ typedef struct check_limits {
     unsigned state[CHECK_UNKNOWN];         /* as well: a place in the row of states */
     check_level sinks;                     /* of one that is in trouble */
     check_level links;                     /* of a node without link */
+    check_level losses;                    /* of frames, or of bus time, lately */
     bool given;                            /* there was an option */
 } check_limits;
 
 #define CHECK_LIMITS_DEFAULT                                                                       \
-    (check_limits){.state = {0, 2, 3}, .sinks = CHECK_WARNING, .links = CHECK_WARNING}
+    (check_limits){.state = {0, 2, 3}, .sinks = CHECK_WARNING, .links = CHECK_WARNING,             \
+                   .losses = CHECK_WARNING}
 
 /* Take the texts of options; user is a check_limits. They return false after a message. */
 bool check_take_load(void *user, const char *text);
 bool check_take_state(void *user, const char *text);
 bool check_take_sinks(void *user, const char *text);
 bool check_take_links(void *user, const char *text);
+bool check_take_losses(void *user, const char *text);
 
 /* Judges a bus, whose status is NULL when it is not there; why says why. A status that is not one
  * is unknown. Prints its part of the line and, for check_end(), of the figures. */

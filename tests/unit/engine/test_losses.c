@@ -61,12 +61,30 @@ static void what_goes_on_is_told_ever_more_seldom(void **state)
     assert_true(losses_due(&node, 1)); /* after a minute without */
 }
 
+static void a_loss_is_news_for_some_time(void **state)
+{
+    (void)state;
+    static losses all;
+    cfg_node node = {.name = (char[]){"a"}};
+    const cfg config = {.nodes = &node, .node_count = 1};
+    uint64_t now[LOSS_KINDS] = {[CW_DROP_QUEUE_FULL] = 7, [CW_DROP_ONE_SHOT] = 7};
+    for (unsigned second = 0; second <= LOSSES_LATELY_S; second++) {
+        losses_note(&all.nodes[0], now);
+        json_t *status = json_object();
+        losses_put_lately(&all, &config, status);
+        const json_t *lately = json_object_get(status, "lately");
+        assert_int_equal(json_array_size(lately), second < LOSSES_LATELY_S); /* no one-shot */
+        json_decref(status);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(each_loss_has_a_text_of_its_own),
         cmocka_unit_test(a_drop_on_the_way_to_the_host_is_told_apart),
         cmocka_unit_test(what_goes_on_is_told_ever_more_seldom),
+        cmocka_unit_test(a_loss_is_news_for_some_time),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
