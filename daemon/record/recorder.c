@@ -303,6 +303,12 @@ recorder *recorder_start(const cfg_record *what, const cfg *config, const cw_bus
     if (!r)
         return NULL;
     r->spool = spool_open(what->file, what->files, notify, user, error);
+    if (r->spool)
+        *error = spool_reserve(r->spool);
+    if (*error != 0) {
+        (void)spool_close(r->spool, UINT32_MAX);
+        r->spool = NULL;
+    }
     return recorder_begin(r, bus, UINT32_MAX, error);
 }
 

@@ -459,6 +459,11 @@ SEAM(int, fchmod, int fd, mode_t mode)
     ON_FD(fchmod, fchmod(fd, mode));
 }
 
+SEAM(int, fallocate, int fd, int mode, off_t offset, off_t size)
+{
+    ON_FD(fallocate, fallocate(fd, mode, offset, size));
+}
+
 SEAM(int, ftruncate, int fd, off_t size)
 {
     ON_FD(ftruncate, ftruncate(fd, size));

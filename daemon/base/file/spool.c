@@ -27,6 +27,7 @@
 #define PART (UINT32_C(1) << 31)     /* in its head: the next one belongs to it */
 #define BATCH (2 * SPOOL_RECORD_MAX) /* bytes that are written at once */
 #define NAP_NS 20000000              /* between two writes, when there is little to write */
+#define ROOM 4096 /* bytes that are reserved for the first records */
 #define MODE 0640 /* less the umask: not everybody may read the traffic of a bus */
 
 struct spool {
@@ -495,13 +496,22 @@ static int open_files(spool *s, unsigned files)
     return error == 0 ? begin_file(s, files) : error;
 }
 
-/* Opens the files for spool_open_later(). Returns 0 or an errno. The lock is held, but not while it
- * opens. */
+int spool_reserve(const spool *s)
+{
+    if (fallocate(s->fd, FALLOC_FL_KEEP_SIZE, 0, ROOM) == 0)
+        return 0;
+    return spool_may_wait(errno) ? errno : 0;
+}
+
+/* Opens the files for spool_open_later(), and reserves room. Returns 0 or an errno. The lock is
+ * held, but not while it opens. */
 static int open_now(spool *s)
 {
     const unsigned files = s->files;
     (void)pthread_mutex_unlock(&s->lock);
     int error = open_files(s, files);
+    if (error == 0)
+        error = spool_reserve(s);
     (void)pthread_mutex_lock(&s->lock);
     s->open = error == 0;
     if (s->open && s->notify)

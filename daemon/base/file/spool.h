@@ -37,6 +37,11 @@ spool *spool_open(const char *file, unsigned files, spool_notify *notify, void *
 spool *spool_open_later(const char *file, unsigned files, spool_notify *notify, void *user,
                         int *error);
 
+/* Reserves room for the first records; spool_open_later() does it by itself. To be called before
+ * any record is queued. Returns 0, also where room cannot be reserved, or the errno of a full
+ * disk. */
+int spool_reserve(const spool *s);
+
 /* Says if spool_open() would fail, without making or moving a file that stays. A file that this
  * process writes already does not count. Returns 0 or the errno. */
 int spool_probe(const char *file, unsigned files);
