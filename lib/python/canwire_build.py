@@ -31,7 +31,7 @@ DATE = (1980, 1, 1, 0, 0, 0)  # the same sources make the same files
 HEADERS = {"yaml.h": "libyaml-dev", "jansson.h": "libjansson-dev"}
 # The library is made of these: the folders SIM_FOLDERS of the Makefile, and headers of others.
 SOURCES = ("Makefile", "lib/**/*.[ch]", "daemon/**/*.h",
-           *(f"daemon/{folder}/*.c" for folder in ("base", "timing", "trace", "config", "run",
+           *(f"daemon/{folder}/**/*.c" for folder in ("base", "timing", "trace", "config", "run",
                                                    "record", "sim", "embed")))
 
 
