@@ -95,6 +95,7 @@ VALUES = [
     ("status", "--state", "off,none", "bus-off and none"),
     ("status", "--sinks", "bad", "ok, warning or critical"),
     ("status", "--links", "bad", "ok, warning or critical"),
+    ("status", "--losses", "bad", "ok, warning or critical"),
     ("analyse", "--error-rate", "lots", "such as 1e-5"),
     ("inject", "--with", "rate", "KEY=VALUE"),
     ("reload", "--pid", "0", "the number of a process"),
