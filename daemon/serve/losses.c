@@ -177,7 +177,7 @@ static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS]
     log_node_warning(node->name, "%s", line);
 }
 
-/* Counts the seconds down for which something is news, from the last time that it happened on. */
+/* Counts the seconds down for which something is reported, from the last time on. */
 static void count_lately(unsigned *lately, uint64_t *seen, uint64_t now)
 {
     *lately = now > *seen ? LOSSES_LATELY_S : *lately - (*lately > 0);

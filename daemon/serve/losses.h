@@ -39,7 +39,7 @@ typedef struct losses_node {
     unsigned passed;  /* seconds since the last line */
     unsigned wait;    /* ... up to the next one with nothing but these kinds */
     uint64_t seen[LOSSES_UNWANTED];   /* a second ago */
-    unsigned lately[LOSSES_UNWANTED]; /* seconds for which the last one still is news */
+    unsigned lately[LOSSES_UNWANTED]; /* seconds for which the last one is reported */
 } losses_node;
 
 /* The losses that have been logged; starts all zero. */

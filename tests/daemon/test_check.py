@@ -238,7 +238,7 @@ def test_a_bus_that_loses_frames_and_time(bus):
     bus.start("  - { name: much, queue: 1, traffic: [ { send: 7FF#11, every: 20us } ] }\n")
     wait_until(lambda: ", much frames dropped, queue full" in bus.check()[1], "the loss")
     bus.process.send_signal(signal.SIGSTOP)
-    time.sleep(1)  # whole: longer than the bus catches up
+    time.sleep(1)  # no wait: the bus is to miss more than it catches up
     bus.process.send_signal(signal.SIGCONT)
     wait_until(lambda: ", the bus fell behind real time and has skipped some" in bus.check()[1],
                "the time that is missing")
