@@ -478,12 +478,11 @@ def test_killed_processes(pair, ends):
     wait_until(lambda: len(pair.servers()) == 2, "new ones")
     pair.wait_for("can0", "can1")
     both_up()
-    engine = ends("can0")
+    engine, gearbox = ends("can0"), ends("can1")  # before the frame comes
     pair.daemon.process.kill()
     pair.daemon.wait()
     engine.send("125#44")  # waits
     pair.start_daemon()
-    gearbox = ends("can1")
     assert gearbox.receive() == [Frame.parse("125#44")]
 
 
