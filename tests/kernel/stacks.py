@@ -25,8 +25,11 @@ CAN_ISOTP_WAIT_TX_DONE = 0x400
 REQUEST, RESPONSE = 0x7E0, 0x7E8
 TRIES = 6
 PATIENCE_S = 30  # for one transfer; the protocol gives up much earlier
+# Errors of the kernel's protocols for a failed transfer. The second line is J1939's: a session that
+# failed is still there, its peer has not answered, or has sent what does not fit.
 STOPPED = {errno.ECOMM, errno.ETIMEDOUT, errno.EILSEQ, errno.EBADMSG, errno.EPROTO, errno.ENODATA,
-           errno.ECONNRESET}  # errors of the kernel's protocols for a failed transfer
+           errno.ECONNRESET, errno.EALREADY, errno.EHOSTUNREACH, errno.ENOTRECOVERABLE,
+           errno.ENOTCONN}
 
 
 def payload(size, seed=0):
@@ -64,9 +67,9 @@ class IsotpSocket:
         while True:
             try:
                 self.socket.recv(5000)
-            except BlockingIOError:
-                break
             except OSError as error:
+                if error.errno == errno.EAGAIN:
+                    break
                 assert error.errno in STOPPED, error
         self.socket.settimeout(PATIENCE_S)
 
