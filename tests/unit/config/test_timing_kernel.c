@@ -13,6 +13,8 @@
 
 #include <cmocka.h>
 
+#include "found_timing.h"
+
 #define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define MHZ 1000000u
 #define KBIT 1000u
@@ -27,26 +29,12 @@ static timing_request request(const char *controller, uint32_t clock_hz, uint32_
 
 static void assert_segments(const timing_request *r, bit_timing expected)
 {
-    char problem[TIMING_PROBLEM_MAX] = "";
-    bit_timing found;
-
-    if (!timing_by_kernel(&found, problem, r))
-        fail_msg("%s", problem);
-    assert_int_equal(found.clock_hz, r->clock_hz);
-    assert_int_equal(found.brp, expected.brp);
-    assert_int_equal(found.prop_seg, expected.prop_seg);
-    assert_int_equal(found.phase_seg1, expected.phase_seg1);
-    assert_int_equal(found.phase_seg2, expected.phase_seg2);
-    assert_int_equal(found.sjw, expected.sjw);
+    assert_found(timing_by_kernel, r, expected);
 }
 
 static void assert_refused(const timing_request *r, const char *expected)
 {
-    char problem[TIMING_PROBLEM_MAX] = "";
-    bit_timing found;
-
-    assert_false(timing_by_kernel(&found, problem, r));
-    assert_string_equal(problem, expected);
+    assert_not_found(timing_by_kernel, r, expected);
 }
 
 static void segments_are_those_of_linux(void **state)
