@@ -15,8 +15,9 @@ from busrig import BusRig, rig_fixture
 from busclient import FD as CLIENT_FD
 from busclient import LOOPBACK, Client
 from cannelloni import FD, RTR, Datagrams, Stream, connect, pack, packet
+from ports import free_port
 from simtool import canwire, kill_all
-from talker import PATIENCE_S, free_port
+from talker import PATIENCE_S
 from test_record import wait_until
 
 BUS = """bus: {{ name: far, bitrate: {bitrate}{bus} }}

@@ -18,8 +18,9 @@ import pytest
 
 from busclient import Client
 from busrig import BusRig, rig_fixture
+from ports import bind_soon, free_port
 from simtool import CANWIRED, ROOT, canwire, kill_all, listens
-from talker import PATIENCE_S, Talker, free_port
+from talker import PATIENCE_S, Talker
 from test_record import wait_until
 
 BUS = """bus: {{ name: talk, bitrate: {bitrate}{bus} }}
@@ -190,7 +191,7 @@ def test_python_can_at_a_wrong_bus(rig):
 def test_the_beacon(rig):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        s.bind(("", 42000))
+        bind_soon(s, ("127.255.255.255", 42000))  # loopback's network alone
         s.settimeout(PATIENCE_S)
         r = rig(engine=", clients: { beacon: yes }", dash=", clients: { beacon: yes }")
         while True:  # there may be others

@@ -13,7 +13,8 @@ import pytest
 
 import campaigns
 from campaigns import need
-from engine import fixture_gate, fixture_place, free_port  # pylint: disable=unused-import
+from engine import fixture_gate, fixture_place  # pylint: disable=unused-import
+from ports import free_port
 from simtool import CANWIRE, ROOT, TIMEOUT_S
 
 CONFIG = """

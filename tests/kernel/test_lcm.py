@@ -9,7 +9,7 @@ import time
 from cannelloni import Datagrams, pack
 from canbits import Frame, wire_bits
 from conftest import wait_until
-from talker import free_port
+from ports import free_port
 from test_faults import Shell
 
 # Slow, so that no event is lost on its way to a subscriber on a busy machine.

@@ -2,7 +2,6 @@
 """Fixtures of the tests with the engines of others; their modules import them."""
 
 import os
-import socket
 
 import pytest
 
@@ -29,9 +28,3 @@ def fixture_gate(place, monkeypatch):
     monkeypatch.setenv("PATH", f"{gate.tool.parent}:{os.environ['PATH']}")
     yield gate
     gate.open()
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]

@@ -7,13 +7,6 @@ import socket
 PATIENCE_S = 120
 
 
-def free_port(kind=socket.SOCK_STREAM, host="127.0.0.1"):
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family, kind) as s:
-        s.bind((host, 0))
-        return s.getsockname()[1]
-
-
 class Talker:
     """A connection; with a bus it has been opened, with a mode that is entered."""
 
