@@ -18,7 +18,7 @@ def first_ephemeral():
 
 
 def lock(port):
-    """Whether no other test of this machine has it. The kernel ends it with this process."""
+    """Returns whether the port was free of other tests; the kernel unlocks it with this process."""
     mine = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
         mine.bind(f"\0canwire-test-port-{port}")
