@@ -106,7 +106,7 @@ def test_a_second_ecu_is_refused_and_said_so(rig):
     daemon, folder, _ = rig
     first, second = Ecu(folder / "body.sock"), Ecu(folder / "body.sock")
     assert second.is_closed()
-    wait_until(lambda: "1 connections refused" in daemon.stderr(), "the line in the log")
+    wait_until(lambda: "1 connection refused" in daemon.stderr(), "the line in the log")
     first.close()
     second.close()
 
