@@ -7,7 +7,6 @@ import socket
 import time
 from pathlib import Path
 
-FIRST = 20000
 PATIENCE_S = 120
 taken = []  # locks on ports of this process
 
@@ -35,7 +34,8 @@ def free_port(kind=socket.SOCK_STREAM, host="127.0.0.1"):
     One that the kernel names would not: once closed, it goes to the next who asks for any port.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    ports = range(FIRST, first_ephemeral())
+    end = first_ephemeral()
+    ports = range(2 * end // 3, 7 * end // 8)  # not 20000 and 29536, which protocols have
     for port in random.sample(ports, len(ports)):
         if lock(port):
             with socket.socket(family, kind) as probe:
