@@ -68,7 +68,8 @@ def test_they_are_counted_and_told(vcan, canwired, can_socket, silent, listen):
     assert dash.receive(5) == [OTHERS[0]] * 5
     wait_until(lambda: loopless(daemon) == [5, 0], "the count")
     wait_until(lambda: told(daemon.stderr()) == 5, "the warning")
-    assert "sent without loopback (cangen -x) and lost, as on any vcan: use vxcan" in daemon.stderr()
+    warning = "sent without loopback (cangen -x) and lost, as on any vcan: use vxcan"
+    assert warning in daemon.stderr()
     text = Shell(daemon).run("status", "quiet")
     assert "    5 frames sent without loopback have not reached the bus: use vxcan\n" in text
     assert re.search(r"1: engine@vcan0:(.*\n)+?    TX:.*\n +\d+ +5 +\d+ +5 ", text)
