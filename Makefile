@@ -128,7 +128,7 @@ endif
 
 .PHONY: all always dev dev-run picture calls soak mutant mutant-run mutant-short-cuts \
   mutant-short-cuts-run mutant-campaign mutant-campaign-run test test-deep test-arm64 test-unit \
-  dist demo bench check cover man install uninstall deb wheel clean help build fuzz fuzz-run \
+  dist demo bench gates check cover man install uninstall deb wheel clean help build fuzz fuzz-run \
   fuzz-merge fuzz-merge-run world world-night world-proof test-newer-kernel
 .DELETE_ON_ERROR:
 
@@ -166,6 +166,13 @@ bench: ## measure the cost of canwire, in ns and instructions, beside others; bu
 	@scripts/venv
 	@$(MAKE) --no-print-directory LTO=yes build $(BUILD)/bench $(BUILD)/bench_realtime
 	@scripts/bench --build $(BUILD)
+
+# The build is that of the package, whatever CFLAGS say.
+GATES := --no-print-directory LTO=yes VARIANT=release CFLAGS= BUILD=build/gates
+gates: ## no kind of work takes 1 % more instructions than ever; WRITE=yes keeps what is better
+	@scripts/install-deps build bench
+	@$(MAKE) $(GATES) build/gates/bench build/gates/canwire
+	@scripts/gates $(if $(WRITE),--write)
 
 # SCOPE=changed: clang-tidy and the analyzer look at files that changed, and at some others.
 SCOPE ?= all

@@ -20,7 +20,15 @@ static const char usage[] =
     "usage: bench              times as text\n"
     "       bench --json       times as JSON\n"
     "       bench --check      does a little of each work and checks what was done\n"
+    "       bench --compiler   what has built it\n"
+    "       bench --memory     bytes of a node besides its queue and statistics\n"
     "       bench NAME UNITS   does that much of one work and says how much it was\n";
+
+#ifdef __clang__
+#define COMPILER "clang " __clang_version__
+#else
+#define COMPILER "gcc " __VERSION__
+#endif
 
 typedef struct measurement {
     void *state;
@@ -90,7 +98,7 @@ static void print_json(const measurement *all)
 {
     printf("{\"compiler\": \"%s\", \"rounds\": %d, \"bytes_per_node\": %zu, "
            "\"mix_load_permille\": %u,\n \"works\": {",
-           __VERSION__, ROUNDS, bench_bytes_per_node(), load_of_mix(all));
+           COMPILER, ROUNDS, bench_bytes_per_node(), load_of_mix(all));
     for (unsigned i = 0; i < bench_work_count; i++)
         printf("%s\n  \"%s\": {\"unit\": \"%s\", \"units\": %" PRIu64
                ", \"best_ns\": %.2f, \"median_ns\": %.2f}",
@@ -114,7 +122,7 @@ static int run_one(const char *name, const char *units)
 }
 
 /* Checks all works and stops at the first violation. */
-static int check_all(void)
+static void check_all(void)
 {
     for (unsigned i = 0; i < bench_work_count; i++) {
         const bench_work *w = &bench_works[i];
@@ -124,7 +132,20 @@ static int check_all(void)
         w->end(state);
     }
     printf("%u passed, 0 failed\n", bench_work_count);
-    return 0;
+}
+
+/* Answers an option that measures no time. */
+static bool answer(const char *option)
+{
+    if (strcmp(option, "--check") == 0)
+        check_all();
+    else if (strcmp(option, "--compiler") == 0)
+        puts(COMPILER);
+    else if (strcmp(option, "--memory") == 0)
+        printf("%zu\n", bench_bytes_per_node());
+    else
+        return false;
+    return true;
 }
 
 int main(int argc, char **argv)
@@ -132,8 +153,8 @@ int main(int argc, char **argv)
     bool json = argc == 2 && strcmp(argv[1], "--json") == 0;
     if (argc == 3)
         return run_one(argv[1], argv[2]);
-    if (argc == 2 && strcmp(argv[1], "--check") == 0)
-        return check_all();
+    if (argc == 2 && answer(argv[1]))
+        return 0;
     if (argc != 1 && !json) {
         fputs(usage, stderr);
         return 2;

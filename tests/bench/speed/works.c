@@ -14,8 +14,11 @@
      .options = &(const bench_encode_options){__VA_ARGS__},                                        \
      .start = bench_encode_start, .run = bench_length_run, .end = bench_encode_end}
 
-#define FRAMES(work, ...)                                                                          \
-    {.name = work, .unit = "frame", .units = 2000,                                                 \
+#define FRAMES(work, ...) MORE_FRAMES(work, 2000, __VA_ARGS__)
+
+/* It takes many frames until all queues and identifiers of 64 nodes have been in use. */
+#define MORE_FRAMES(work, count, ...)                                                              \
+    {.name = work, .unit = "frame", .units = count,                                                \
      .options = &(const bench_bus_options){__VA_ARGS__}, .start = bench_bus_start,                 \
      .run = bench_bus_run_frames, .end = bench_bus_end}
 
@@ -35,13 +38,13 @@ const bench_work bench_works[] = {
     FRAMES("clean-2", .nodes = 2, .senders = 2),
     FRAMES("clean-4", .nodes = 4, .senders = 4),
     FRAMES("clean-16", .nodes = 16, .senders = 16),
-    FRAMES("clean-64", .nodes = 64, .senders = 64),
+    MORE_FRAMES("clean-64", 20000, .nodes = 64, .senders = 64),
     FRAMES("fd-8-2", .nodes = 2, .senders = 2, .fd = 8),
-    FRAMES("fd-8-64", .nodes = 64, .senders = 64, .fd = 8),
+    MORE_FRAMES("fd-8-64", 20000, .nodes = 64, .senders = 64, .fd = 8),
     FRAMES("fd-64-2", .nodes = 2, .senders = 2, .fd = 64),
     FRAMES("fd-64-4", .nodes = 4, .senders = 4, .fd = 64),
     FRAMES("fd-64-16", .nodes = 16, .senders = 16, .fd = 64),
-    FRAMES("fd-64-64", .nodes = 64, .senders = 64, .fd = 64),
+    MORE_FRAMES("fd-64-64", 20000, .nodes = 64, .senders = 64, .fd = 64),
     FRAMES("fd-lost-4", .nodes = 4, .senders = 4, .fd = 64, .lost = true),
     FRAMES("timed-clean-2", .nodes = 2, .senders = 2, .ppm = 100, .load = 60),
     FRAMES("timed-clean-4", .nodes = 4, .senders = 4, .ppm = 100, .load = 60),
@@ -51,9 +54,9 @@ const bench_work bench_works[] = {
     FRAMES("clean-lost-2", .nodes = 2, .senders = 2, .lost = true),
     FRAMES("clean-lost-4", .nodes = 4, .senders = 4, .lost = true),
     FRAMES("clean-lost-16", .nodes = 16, .senders = 16, .lost = true),
-    FRAMES("clean-lost-64", .nodes = 64, .senders = 64, .lost = true),
+    MORE_FRAMES("clean-lost-64", 20000, .nodes = 64, .senders = 64, .lost = true),
     FRAMES("receivers-1", .nodes = 2, .senders = 1),
-    FRAMES("receivers-63", .nodes = 64, .senders = 1),
+    MORE_FRAMES("receivers-63", 20000, .nodes = 64, .senders = 1),
     BITS("every-node-2", .nodes = 2, .senders = 2, .stepping = true),
     BITS("every-node-4", .nodes = 4, .senders = 4, .stepping = true),
     BITS("every-node-16", .nodes = 16, .senders = 16, .stepping = true),
