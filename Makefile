@@ -550,7 +550,8 @@ $(BUILD)/bench_realtime: $(REALTIME_OBJECTS) $(PARTS) $(LCM_OBJECTS) $(LIB)
 	$(call link,$(LINK_LTO)) $(DAEMON_LIBS) $(TOOL_LIBS)
 
 .SECONDEXPANSION:
-$(UNIT_TESTS:%=$(BUILD)/%): $$(call objects,$$(filter %/$$(@F).c,$(UNIT_SOURCES))) $(DAEMON_CODE)
+$(UNIT_TESTS:%=$(BUILD)/%): $$(call objects,$$(filter %/$$(@F).c,$(UNIT_SOURCES)) \
+  tests/unit/cases.c) $(DAEMON_CODE)
 	$(call link,$(LINK_PLAIN)) $(WITH_SHARED) $(DAEMON_LIBS) \
 	  $(TOOL_LIBS) -lcmocka
 

@@ -5,20 +5,11 @@
 #ifndef CANWIRE_TEST_CONFIGS_H
 #define CANWIRE_TEST_CONFIGS_H
 
+#include "cases.h"
 #include "config/config.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 #define GOOD "tests/config/good/"
 #define LINE_SIZE 2000
 #define TICKS_PER_S UINT64_C(80000000)

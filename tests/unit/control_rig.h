@@ -8,23 +8,15 @@
 #ifndef CANWIRE_TEST_CONTROL_RIG_H
 #define CANWIRE_TEST_CONTROL_RIG_H
 
+#include "cases.h"
 #include "fake_engine.h"
 #include "serve/control.h"
 
 #include <errno.h>
 #include <jansson.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
-
-#include <cmocka.h>
 
 #define PATIENCE_TURNS 200000 /* of the loop, until something that must come counts as missing */
 #define UPDATE_BITS 2000
@@ -228,6 +220,6 @@ static inline void tell(const rig *r, int fd, const char *request)
 
 /* ---- Places ---------------------------------------------------------------------------------- */
 
-#define CASE(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+#define CASE(test) TEST_WITH(test, set_up, tear_down)
 
 #endif

@@ -5,16 +5,11 @@
 #ifndef CANWIRE_TEST_DISK_H
 #define CANWIRE_TEST_DISK_H
 
+#include "cases.h"
 #include <limits.h>
 #include <poll.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
 #include <sys/inotify.h>
 #include <unistd.h>
-
-#include <cmocka.h>
 
 #define DISK_LOOK_AGAIN_MS 10
 

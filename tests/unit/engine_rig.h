@@ -6,21 +6,13 @@
 #ifndef CANWIRE_ENGINE_RIG_H
 #define CANWIRE_ENGINE_RIG_H
 
+#include "cases.h"
 #include "engine/engine.h"
 
 #include "config/config.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <time.h>
 #include <unistd.h>
-
-#include <cmocka.h>
 
 #define NS_PER_S INT64_C(1000000000)
 #define PATH_BYTES 40

@@ -8,14 +8,8 @@
 #ifndef CANWIRE_TESTS_FD_BUS_H
 #define CANWIRE_TESTS_FD_BUS_H
 
+#include "cases.h"
 #include "config/config.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define FD_BIT_TICKS 160u
 #define FD_BRS_TICKS 136u

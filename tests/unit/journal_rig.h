@@ -6,6 +6,7 @@
 #ifndef CANWIRE_TEST_JOURNAL_RIG_H
 #define CANWIRE_TEST_JOURNAL_RIG_H
 
+#include "cases.h"
 #include "record/output.h"
 #include "run/bus_make.h"
 #include "run/inputs.h"
@@ -14,19 +15,9 @@
 #include "run/journal_play.h"
 #include "run/live.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 #define BIT 160u /* ticks, at 500 kbit/s */
 #define PATH_MAX_BYTES 64
 

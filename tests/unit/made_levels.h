@@ -6,14 +6,10 @@
 #ifndef CANWIRE_TEST_MADE_LEVELS_H
 #define CANWIRE_TEST_MADE_LEVELS_H
 
+#include "cases.h"
 #include "quanta.h"
 
 #include <inttypes.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-
-#include <cmocka.h>
 
 #define LEVELS_MOST 200000u
 #define PULSE_ROUNDING (CW_TICK >> 20) /* of the offset of a pulse in parts of a bit */

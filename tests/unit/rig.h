@@ -8,16 +8,7 @@
 #ifndef CANWIRE_TEST_RIG_H
 #define CANWIRE_TEST_RIG_H
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
-
+#include "cases.h"
 #include "canwire.h"
 
 #define BIT 160u   /* ticks of a bit at 500 kbit/s */

@@ -36,9 +36,8 @@ static void assert_all_balance(const rig *r)
     }
 }
 
-static void a_node_that_is_off_neither_sends_nor_hears(void **state)
+TEST(a_node_that_is_off_neither_sends_nor_hears)
 {
-    (void)state;
     rig *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     rig_start(r);
@@ -68,9 +67,8 @@ static void a_node_that_is_off_neither_sends_nor_hears(void **state)
 
 /* Bits of a frame after which its sender goes; then what a receiver sees is an error, or not any
  * more. In the last bit of EOF receivers have the frame already, as M7 says. */
-static void a_sender_that_goes_in_the_middle_of_its_frame(void **state)
+TEST(a_sender_that_goes_in_the_middle_of_its_frame)
 {
-    (void)state;
     const cw_frame frame = rig_frame(0x123, 0, 8);
     cw_bits bits;
     assert_int_equal(cw_bits_encode(&bits, &frame), CW_OK);
@@ -99,9 +97,8 @@ static void a_sender_that_goes_in_the_middle_of_its_frame(void **state)
     }
 }
 
-static void a_sender_without_receiver_waits_for_one_that_comes_back(void **state)
+TEST(a_sender_without_receiver_waits_for_one_that_comes_back)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 1);
     rig_start(r);
@@ -118,9 +115,8 @@ static void a_sender_without_receiver_waits_for_one_that_comes_back(void **state
 }
 
 /* As `ip link set DEVICE down` and `up` do: the controller starts anew. */
-static void going_off_ends_a_bus_off(void **state)
+TEST(going_off_ends_a_bus_off)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 1);
     cw_rule *kill = &r->rules[r->config.rule_count++];
@@ -146,9 +142,8 @@ static void going_off_ends_a_bus_off(void **state)
     rig_free(r);
 }
 
-static void what_is_so_already_changes_nothing(void **state)
+TEST(what_is_so_already_changes_nothing)
 {
-    (void)state;
     rig *r = rig_new(2);
     rig_start(r);
     assert_int_equal(cw_node_attach(r->bus, 0, true), CW_OK);
@@ -163,9 +158,8 @@ static void what_is_so_already_changes_nothing(void **state)
 }
 
 /* Off by a rule and off by its host: it is back when neither keeps it off. */
-static void a_node_is_back_when_nothing_keeps_it_off(void **state)
+TEST(a_node_is_back_when_nothing_keeps_it_off)
 {
-    (void)state;
     const cw_frame frame = rig_frame(0x123, 0, 0);
     static const struct {
         unsigned off, on, rule_off, rule_on; /* bits */
@@ -195,9 +189,8 @@ static void a_node_is_back_when_nothing_keeps_it_off(void **state)
 }
 
 /* A rule does not fill the log of a node that is off with drops, but each frame of it counts. */
-static void rules_on_a_node_that_is_off(void **state)
+TEST(rules_on_a_node_that_is_off)
 {
-    (void)state;
     rig *r = rig_new(2);
     static const cw_action actions[] = {CW_ACTION_BABBLE, CW_ACTION_LOAD, CW_ACTION_SEND};
     for (unsigned i = 0; i < 3; i++) {
@@ -221,9 +214,8 @@ static void rules_on_a_node_that_is_off(void **state)
 
 /* The node goes into bus-off and out of it at once: no node sees the state change, and it stays
  * off. */
-static void counters_do_not_put_a_node_on_the_bus(void **state)
+TEST(counters_do_not_put_a_node_on_the_bus)
 {
-    (void)state;
     static const cw_action actions[] = {CW_ACTION_BUS_OFF, CW_ACTION_COUNTERS};
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (unsigned stepping = 0; stepping < 2; stepping++) {
@@ -246,9 +238,8 @@ static void counters_do_not_put_a_node_on_the_bus(void **state)
     }
 }
 
-static void a_bus_that_takes_over_leaves_it_off(void **state)
+TEST(a_bus_that_takes_over_leaves_it_off)
 {
-    (void)state;
     static const uint8_t from[] = {CW_NO_NODE, 1, 0};
     const cw_frame frame = rig_frame(0x123, 0, 0);
     rig *old = rig_new(2);
@@ -276,9 +267,8 @@ static void a_bus_that_takes_over_leaves_it_off(void **state)
 }
 
 /* Nodes that the new bus has taken off before: only one that is new stays so. */
-static void a_bus_that_takes_over_puts_on_who_was_on(void **state)
+TEST(a_bus_that_takes_over_puts_on_who_was_on)
 {
-    (void)state;
     static const uint8_t from[] = {CW_NO_NODE, 0, 1};
     const cw_frame frame = rig_frame(0x123, 0, 0);
     rig *old = rig_new(2);
@@ -300,21 +290,4 @@ static void a_bus_that_takes_over_puts_on_who_was_on(void **state)
     assert_told(r, 2, "rx 123#0:;");
     rig_free(old);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_bus_that_takes_over_puts_on_who_was_on),
-        cmocka_unit_test(a_node_that_is_off_neither_sends_nor_hears),
-        cmocka_unit_test(a_sender_that_goes_in_the_middle_of_its_frame),
-        cmocka_unit_test(a_sender_without_receiver_waits_for_one_that_comes_back),
-        cmocka_unit_test(going_off_ends_a_bus_off),
-        cmocka_unit_test(what_is_so_already_changes_nothing),
-        cmocka_unit_test(a_node_is_back_when_nothing_keeps_it_off),
-        cmocka_unit_test(rules_on_a_node_that_is_off),
-        cmocka_unit_test(counters_do_not_put_a_node_on_the_bus),
-        cmocka_unit_test(a_bus_that_takes_over_leaves_it_off),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

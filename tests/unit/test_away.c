@@ -136,9 +136,8 @@ static void assert_same(const rig *a, const rig *b, uint64_t seed, clocks c)
     }
 }
 
-static void nodes_that_were_away_are_where_single_bits_leave_them(void **state)
+TEST(nodes_that_were_away_are_where_single_bits_leave_them)
 {
-    (void)state;
     uint64_t work = 0, work_of_steps = 0;
     for (unsigned c = 0; c < CLOCKS_COUNT; c++)
         for (uint64_t seed = 1; seed <= SEEDS; seed++) {
@@ -150,12 +149,4 @@ static void nodes_that_were_away_are_where_single_bits_leave_them(void **state)
             rig_free(steps);
         }
     assert_true(work < work_of_steps / 2); /* there are short cuts to be compared */
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(nodes_that_were_away_are_where_single_bits_leave_them),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -45,9 +45,8 @@ static void balance(const rig *r)
 
 /* ---- Filters --------------------------------------------------------------------------------- */
 
-static void filters_decide_what_a_host_gets_and_nothing_else(void **state)
+TEST(filters_decide_what_a_host_gets_and_nothing_else)
 {
-    (void)state;
     static const cw_filter all_of_these = {.value = 0x100, .mask = 0x7F0, .inverted = true};
     const cw_filter some[] = {{.value = short_frame(0).id, .mask = 0x7FF},
                               {.value = short_frame(3).id, .mask = 0x7FF},
@@ -72,9 +71,8 @@ static void filters_decide_what_a_host_gets_and_nothing_else(void **state)
 }
 
 /* A node alone with the sender acknowledges frames that its host never gets, and loses REC. */
-static void a_filtered_frame_is_acknowledged_and_lowers_rec(void **state)
+TEST(a_filtered_frame_is_acknowledged_and_lowers_rec)
 {
-    (void)state;
     static const cw_filter other = {.value = 0x7FF, .mask = 0x7FF};
     rig *r = rig_new(2);
     r->nodes[1].host = (cw_host_config){.filters = &other, .filter_count = 1};
@@ -119,9 +117,8 @@ static void check_lost(uint64_t service_ticks, unsigned buffers, unsigned lost)
 }
 
 /* Slots of 100 us. */
-static void a_slow_host_loses_what_it_has_no_buffer_for(void **state)
+TEST(a_slow_host_loses_what_it_has_no_buffer_for)
 {
-    (void)state;
     check_lost(90 * US, 1, 0);
     check_lost(150 * US, 1, FRAMES / 2);
     check_lost(250 * US, 1, FRAMES - (FRAMES + 2) / 3);
@@ -130,9 +127,8 @@ static void a_slow_host_loses_what_it_has_no_buffer_for(void **state)
 }
 
 /* The host has a frame when it has fetched it; the new frame is lost, and no older one. */
-static void frames_come_in_their_order_after_the_time_of_service(void **state)
+TEST(frames_come_in_their_order_after_the_time_of_service)
 {
-    (void)state;
     rig *r = slow_host(150 * US, 1);
     unsigned got = 0;
     uint64_t received = 0;
@@ -149,9 +145,8 @@ static void frames_come_in_their_order_after_the_time_of_service(void **state)
     rig_free(r);
 }
 
-static void a_node_off_the_bus_drops_what_its_host_has_not_fetched(void **state)
+TEST(a_node_off_the_bus_drops_what_its_host_has_not_fetched)
 {
-    (void)state;
     rig *r = rig_new(3);
     r->nodes[1].host = (cw_host_config){.receive_buffers = 8, .service_ticks = 10000 * US};
     rig_start(r);
@@ -180,9 +175,8 @@ static bool in_order(const rig *r, unsigned node)
 
 /* Frames that wait go on waiting in the bus that takes over. A host with too few buffers for them
  * has the first ones at once. */
-static void a_bus_that_takes_over_has_the_frames(void **state)
+TEST(a_bus_that_takes_over_has_the_frames)
 {
-    (void)state;
     static const uint8_t from[] = {0, 1, 2};
     for (unsigned buffers = 0; buffers <= 8; buffers++) {
         rig *old = rig_new(3), *r = rig_new(3);
@@ -206,9 +200,8 @@ static void a_bus_that_takes_over_has_the_frames(void **state)
     }
 }
 
-static void a_bus_without_any_has_no_counts(void **state)
+TEST(a_bus_without_any_has_no_counts)
 {
-    (void)state;
     cw_host_stats s;
     rig *r = rig_new(2);
     rig_start(r);
@@ -222,9 +215,8 @@ static void a_bus_without_any_has_no_counts(void **state)
 /* ---- The receive buffer of the SJA1000 ------------------------------------------------------- */
 
 /* A frame with n bytes of data takes 3 + n of 64 bytes, with an extended identifier 5 + n. */
-static void a_buffer_of_bytes_has_room_for_more_short_frames(void **state)
+TEST(a_buffer_of_bytes_has_room_for_more_short_frames)
 {
-    (void)state;
     static const struct {
         unsigned flags, dlc, fit;
     } cases[] = {{0, 0, 21}, {0, 8, 5}, {CW_FRAME_EXTENDED, 0, 12}, {CW_FRAME_EXTENDED, 8, 4},
@@ -253,9 +245,8 @@ static void a_buffer_of_bytes_has_room_for_more_short_frames(void **state)
     (cw_host_config){.mailboxes = (boxes), .mailbox_count = sizeof(boxes) / sizeof((boxes)[0]), \
                      __VA_ARGS__}
 
-static void the_newest_frame_of_a_mailbox_is_whole_and_the_older_one_counts(void **state)
+TEST(the_newest_frame_of_a_mailbox_is_whole_and_the_older_one_counts)
 {
-    (void)state;
     static const cw_mailbox boxes[] = {{.filter = ID(0x200)}, {.filter = ID(0x123)}};
     rig *r = rig_new(2);
     r->nodes[1].host = HOST(boxes, .service_ticks = 180 * US);
@@ -289,9 +280,8 @@ static void the_newest_frame_of_a_mailbox_is_whole_and_the_older_one_counts(void
 }
 
 /* Frames go into the first mailbox that is free; with none free the last one is overwritten. */
-static void several_mailboxes_take_a_frame_in_turn(void **state)
+TEST(several_mailboxes_take_a_frame_in_turn)
 {
-    (void)state;
     const cw_mailbox boxes[] = {{.filter = ID(0x7FF)}, {0}, {.filter = ID(short_frame(0).id)}, {0}};
     rig *r = rig_new(2);
     r->nodes[1].host = HOST(boxes, .service_ticks = 10000 * US);
@@ -312,9 +302,8 @@ static void several_mailboxes_take_a_frame_in_turn(void **state)
     rig_free(r);
 }
 
-static void a_quick_host_gets_what_its_mailboxes_take_at_once(void **state)
+TEST(a_quick_host_gets_what_its_mailboxes_take_at_once)
 {
-    (void)state;
     static const cw_mailbox boxes[] = {{.filter = {.value = 0x100, .mask = 0x70F}},
                                        {.use = CW_MAILBOX_TRANSMIT}};
     rig *r = rig_new(2);
@@ -357,9 +346,8 @@ static void check_order(const cw_host_config *host, cw_order order, const uint16
     rig_free(r);
 }
 
-static void mailboxes_decide_on_the_order_and_the_queue_waits_behind_them(void **state)
+TEST(mailboxes_decide_on_the_order_and_the_queue_waits_behind_them)
 {
-    (void)state;
     static const cw_mailbox two[] = {{.use = CW_MAILBOX_TRANSMIT}, {.use = CW_MAILBOX_TRANSMIT}};
     static const uint16_t ids[] = {0x500, 0x400, 0x100, 0x300, 0x200};
     /* 500 and 400 are in mailboxes; when one is free, 100 comes */
@@ -374,9 +362,8 @@ static void mailboxes_decide_on_the_order_and_the_queue_waits_behind_them(void *
 }
 
 /* A frame waits for a mailbox that takes it, and not for others. */
-static void a_mailbox_of_its_own_keeps_a_frame_from_waiting(void **state)
+TEST(a_mailbox_of_its_own_keeps_a_frame_from_waiting)
 {
-    (void)state;
     static const cw_mailbox own[] = {{.use = CW_MAILBOX_TRANSMIT, .filter = ID(0x500)},
                                      {.use = CW_MAILBOX_TRANSMIT, .filter = ID(0x100)}};
     static const uint16_t ids[] = {0x500, 0x500, 0x500, 0x100, 0x100};
@@ -426,9 +413,8 @@ static rig *answering_rig(bool stepping)
     return r;
 }
 
-static void a_remote_frame_is_answered_in_the_next_arbitration_by_the_data_last_written(void **s)
+TEST(a_remote_frame_is_answered_in_the_next_arbitration_by_the_data_last_written)
 {
-    (void)s;
     for (unsigned stepping = 0; stepping < 2; stepping++) {
         rig *r = answering_rig(stepping);
         ask(r, 1, JOIN); /* nothing is written: the host gets it */
@@ -464,9 +450,8 @@ static void a_remote_frame_is_answered_in_the_next_arbitration_by_the_data_last_
 
 /* The reply waits behind a more urgent frame. Data that come meanwhile are sent whole; data that
  * come while it is on the wire are for the next one. */
-static void a_reply_has_the_data_written_before_it_begins(void **s)
+TEST(a_reply_has_the_data_written_before_it_begins)
 {
-    (void)s;
     for (unsigned stepping = 0; stepping < 2; stepping++) {
         rig *r = answering_rig(stepping);
         const cw_frame urgent = rig_frame(0x001, 0, 8);
@@ -489,9 +474,8 @@ static void a_reply_has_the_data_written_before_it_begins(void **s)
 }
 
 /* A full queue does not keep a mailbox from replying, and a reply takes no place of the queue. */
-static void replies_have_room_of_their_own(void **state)
+TEST(replies_have_room_of_their_own)
 {
-    (void)state;
     rig *r = rig_new(3);
     r->nodes[0].host = HOST(replies, .receive_fifo = true);
     r->nodes[0].queue = 1;
@@ -511,9 +495,8 @@ static void replies_have_room_of_their_own(void **state)
 }
 
 /* Data that a host has written stay; others are those of the new configuration. */
-static void mailboxes_go_over_to_another_bus(void **state)
+TEST(mailboxes_go_over_to_another_bus)
 {
-    (void)state;
     static const uint8_t from[] = {0, 1, 2};
     cw_mailbox others[] = {
         {.use = CW_MAILBOX_REPLY, .filter = ID(0x7F), .filled = true,
@@ -547,9 +530,8 @@ static void mailboxes_go_over_to_another_bus(void **state)
     rig_free(r);
 }
 
-static void mailboxes_that_cannot_be_are_refused(void **state)
+TEST(mailboxes_that_cannot_be_are_refused)
 {
-    (void)state;
     const cw_mailbox wrong[] = {
         {.use = CW_MAILBOX_USES},
         {.use = CW_MAILBOX_REPLY, .filter = {.value = 0x100, .mask = 0x700}},
@@ -567,30 +549,4 @@ static void mailboxes_that_cannot_be_are_refused(void **state)
                                         .mailbox_count = CW_MAILBOXES_MAX + 1};
     assert_int_equal(cw_bus_size(&r->config), 0);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(filters_decide_what_a_host_gets_and_nothing_else),
-        cmocka_unit_test(a_filtered_frame_is_acknowledged_and_lowers_rec),
-        cmocka_unit_test(a_slow_host_loses_what_it_has_no_buffer_for),
-        cmocka_unit_test(frames_come_in_their_order_after_the_time_of_service),
-        cmocka_unit_test(a_node_off_the_bus_drops_what_its_host_has_not_fetched),
-        cmocka_unit_test(a_bus_that_takes_over_has_the_frames),
-        cmocka_unit_test(a_bus_without_any_has_no_counts),
-        cmocka_unit_test(a_buffer_of_bytes_has_room_for_more_short_frames),
-        cmocka_unit_test(the_newest_frame_of_a_mailbox_is_whole_and_the_older_one_counts),
-        cmocka_unit_test(several_mailboxes_take_a_frame_in_turn),
-        cmocka_unit_test(a_quick_host_gets_what_its_mailboxes_take_at_once),
-        cmocka_unit_test(mailboxes_decide_on_the_order_and_the_queue_waits_behind_them),
-        cmocka_unit_test(a_mailbox_of_its_own_keeps_a_frame_from_waiting),
-        cmocka_unit_test(
-            a_remote_frame_is_answered_in_the_next_arbitration_by_the_data_last_written),
-        cmocka_unit_test(a_reply_has_the_data_written_before_it_begins),
-        cmocka_unit_test(replies_have_room_of_their_own),
-        cmocka_unit_test(mailboxes_go_over_to_another_bus),
-        cmocka_unit_test(mailboxes_that_cannot_be_are_refused),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,6 +2,7 @@
  *
  * test_bus.c - nodes on one wire: medium access, events, time, modes, undetected flips.
  */
+#include "cases.h"
 #include "model.h"
 #include "rules.h"
 #include "times.h"
@@ -12,9 +13,8 @@
 
 /* M10: eleven recessive bits, then SOF; a frame takes part in the first bit that starts at or after
  * its hand-in. */
-static void first_sof_comes_after_eleven_bits(void **state)
+TEST(first_sof_comes_after_eleven_bits)
 {
-    (void)state;
     static const struct {
         uint64_t tick;
         unsigned sof;
@@ -39,9 +39,8 @@ static void first_sof_comes_after_eleven_bits(void **state)
 }
 
 /* M1, M6: the next SOF comes right after three bits of intermission. */
-static void frames_follow_after_three_bits(void **state)
+TEST(frames_follow_after_three_bits)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 3);
     unsigned length = model_encode(&f).length;
@@ -57,9 +56,8 @@ static void frames_follow_after_three_bits(void **state)
 
 /* M1: a frame handed in during the SOF of another joins with its first identifier bit and can win;
  * one bit later it waits. */
-static void a_frame_joins_a_foreign_sof(void **state)
+TEST(a_frame_joins_a_foreign_sof)
 {
-    (void)state;
     cw_frame low = rig_frame(0x400, 0, 0);
     cw_frame high = rig_frame(0x100, 0, 0);
     for (unsigned late = 0; late < 3; late++) {
@@ -78,9 +76,8 @@ static void a_frame_joins_a_foreign_sof(void **state)
 }
 
 /* M1: the choice is made at each start; a more urgent frame overtakes one that lost. */
-static void the_most_urgent_frame_goes_at_each_start(void **state)
+TEST(the_most_urgent_frame_goes_at_each_start)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame foreign = rig_frame(0x200, 0, 0);
     cw_frame mine = rig_frame(0x300, 0, 0);
@@ -98,9 +95,8 @@ static void the_most_urgent_frame_goes_at_each_start(void **state)
 
 /* ---- A lonely node: M5, R14, M8, M14 --------------------------------------------------------- */
 
-static void a_lonely_node_becomes_passive_and_never_bus_off(void **state)
+TEST(a_lonely_node_becomes_passive_and_never_bus_off)
 {
-    (void)state;
     enum { ATTEMPTS = 5000 };
     rig *r = rig_new(1);
     cw_frame f = rig_frame(0x123, 0, 2);
@@ -136,9 +132,8 @@ static void a_lonely_node_becomes_passive_and_never_bus_off(void **state)
 /* ---- What comes next ------------------------------------------------------------------------- */
 
 /* A node in loopback sends while another's frame, which is the longer one, goes by in one step. */
-static void nothing_happens_before_the_next_event(void **state)
+TEST(nothing_happens_before_the_next_event)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame longer = rig_frame(0x6C0, 0, 8), own = rig_frame(0x7C2, 0, 0);
     r->nodes[2].modes = CW_MODE_LOOPBACK | CW_MODE_PRESUME_ACK;
@@ -181,9 +176,8 @@ static rig *new_mixed_bus(uint16_t events)
     return r;
 }
 
-static void the_smallest_event_ring_changes_nothing(void **state)
+TEST(the_smallest_event_ring_changes_nothing)
 {
-    (void)state;
     rig *large = new_mixed_bus(UINT16_MAX);
     rig *small = new_mixed_bus(1);
     unsigned stops = 0;
@@ -213,9 +207,8 @@ static void the_smallest_event_ring_changes_nothing(void **state)
     rig_free(small);
 }
 
-static void chopped_time_changes_nothing(void **state)
+TEST(chopped_time_changes_nothing)
 {
-    (void)state;
     static const uint64_t steps[] = {1, 97, BIT, 333, 12345, 1000 * BIT};
     rig *whole = new_mixed_bus(4096);
     rig_run_bits(whole, MIXED_BITS);
@@ -237,9 +230,8 @@ static void chopped_time_changes_nothing(void **state)
 
 /* The order within one tick: faults, then nodes, then the kinds as they are enumerated. Drops are
  * of their hand-in tick. */
-static void events_come_in_the_documented_order(void **state)
+TEST(events_come_in_the_documented_order)
 {
-    (void)state;
     rig *r = new_mixed_bus(4096);
     rig_run_bits(r, MIXED_BITS);
     for (size_t i = 1; i < r->count; i++) {
@@ -255,9 +247,8 @@ static void events_come_in_the_documented_order(void **state)
     rig_free(r);
 }
 
-static void the_same_run_gives_the_same_events(void **state)
+TEST(the_same_run_gives_the_same_events)
 {
-    (void)state;
     rig *a = new_mixed_bus(4096);
     rig *b = new_mixed_bus(4096);
     rig_run_bits(a, MIXED_BITS);
@@ -269,9 +260,8 @@ static void the_same_run_gives_the_same_events(void **state)
 
 /* Sends fault-free traffic without arbitration. next() is never later than the next event, and
  * repeated calls find each event within its bit. */
-static void next_is_never_too_late(void **state)
+TEST(next_is_never_too_late)
 {
-    (void)state;
     rig *r = rig_new(3);
     rig *whole = rig_new(3);
     rig_random random = {6};
@@ -307,9 +297,8 @@ static bool is_wanted(const void *user, unsigned node, const cw_frame *frame)
 }
 
 /* Frames are 44 bits long, more with stuff bits, and receivers have them before the last bit. */
-static void receptions_of_some_frames_are_foretold(void **state)
+TEST(receptions_of_some_frames_are_foretold)
 {
-    (void)state;
     rig *r = rig_new(3);
     rig_start(r);
     const cw_frame other = rig_frame(0x123, 0, 8), wanted = rig_frame(0x255, 0, 0);
@@ -337,9 +326,8 @@ static void receptions_of_some_frames_are_foretold(void **state)
 }
 
 /* Receivers have a frame, though its sender has left it in EOF, with its queue. */
-static void a_reception_is_foretold_without_its_sender(void **state)
+TEST(a_reception_is_foretold_without_its_sender)
 {
-    (void)state;
     rig *r = rig_new(3);
     rig_start(r);
     const cw_frame wanted = rig_frame(0x255, 0, 0);
@@ -355,9 +343,8 @@ static void a_reception_is_foretold_without_its_sender(void **state)
     rig_free(r);
 }
 
-static void a_bus_at_rest_expects_nothing(void **state)
+TEST(a_bus_at_rest_expects_nothing)
 {
-    (void)state;
     rig *r = rig_new(2);
     rig_start(r);
     assert_int_equal(cw_bus_next(r->bus), CW_NEVER);
@@ -453,9 +440,8 @@ static void check_skipping(unsigned nodes, unsigned dlc)
     free(texts[1]);
 }
 
-static void skipping_idle_bits_changes_nothing(void **state)
+TEST(skipping_idle_bits_changes_nothing)
 {
-    (void)state;
     for (unsigned dlc = 0; dlc <= 8; dlc++)
         check_skipping(2, dlc);
     check_skipping(3, 5);
@@ -465,9 +451,8 @@ static void skipping_idle_bits_changes_nothing(void **state)
 /* ---- At rest --------------------------------------------------------------------------------- */
 
 /* And time ends with the last whole bit. */
-static void an_idle_bus_goes_to_the_end_of_time(void **state)
+TEST(an_idle_bus_goes_to_the_end_of_time)
 {
-    (void)state;
     rig *r = rig_new(2);
     rig_start(r);
     rig_run_bits(r, 200);
@@ -479,9 +464,8 @@ static void an_idle_bus_goes_to_the_end_of_time(void **state)
 
 /* ---- Modes: M11, M13, M14, M15 --------------------------------------------------------------- */
 
-static void one_shot_gives_up_after_one_attempt(void **state)
+TEST(one_shot_gives_up_after_one_attempt)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame high = rig_frame(0x100, 0, 0);
     cw_frame low = rig_frame(0x101, 0, 0);
@@ -504,9 +488,8 @@ static void one_shot_gives_up_after_one_attempt(void **state)
     rig_free(r);
 }
 
-static void listen_only_hears_all_and_drives_nothing(void **state)
+TEST(listen_only_hears_all_and_drives_nothing)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 2);
     r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
@@ -530,9 +513,8 @@ static void listen_only_hears_all_and_drives_nothing(void **state)
 
 /* The sender gets no ACK. It spoils its own frame by an active flag in the ACK delimiter. Once it
  * is passive its flag is recessive, and the listener, seeing an ACK, takes the frame. */
-static void a_listener_does_not_acknowledge(void **state)
+TEST(a_listener_does_not_acknowledge)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 2);
     r->nodes[1].modes = CW_MODE_LISTEN_ONLY;
@@ -547,9 +529,8 @@ static void a_listener_does_not_acknowledge(void **state)
     rig_free(r);
 }
 
-static void presume_ack_needs_nobody(void **state)
+TEST(presume_ack_needs_nobody)
 {
-    (void)state;
     rig *r = rig_new(1);
     cw_frame f = rig_frame(0x123, 0, 2);
     r->nodes[0].modes = CW_MODE_PRESUME_ACK;
@@ -561,9 +542,8 @@ static void presume_ack_needs_nobody(void **state)
     rig_free(r);
 }
 
-static void loopback_keeps_to_itself(void **state)
+TEST(loopback_keeps_to_itself)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame own = rig_frame(0x7FF, 0, 8);
     cw_frame foreign = rig_frame(0x100, 0, 8);
@@ -590,9 +570,8 @@ static void loopback_keeps_to_itself(void **state)
 /* ---- Undetected errors ----------------------------------------------------------------------- */
 
 /* A flip at a receiver that an error frame answers is no undetected error. */
-static void a_detected_error_is_not_counted_as_undetected(void **state)
+TEST(a_detected_error_is_not_counted_as_undetected)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 8);
     rig_flip(r, "one", CW_FIELD_DATA, 9)->at = NODE(1);
@@ -607,9 +586,8 @@ static void a_detected_error_is_not_counted_as_undetected(void **state)
 
 /* ---- Configuration --------------------------------------------------------------------------- */
 
-static void configurations_out_of_range_are_refused(void **state)
+TEST(configurations_out_of_range_are_refused)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_bus_config good = r->config;
     cw_bus_config bad[5] = {good, good, good, good, good};
@@ -647,9 +625,8 @@ static void configurations_out_of_range_are_refused(void **state)
     rig_free(r);
 }
 
-static void clocks_and_ways_have_limits(void **state)
+TEST(clocks_and_ways_have_limits)
 {
-    (void)state;
     const cw_span quantum = CW_TICK * 10; /* 16 of them are a bit of the bus */
     const cw_bit_timing bit = {.quantum = quantum, .prop_seg = 6, .phase_seg1 = 7,
                                .phase_seg2 = 2, .sjw = 1};
@@ -691,9 +668,8 @@ static void clocks_and_ways_have_limits(void **state)
 /* ---- Work ------------------------------------------------------------------------------------ */
 
 /* Each call does a bit at least, and little more than was allowed. */
-static void an_advance_stops_after_some_work(void **state)
+TEST(an_advance_stops_after_some_work)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 8);
     rig_start(r);
@@ -755,9 +731,8 @@ static uint64_t work_of_idle_seconds(uint64_t seconds)
     return work;
 }
 
-static void idle_time_costs_nothing(void **state)
+TEST(idle_time_costs_nothing)
 {
-    (void)state;
     assert_in_range(work_of_idle_seconds(10), 1, 10);
     assert_int_equal(work_of_idle_seconds(10), work_of_idle_seconds(UINT64_C(100000000000)));
 }
@@ -778,9 +753,8 @@ static void poll_what_is_peeked_at(cw_bus *bus)
 }
 
 /* Each frame brings an RX and a TX. One event always stays behind, so that the ring wraps. */
-static void events_are_seen_where_they_lie(void **state)
+TEST(events_are_seen_where_they_lie)
 {
-    (void)state;
     rig *r = rig_new(2);
     r->config.events = 1; /* the least that goes */
     rig_start(r);
@@ -799,38 +773,4 @@ static void events_are_seen_where_they_lie(void **state)
     assert_int_equal(cw_bus_peek(r->bus).count, 0);
     assert_true(wraps > 0);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(an_advance_stops_after_some_work),
-        cmocka_unit_test(first_sof_comes_after_eleven_bits),
-        cmocka_unit_test(frames_follow_after_three_bits),
-        cmocka_unit_test(a_frame_joins_a_foreign_sof),
-        cmocka_unit_test(the_most_urgent_frame_goes_at_each_start),
-        cmocka_unit_test(a_lonely_node_becomes_passive_and_never_bus_off),
-        cmocka_unit_test(nothing_happens_before_the_next_event),
-        cmocka_unit_test(the_smallest_event_ring_changes_nothing),
-        cmocka_unit_test(chopped_time_changes_nothing),
-        cmocka_unit_test(events_come_in_the_documented_order),
-        cmocka_unit_test(the_same_run_gives_the_same_events),
-        cmocka_unit_test(next_is_never_too_late),
-        cmocka_unit_test(a_reception_is_foretold_without_its_sender),
-        cmocka_unit_test(a_bus_at_rest_expects_nothing),
-        cmocka_unit_test(skipping_idle_bits_changes_nothing),
-        cmocka_unit_test(an_idle_bus_goes_to_the_end_of_time),
-        cmocka_unit_test(one_shot_gives_up_after_one_attempt),
-        cmocka_unit_test(listen_only_hears_all_and_drives_nothing),
-        cmocka_unit_test(a_listener_does_not_acknowledge),
-        cmocka_unit_test(presume_ack_needs_nobody),
-        cmocka_unit_test(loopback_keeps_to_itself),
-        cmocka_unit_test(receptions_of_some_frames_are_foretold),
-        cmocka_unit_test(a_detected_error_is_not_counted_as_undetected),
-        cmocka_unit_test(configurations_out_of_range_are_refused),
-        cmocka_unit_test(clocks_and_ways_have_limits),
-        cmocka_unit_test(idle_time_costs_nothing),
-        cmocka_unit_test(events_are_seen_where_they_lie),
-    };
-    return cmocka_run_group_tests_name("bus", tests, NULL, NULL);
 }

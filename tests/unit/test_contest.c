@@ -2,6 +2,7 @@
  *
  * test_contest.c - arbitration: who wins the bus, and what the others see of it.
  */
+#include "cases.h"
 #include "model.h"
 #include "times.h"
 
@@ -66,9 +67,8 @@ static unsigned make_contenders(cw_frame *frames)
 }
 
 /* M2, M3: base, extended, data, remote with equal and with other prefixes, both ways round. */
-static void every_pairing_is_won_by_the_dominant_bit(void **state)
+TEST(every_pairing_is_won_by_the_dominant_bit)
 {
-    (void)state;
     cw_frame frames[PAIR_FRAMES];
     unsigned n = make_contenders(frames);
     assert_int_equal(n, PAIR_FRAMES);
@@ -79,9 +79,8 @@ static void every_pairing_is_won_by_the_dominant_bit(void **state)
 }
 
 /* M4: both win arbitration; the node that sends `r` at the first bit that differs has an error. */
-static void same_identifier_with_other_data_is_a_bit_error(void **state)
+TEST(same_identifier_with_other_data_is_a_bit_error)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame a = rig_frame(0x123, 0, 2);
     cw_frame b = a;
@@ -107,9 +106,8 @@ static void same_identifier_with_other_data_is_a_bit_error(void **state)
 }
 
 /* The very same frame from two nodes goes through as one. */
-static void equal_frames_go_as_one(void **state)
+TEST(equal_frames_go_as_one)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 8);
     rig_start(r);
@@ -124,9 +122,8 @@ static void equal_frames_go_as_one(void **state)
 }
 
 /* Frames carry their sender and their hand-in time, for senders and receivers. */
-static void frames_tell_where_they_are_from(void **state)
+TEST(frames_tell_where_they_are_from)
 {
-    (void)state;
     rig *r = rig_new(4);
     cw_frame f = rig_frame(0x123, 0, 2);
     cw_frame own = rig_frame(0x200, 0, 0);
@@ -168,9 +165,8 @@ static void make_passive(rig *r)
 
 /* An error ends the arbitration for node 0. Its passive flag lasts to the end of the frame of
  * node 1, which is not from it. */
-static void a_node_that_an_error_stops_in_the_arbitration_is_no_sender(void **state)
+TEST(a_node_that_an_error_stops_in_the_arbitration_is_no_sender)
 {
-    (void)state;
     for (unsigned stepping = 0; stepping < 2; stepping++) {
         rig *r = rig_new(3);
         const cw_frame first = rig_frame(0x123, 0, 1), second = rig_frame(0x125, 0, 1);
@@ -196,9 +192,8 @@ static void a_node_that_an_error_stops_in_the_arbitration_is_no_sender(void **st
 
 /* Nobody acknowledges, so the passive flag of the sender begins at the ACK delimiter. The listener
  * gets the frame all the same, from that node. */
-static void a_sender_with_a_passive_flag_behind_its_frame_is_its_sender(void **state)
+TEST(a_sender_with_a_passive_flag_behind_its_frame_is_its_sender)
 {
-    (void)state;
     for (unsigned stepping = 0; stepping < 2; stepping++) {
         rig *r = rig_new(2);
         const cw_frame f = rig_frame(0x123, 0, 1);
@@ -224,9 +219,8 @@ static int compare_wire(const void *a, const void *b)
     return strcmp(model_encode(fa).wire, model_encode(fb).wire);
 }
 
-static void sixty_four_nodes_drain_in_identifier_order(void **state)
+TEST(sixty_four_nodes_drain_in_identifier_order)
 {
-    (void)state;
     cw_frame frames[CW_NODES_MAX];
     rig_random random = {4711};
     rig *r = rig_new(CW_NODES_MAX);
@@ -291,9 +285,8 @@ static losses lost_so_far(bool stepping, unsigned node, unsigned urgent_after, u
 
 /* Statistics within arbitration show the losses so far, by the frames that the nodes began with.
  * The bus runs there in one call. */
-static void statistics_show_no_loss_beforehand(void **state)
+TEST(statistics_show_no_loss_beforehand)
 {
-    (void)state;
     for (unsigned node = 0; node < 4; node++)
         for (unsigned urgent = 2; urgent < 16; urgent++)
             for (unsigned bits = urgent; bits < 40; bits++) {
@@ -303,19 +296,4 @@ static void statistics_show_no_loss_beforehand(void **state)
                 assert_int_equal(fast.of[4], /* there is one stuff bit */
                                  (bits > 2) + (bits > 6) + (bits > 12));
             }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_pairing_is_won_by_the_dominant_bit),
-        cmocka_unit_test(same_identifier_with_other_data_is_a_bit_error),
-        cmocka_unit_test(equal_frames_go_as_one),
-        cmocka_unit_test(frames_tell_where_they_are_from),
-        cmocka_unit_test(a_node_that_an_error_stops_in_the_arbitration_is_no_sender),
-        cmocka_unit_test(a_sender_with_a_passive_flag_behind_its_frame_is_its_sender),
-        cmocka_unit_test(sixty_four_nodes_drain_in_identifier_order),
-        cmocka_unit_test(statistics_show_no_loss_beforehand),
-    };
-    return cmocka_run_group_tests_name("contest", tests, NULL, NULL);
 }

@@ -2,15 +2,9 @@
  *
  * test_counters.c - the tables of counters: their values, and rows that fit together.
  */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <cmocka.h>
 
+#include "cases.h"
 #include "port/port.h"
-
-#include <string.h>
 
 static const cw_stat *const tables[] = {cw_node_counters, cw_bus_counters, cw_host_counters,
                                         cw_sleep_counters, port_counters};
@@ -24,7 +18,7 @@ static const cw_stat *find(const cw_stat *table, const char *name)
     return table;
 }
 
-static void values_are_those_of_the_members(void **state)
+TEST(values_are_those_of_the_members)
 {
     const cw_node_stats s = {.tx_frames = UINT64_MAX, .restarts = UINT32_MAX, .queue = UINT16_MAX,
                              .dropped = {[CW_DROP_SLOT_MISSED] = 3, [CW_DROP_FAULT] = 4},
@@ -32,7 +26,6 @@ static void values_are_those_of_the_members(void **state)
     const cw_stat *dropped = find(cw_node_counters, "dropped");
     const cw_stat *errors = find(cw_node_counters, "errors");
 
-    (void)state;
     assert_true(cw_stat_value(find(cw_node_counters, "tx_frames"), &s, 0) == UINT64_MAX);
     assert_int_equal(cw_stat_value(find(cw_node_counters, "restarts"), &s, 0), UINT32_MAX);
     assert_int_equal(cw_stat_value(find(cw_node_counters, "queue"), &s, 0), UINT16_MAX);
@@ -47,9 +40,8 @@ static void values_are_those_of_the_members(void **state)
     assert_int_equal(find(cw_bus_counters, "error_rate_ppm")->count, 0);
 }
 
-static void rows_have_all_that_outputs_need(void **state)
+TEST(rows_have_all_that_outputs_need)
 {
-    (void)state;
     for (size_t t = 0; t < TABLES; t++)
         for (const cw_stat *c = tables[t]; c->name; c++) {
             assert_ptr_equal(find(tables[t], c->name), c);
@@ -61,11 +53,10 @@ static void rows_have_all_that_outputs_need(void **state)
 }
 
 /* A place that two counters have would leave their order to chance. */
-static void places_of_columns_are_given_once(void **state)
+TEST(places_of_columns_are_given_once)
 {
     uint64_t given[CW_LINE_HOST + 1] = {0};
 
-    (void)state;
     for (size_t t = 0; t < TABLES; t++)
         for (const cw_stat *c = tables[t]; c->name; c++) {
             assert_false(c->line != CW_LINE_NONE && (given[c->line] >> c->place & 1u));
@@ -75,14 +66,4 @@ static void places_of_columns_are_given_once(void **state)
         assert_true(given[line] != 0);
         assert_true((given[line] & (given[line] + 1)) == 0);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(values_are_those_of_the_members),
-        cmocka_unit_test(rows_have_all_that_outputs_need),
-        cmocka_unit_test(places_of_columns_are_given_once),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

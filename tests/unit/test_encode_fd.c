@@ -218,9 +218,8 @@ static cw_frame random_frame(rig_random *random)
     return f;
 }
 
-static void random_frames_encode_as_the_rules_say(void **state)
+TEST(random_frames_encode_as_the_rules_say)
 {
-    (void)state;
     rig_random random = {SEED};
     unsigned open_runs = 0;
     for (unsigned i = 0; i < FRAMES; i++) {
@@ -235,9 +234,8 @@ static void random_frames_encode_as_the_rules_say(void **state)
 
 /* D3: with random data one frame in 30 ends its data field with five equal bits. After a bit that
  * begins a run, 1/2, the shares of runs are 4/15, 2/15, 1/15 and 1/30. */
-static void one_random_frame_in_thirty_ends_in_a_run_without_its_stuff_bit(void **state)
+TEST(one_random_frame_in_thirty_ends_in_a_run_without_its_stuff_bit)
 {
-    (void)state;
     rig_random random = {SEED + 1};
     unsigned open_runs = 0;
     for (unsigned i = 0; i < FRAMES; i++) {
@@ -266,9 +264,8 @@ static void fill(cw_frame *f, uint64_t pattern, unsigned period, unsigned shift)
 }
 
 /* Among them runs of four, which have a stuff bit each, and rows of one level. */
-static void patterns_encode_as_the_rules_say(void **state)
+TEST(patterns_encode_as_the_rules_say)
 {
-    (void)state;
     static const uint32_t ids[] = {0, 0x1FFFFFFF, 0x0F0F0F0F, 0x10F0F0F0, 0x15555555};
     wire w;
     for (unsigned flags = 0; flags < 64; flags++)
@@ -298,9 +295,8 @@ static void set_row(cw_frame *f, unsigned from, unsigned bits, bool level)
 }
 
 /* From each bit of the data field on. */
-static void rows_of_equal_bits_encode_as_the_rules_say(void **state)
+TEST(rows_of_equal_bits_encode_as_the_rules_say)
 {
-    (void)state;
     static const uint8_t around[] = {0, 0xFF, 0x55}, rows[] = {4, 5, 6, 9, 14, 33};
     wire w;
     for (unsigned dlc = 1; dlc < 16; dlc++)
@@ -314,9 +310,8 @@ static void rows_of_equal_bits_encode_as_the_rules_say(void **state)
             }
 }
 
-static void every_base_identifier_encodes_as_the_rules_say(void **state)
+TEST(every_base_identifier_encodes_as_the_rules_say)
 {
-    (void)state;
     wire w;
     for (unsigned i = 0; i < 0x800 * 16; i++) {
         cw_frame f = {.flags = CW_FRAME_FD, .id = i % 0x800, .dlc = (uint8_t)(i / 0x800)};
@@ -336,9 +331,8 @@ static bool stuff_is_due(const wire *w, const cw_walk *walk)
            cw_part_is(walk->part, CW_PART_STUFFED);
 }
 
-static void the_walk_is_what_the_rules_say(void **state)
+TEST(the_walk_is_what_the_rules_say)
 {
-    (void)state;
     rig_random random = {SEED + 2};
     for (unsigned i = 0; i < FRAMES / 2; i++) {
         wire expected, w = {.length = 0};
@@ -427,9 +421,8 @@ static void check_places(const cw_frame *f)
     check_no_other(f, &bits, there);
 }
 
-static void every_bit_has_its_place_and_its_rate(void **state)
+TEST(every_bit_has_its_place_and_its_rate)
 {
-    (void)state;
     rig_random random = {SEED + 3};
     for (unsigned i = 0; i < PLACED_FRAMES; i++) {
         cw_frame f = random_frame(&random);
@@ -438,9 +431,8 @@ static void every_bit_has_its_place_and_its_rate(void **state)
     }
 }
 
-static void fields_are_as_long_as_positions_say(void **state)
+TEST(fields_are_as_long_as_positions_say)
 {
-    (void)state;
     static const uint16_t bits[CW_FIELD_COUNT] = {
         [CW_FIELD_SOF] = 1,           [CW_FIELD_ID] = 29,          [CW_FIELD_SRR] = 1,
         [CW_FIELD_IDE] = 1,           [CW_FIELD_RTR] = 1,          [CW_FIELD_R1] = 1,
@@ -565,9 +557,8 @@ static cw_frame frame_to(const search *s, unsigned state, bool extended, unsigne
 
 /* Finds the longest frame of each kind, and encodes it. That of 64 bytes has two stuff bits less
  * than 552 bits after SOF could have, since the bits from RRS to res are fixed. */
-static void no_frame_is_longer_than_the_longest(void **state)
+TEST(no_frame_is_longer_than_the_longest)
 {
-    (void)state;
     static search s;
     unsigned longest = 0;
     for (unsigned i = 0; i < 2 * 16; i++) {
@@ -588,9 +579,8 @@ static void no_frame_is_longer_than_the_longest(void **state)
 }
 
 /* The search is right where all frames can be tried. */
-static void the_search_finds_what_trying_finds(void **state)
+TEST(the_search_finds_what_trying_finds)
 {
-    (void)state;
     static search s;
     for (unsigned dlc = 0; dlc < 2; dlc++) {
         unsigned longest = 0;
@@ -610,9 +600,8 @@ static void the_search_finds_what_trying_finds(void **state)
 /* linux/can/length.h counts 579 bits for a base frame of 64 bytes without stuff bits, and 598 for
  * an extended one. With them it has 712 and 736 at most. The intermission is in these, and the ACK
  * slot has one bit. */
-static void lengths_are_those_of_linux(void **state)
+TEST(lengths_are_those_of_linux)
 {
-    (void)state;
     rig_random random = {SEED + 4};
     for (unsigned i = 0; i < FRAMES; i++) {
         wire w;
@@ -627,9 +616,8 @@ static void lengths_are_those_of_linux(void **state)
     }
 }
 
-static void lengths_follow_dlc(void **state)
+TEST(lengths_follow_dlc)
 {
-    (void)state;
     for (unsigned dlc = 0, bytes = 0; dlc < 16; dlc++) {
         const cw_frame f = {.flags = CW_FRAME_FD, .dlc = (uint8_t)dlc};
         assert_int_equal(cw_frame_length(&f), lengths[dlc]);
@@ -641,9 +629,8 @@ static void lengths_follow_dlc(void **state)
 /* ---- Known numbers --------------------------------------------------------------------------- */
 
 /* The catalogue of CRC algorithms has these for "123456789", beginning with 0. */
-static void crcs_are_those_of_the_catalogue(void **state)
+TEST(crcs_are_those_of_the_catalogue)
 {
-    (void)state;
     static const char text[] = "123456789";
     bool row[72];
     uint32_t crc17 = 0, crc21 = 0;
@@ -659,9 +646,8 @@ static void crcs_are_those_of_the_catalogue(void **state)
 }
 
 /* D5 */
-static void stuff_counts_are_gray_codes_with_even_parity(void **state)
+TEST(stuff_counts_are_gray_codes_with_even_parity)
 {
-    (void)state;
     static const uint8_t counts[8] = {0x0, 0x3, 0x6, 0x5, 0xC, 0xF, 0xA, 0x9};
     for (unsigned i = 0; i < 140; i++)
         assert_int_equal(cw_stuff_count(i), counts[i % 8]);
@@ -678,9 +664,8 @@ static bool is_valid(unsigned flags)
 }
 
 /* D2: there is no FD remote frame. */
-static void flags_of_fd_frames_go_together(void **state)
+TEST(flags_of_fd_frames_go_together)
 {
-    (void)state;
     for (unsigned flags = 0; flags < 0x100; flags++) {
         cw_bits bits;
         cw_frame f = {.id = 0x7FF, .flags = (uint8_t)flags, .dlc = 15};
@@ -696,9 +681,8 @@ static void flags_of_fd_frames_go_together(void **state)
     }
 }
 
-static void frames_are_equal_as_they_are_on_the_wire(void **state)
+TEST(frames_are_equal_as_they_are_on_the_wire)
 {
-    (void)state;
     for (unsigned dlc = 0; dlc < 16; dlc++)
         for (unsigned byte = 0; byte < CW_FRAME_DATA_MAX; byte++) {
             cw_frame a = {.id = 1, .flags = CW_FRAME_FD, .dlc = (uint8_t)dlc}, b = a;
@@ -713,9 +697,8 @@ static void frames_are_equal_as_they_are_on_the_wire(void **state)
 /* ---- Single frames --------------------------------------------------------------------------- */
 
 /* ESI and DLC are five dominant bits, after which the first fixed stuff bit comes (D3). */
-static void frames_without_data_have_a_stuff_count(void **state)
+TEST(frames_without_data_have_a_stuff_count)
 {
-    (void)state;
     cw_bits bits;
     const cw_frame f = {.id = 0x2AA, .flags = CW_FRAME_FD | CW_FRAME_BRS};
     assert_int_equal(cw_bits_encode(&bits, &f), CW_OK);
@@ -724,9 +707,8 @@ static void frames_without_data_have_a_stuff_count(void **state)
     assert_int_equal(cw_bits_place(&bits, 22).field, CW_FIELD_FIXED_STUFF);
 }
 
-static void an_inverted_crc_bit_is_on_the_wire(void **state)
+TEST(an_inverted_crc_bit_is_on_the_wire)
 {
-    (void)state;
     cw_bits right, wrong;
     unsigned n, count = 0;
     const cw_frame f = {.id = 0x123, .flags = CW_FRAME_FD, .dlc = 15, .data = {1, 2, 3}};
@@ -737,29 +719,4 @@ static void an_inverted_crc_bit_is_on_the_wire(void **state)
         count += cw_bits_level(&right, i) != cw_bits_level(&wrong, i);
     assert_int_equal(count, 1);
     assert_true(cw_bits_level(&right, n) != cw_bits_level(&wrong, n));
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(crcs_are_those_of_the_catalogue),
-        cmocka_unit_test(stuff_counts_are_gray_codes_with_even_parity),
-        cmocka_unit_test(random_frames_encode_as_the_rules_say),
-        cmocka_unit_test(one_random_frame_in_thirty_ends_in_a_run_without_its_stuff_bit),
-        cmocka_unit_test(patterns_encode_as_the_rules_say),
-        cmocka_unit_test(rows_of_equal_bits_encode_as_the_rules_say),
-        cmocka_unit_test(every_base_identifier_encodes_as_the_rules_say),
-        cmocka_unit_test(the_walk_is_what_the_rules_say),
-        cmocka_unit_test(every_bit_has_its_place_and_its_rate),
-        cmocka_unit_test(fields_are_as_long_as_positions_say),
-        cmocka_unit_test(no_frame_is_longer_than_the_longest),
-        cmocka_unit_test(the_search_finds_what_trying_finds),
-        cmocka_unit_test(lengths_are_those_of_linux),
-        cmocka_unit_test(lengths_follow_dlc),
-        cmocka_unit_test(flags_of_fd_frames_go_together),
-        cmocka_unit_test(frames_are_equal_as_they_are_on_the_wire),
-        cmocka_unit_test(frames_without_data_have_a_stuff_count),
-        cmocka_unit_test(an_inverted_crc_bit_is_on_the_wire),
-    };
-    return cmocka_run_group_tests_name("encode_fd", tests, NULL, NULL);
 }

@@ -22,9 +22,8 @@ static void bits_to_text(char *text, const cw_bits *bits)
     text[bits->length] = '\0';
 }
 
-static void random_frames_encode_as_the_model_does(void **state)
+TEST(random_frames_encode_as_the_model_does)
 {
-    (void)state;
     rig_random random = {SEED};
     for (unsigned i = 0; i < FRAMES; i++) {
         char text[MODEL_BITS_MAX];
@@ -63,9 +62,8 @@ static void check_bitwise(const cw_frame *f, uint16_t inverted)
 }
 
 /* Bytes behind the data field must not count. */
-static void random_frames_encode_as_bit_by_bit(void **state)
+TEST(random_frames_encode_as_bit_by_bit)
 {
-    (void)state;
     rig_random random = {SEED + 7};
     for (unsigned i = 0; i < BITWISE_FRAMES; i++) {
         cw_frame f = rig_random_frame(&random);
@@ -77,9 +75,8 @@ static void random_frames_encode_as_bit_by_bit(void **state)
 }
 
 /* Rows of equal bits from each bit of the frame on, of each length and level. */
-static void rows_of_equal_bits_encode_as_bit_by_bit(void **state)
+TEST(rows_of_equal_bits_encode_as_bit_by_bit)
 {
-    (void)state;
     static const uint64_t around[] = {0, UINT64_MAX, UINT64_C(0x5555555555555555)};
     for (unsigned i = 0; i < 3 * 4 * 9 * 64 * 2; i++) {
         unsigned from = i % 64, length = i / 64 % 9, kind = i / 576 % 4, level = i / 2304 % 2;
@@ -96,9 +93,8 @@ static void rows_of_equal_bits_encode_as_bit_by_bit(void **state)
     }
 }
 
-static void every_base_identifier_encodes_as_bit_by_bit(void **state)
+TEST(every_base_identifier_encodes_as_bit_by_bit)
 {
-    (void)state;
     for (unsigned i = 0; i < 0x800 * 16 * 2; i++) {
         cw_frame f = {.id = i % 0x800, .dlc = (uint8_t)(i / 0x800 % 16)};
         f.flags = i / 0x8000 ? CW_FRAME_REMOTE : 0;
@@ -106,9 +102,8 @@ static void every_base_identifier_encodes_as_bit_by_bit(void **state)
     }
 }
 
-static void every_dlc_of_every_format_encodes_as_bit_by_bit(void **state)
+TEST(every_dlc_of_every_format_encodes_as_bit_by_bit)
 {
-    (void)state;
     rig_random random = {SEED + 8};
     for (unsigned i = 0; i < 4 * 16 * 1000; i++) {
         cw_frame f = {.flags = (uint8_t)(i % 4), .dlc = (uint8_t)(i / 4 % 16)};
@@ -120,9 +115,8 @@ static void every_dlc_of_every_format_encodes_as_bit_by_bit(void **state)
 }
 
 /* Among them CRCs that end in five equal bits, with a stuff bit before the delimiter (F7). */
-static void every_crc_encodes_as_bit_by_bit(void **state)
+TEST(every_crc_encodes_as_bit_by_bit)
 {
-    (void)state;
     unsigned stuffed_ends = 0;
     for (unsigned inverted = 0; inverted < 0x8000; inverted++) {
         cw_bits bits;
@@ -136,18 +130,16 @@ static void every_crc_encodes_as_bit_by_bit(void **state)
 
 /* ---- The table of parts ---------------------------------------------------------------------- */
 
-static void parts_follow_in_the_order_of_the_wire(void **state)
+TEST(parts_follow_in_the_order_of_the_wire)
 {
-    (void)state;
     for (unsigned part = 0; part < CW_PART_COUNT; part++)
         for (unsigned level = 0; level < 2; level++)
             assert_in_range(cw_parts[part].next[level], part + 1, CW_PART_END);
 }
 
 /* From the highest bit of the key on, without SOF; what follows RTR or IDE is 0. */
-static void the_arbitration_key_is_the_arbitration_field(void **state)
+TEST(the_arbitration_key_is_the_arbitration_field)
 {
-    (void)state;
     rig_random random = {SEED + 9};
     for (unsigned i = 0; i < FRAMES; i++) {
         const cw_frame f = rig_random_frame(&random);
@@ -182,9 +174,8 @@ static unsigned lost_bit_at(const cw_frame *frame, unsigned n)
 }
 
 /* At recessive bits of the arbitration field, wherever stuff bits are. */
-static void lost_bits_are_numbered_as_the_sja1000_does(void **state)
+TEST(lost_bits_are_numbered_as_the_sja1000_does)
 {
-    (void)state;
     rig_random random = {SEED + 10};
     for (unsigned i = 0; i < 500; i++) {
         const cw_frame f = rig_random_frame(&random);
@@ -201,9 +192,8 @@ static void lost_bits_are_numbered_as_the_sja1000_does(void **state)
     }
 }
 
-static void fields_are_as_long_as_positions_say(void **state)
+TEST(fields_are_as_long_as_positions_say)
 {
-    (void)state;
     static const uint8_t bits[CW_FIELD_COUNT] = {
         [CW_FIELD_SOF] = 1,           [CW_FIELD_ID] = 29,
         [CW_FIELD_SRR] = 1,           [CW_FIELD_IDE] = 1,
@@ -219,9 +209,8 @@ static void fields_are_as_long_as_positions_say(void **state)
 }
 
 /* F7, counting stuff bits as equal bits. */
-static void never_more_than_five_equal_bits_up_to_the_crc(void **state)
+TEST(never_more_than_five_equal_bits_up_to_the_crc)
 {
-    (void)state;
     rig_random random = {SEED + 1};
     for (unsigned i = 0; i < FRAMES; i++) {
         cw_bits bits;
@@ -254,9 +243,8 @@ static unsigned count_stuff_bits(const char *plain)
     return stuff;
 }
 
-static void length_is_the_closed_formula(void **state)
+TEST(length_is_the_closed_formula)
 {
-    (void)state;
     rig_random random = {SEED + 2};
     for (unsigned i = 0; i < FRAMES; i++) {
         cw_bits bits;
@@ -351,9 +339,8 @@ static unsigned check_fields(const cw_bits *bits, unsigned n, const field_run *r
     return n;
 }
 
-static void every_bit_has_its_place(void **state)
+TEST(every_bit_has_its_place)
 {
-    (void)state;
     rig_random random = {SEED + 3};
     for (unsigned i = 0; i < FRAMES / 10; i++) {
         cw_bits bits;
@@ -380,9 +367,8 @@ typedef struct validity {
     bool valid;
 } validity;
 
-static void only_frames_in_range_with_flags_that_go_together_are_encoded(void **state)
+TEST(only_frames_in_range_with_flags_that_go_together_are_encoded)
 {
-    (void)state;
     static const validity cases[] = {
         {{.id = 0}, true}, /* F8: no identifier is special */
         {{.id = 0x7FF}, true},
@@ -416,9 +402,8 @@ static void only_frames_in_range_with_flags_that_go_together_are_encoded(void **
     }
 }
 
-static void length_follows_dlc_but_not_in_remote_frames(void **state)
+TEST(length_follows_dlc_but_not_in_remote_frames)
 {
-    (void)state;
     for (unsigned dlc = 0; dlc <= 15; dlc++) {
         cw_frame data = {.dlc = (uint8_t)dlc};
         cw_frame remote = {.dlc = (uint8_t)dlc, .flags = CW_FRAME_REMOTE};
@@ -427,9 +412,8 @@ static void length_follows_dlc_but_not_in_remote_frames(void **state)
     }
 }
 
-static void frames_are_equal_as_they_are_on_the_wire(void **state)
+TEST(frames_are_equal_as_they_are_on_the_wire)
 {
-    (void)state;
     cw_frame a = rig_frame(0x123, 0, 3);
     cw_frame b = a;
     b.data[3] = 0xFF; /* behind the data field */
@@ -479,9 +463,8 @@ static bool receive(cw_mac *mac, const char *wire)
     return taken;
 }
 
-static void decoding_what_was_encoded_gives_the_same_frame(void **state)
+TEST(decoding_what_was_encoded_gives_the_same_frame)
 {
-    (void)state;
     rig_random random = {SEED + 4};
     cw_mac mac;
     integrate(&mac);
@@ -503,9 +486,8 @@ static void decoding_what_was_encoded_gives_the_same_frame(void **state)
 }
 
 /* F5: SRR dominant, r0 and r1 recessive, in all combinations; CRC and stuffing by these levels. */
-static void receivers_take_srr_and_reserved_bits_at_either_level(void **state)
+TEST(receivers_take_srr_and_reserved_bits_at_either_level)
 {
-    (void)state;
     rig_random random = {SEED + 5};
     for (unsigned i = 0; i < 2000; i++) {
         const model_levels levels = {.srr = i & 1u ? '0' : '1',
@@ -534,9 +516,8 @@ static bool takes_anything(cw_mac *mac, const char *wire)
     return false;
 }
 
-static void one_wrong_bit_is_always_found(void **state)
+TEST(one_wrong_bit_is_always_found)
 {
-    (void)state;
     rig_random random = {SEED + 6};
     for (unsigned i = 0; i < FLIP_FRAMES; i++) {
         cw_frame f = rig_random_frame(&random);
@@ -553,9 +534,8 @@ static void one_wrong_bit_is_always_found(void **state)
 
 /* ---- Names ----------------------------------------------------------------------------------- */
 
-static void fields_are_named_as_in_fault_rules(void **state)
+TEST(fields_are_named_as_in_fault_rules)
 {
-    (void)state;
     static const char *const names[CW_FIELD_COUNT] = {
         [CW_FIELD_SOF] = "sof", [CW_FIELD_ID] = "id", [CW_FIELD_SRR] = "srr",
         [CW_FIELD_IDE] = "ide", [CW_FIELD_RTR] = "rtr", [CW_FIELD_R1] = "r1",
@@ -574,31 +554,4 @@ static void fields_are_named_as_in_fault_rules(void **state)
     };
     for (unsigned i = CW_FIELD_SOF; i < CW_FIELD_COUNT; i++)
         assert_string_equal(cw_field_name((cw_field)i), names[i]);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(random_frames_encode_as_the_model_does),
-        cmocka_unit_test(random_frames_encode_as_bit_by_bit),
-        cmocka_unit_test(rows_of_equal_bits_encode_as_bit_by_bit),
-        cmocka_unit_test(every_base_identifier_encodes_as_bit_by_bit),
-        cmocka_unit_test(every_dlc_of_every_format_encodes_as_bit_by_bit),
-        cmocka_unit_test(every_crc_encodes_as_bit_by_bit),
-        cmocka_unit_test(parts_follow_in_the_order_of_the_wire),
-        cmocka_unit_test(the_arbitration_key_is_the_arbitration_field),
-        cmocka_unit_test(lost_bits_are_numbered_as_the_sja1000_does),
-        cmocka_unit_test(fields_are_as_long_as_positions_say),
-        cmocka_unit_test(never_more_than_five_equal_bits_up_to_the_crc),
-        cmocka_unit_test(length_is_the_closed_formula),
-        cmocka_unit_test(every_bit_has_its_place),
-        cmocka_unit_test(only_frames_in_range_with_flags_that_go_together_are_encoded),
-        cmocka_unit_test(length_follows_dlc_but_not_in_remote_frames),
-        cmocka_unit_test(frames_are_equal_as_they_are_on_the_wire),
-        cmocka_unit_test(decoding_what_was_encoded_gives_the_same_frame),
-        cmocka_unit_test(receivers_take_srr_and_reserved_bits_at_either_level),
-        cmocka_unit_test(one_wrong_bit_is_always_found),
-        cmocka_unit_test(fields_are_named_as_in_fault_rules),
-    };
-    return cmocka_run_group_tests_name("format", tests, NULL, NULL);
 }

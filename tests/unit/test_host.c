@@ -2,15 +2,15 @@
  *
  * test_host.c - what hosts do: frames handed in, queues, restart, settings, nodes that leave.
  */
+#include "cases.h"
 #include "model.h"
 #include "rules.h"
 #include "times.h"
 
 /* ---- Hand-in and queue ----------------------------------------------------------------------- */
 
-static void overflow_is_dropped_at_the_tick_of_its_hand_in(void **state)
+TEST(overflow_is_dropped_at_the_tick_of_its_hand_in)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 0);
     unsigned length = model_encode(&f).length;
@@ -63,9 +63,8 @@ static size_t drops_of(rig *r, unsigned frames)
 }
 
 /* As long as there is room for, whatever it was at first; a shorter one keeps what waits in it. */
-static void a_queue_is_set_within_its_room(void **state)
+TEST(a_queue_is_set_within_its_room)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_settings settings = {.which = CW_SET_QUEUE, .queue = CW_QUEUE_MAX};
     r->nodes[0].queue_room = 100;
@@ -86,18 +85,16 @@ static void a_queue_is_set_within_its_room(void **state)
     rig_free(r);
 }
 
-static void queue_order_is_by_priority_or_fifo(void **state)
+TEST(queue_order_is_by_priority_or_fifo)
 {
-    (void)state;
     static const uint32_t priority[] = {0x40004, 0x10002, 0x20001, 0x20003, 0x30000};
     static const uint32_t fifo[] = {0x40004, 0x30000, 0x20001, 0x10002, 0x20003};
     check_queue_order(CW_ORDER_PRIORITY, priority);
     check_queue_order(CW_ORDER_FIFO, fifo);
 }
 
-static void bad_frames_are_counted_and_never_sent(void **state)
+TEST(bad_frames_are_counted_and_never_sent)
 {
-    (void)state;
     static const cw_frame bad[] = {{.id = 0x800}, {.id = 1, .dlc = 16}, {.flags = CW_FRAME_FD}};
     rig *r = rig_new(2);
     rig_start(r);
@@ -112,9 +109,8 @@ static void bad_frames_are_counted_and_never_sent(void **state)
     rig_free(r);
 }
 
-static void a_full_inbox_refuses_until_the_bus_has_gone_on(void **state)
+TEST(a_full_inbox_refuses_until_the_bus_has_gone_on)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 0);
     r->config.inbox = 2;
@@ -136,9 +132,8 @@ static void a_full_inbox_refuses_until_the_bus_has_gone_on(void **state)
 }
 
 /* Frames on their way into the queue count, too; a node that takes no frames has room for all. */
-static void the_room_in_a_queue_is_known(void **state)
+TEST(the_room_in_a_queue_is_known)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 0);
     r->nodes[0].queue = 3;
@@ -169,9 +164,8 @@ static void the_room_in_a_queue_is_known(void **state)
 }
 
 /* It never comes up, and there is no place for another until its node is flushed. */
-static void a_frame_for_never_holds_its_place(void **state)
+TEST(a_frame_for_never_holds_its_place)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 0);
     r->config.inbox = 2;
@@ -193,9 +187,8 @@ static void a_frame_for_never_holds_its_place(void **state)
 
 /* b's frame has waited less than c's. After cw_bus_bring_forward() they come in that order, at once
  * or earlier by as much, and their delay counts from then. */
-static void what_waits_in_the_inbox_is_brought_forward(void **state)
+TEST(what_waits_in_the_inbox_is_brought_forward)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame low = rig_frame(0x300, 0, 0), high = rig_frame(0x100, 0, 0);
     rig_start(r);
@@ -221,9 +214,8 @@ static void what_waits_in_the_inbox_is_brought_forward(void **state)
 }
 
 /* Node 0's frames come in bus time: they stay where they are, and the others come before them. */
-static void only_frames_of_some_nodes_are_brought_forward(void **state)
+TEST(only_frames_of_some_nodes_are_brought_forward)
 {
-    (void)state;
     rig *r = rig_new(3);
     const cw_frame frames[3] = {rig_frame(0x300, 0, 0), rig_frame(0x100, 0, 0),
                                 rig_frame(0x200, 0, 0)};
@@ -247,9 +239,8 @@ static void only_frames_of_some_nodes_are_brought_forward(void **state)
 
 /* Node 1's frame stands before node 0's, and node 2 restarts at that tick. Still both begin at
  * once, which node 1 in loopback does not hide. */
-static void frames_brought_forward_come_with_a_restart(void **state)
+TEST(frames_brought_forward_come_with_a_restart)
 {
-    (void)state;
     rig *r = rig_new(4);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->nodes[1].modes = CW_MODE_LOOPBACK;
@@ -273,9 +264,8 @@ static void frames_brought_forward_come_with_a_restart(void **state)
 
 /* Follows canwire.h about CW_FULL: advance to cw_bus_inbox_first(), call again. A tick at the end
  * of a bit leaves the inbox there. */
-static void a_hand_in_at_the_end_of_a_bit_comes_up_there(void **state)
+TEST(a_hand_in_at_the_end_of_a_bit_comes_up_there)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 0);
     r->config.inbox = 1;
@@ -287,9 +277,8 @@ static void a_hand_in_at_the_end_of_a_bit_comes_up_there(void **state)
     rig_free(r);
 }
 
-static void hand_in_before_now_counts_as_now(void **state)
+TEST(hand_in_before_now_counts_as_now)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 0);
     rig_start(r);
@@ -331,9 +320,8 @@ static uint64_t run_to_bus_off(rig *r)
     return cw_bus_now(r->bus);
 }
 
-static void restart_by_hand_takes_128_groups(void **state)
+TEST(restart_by_hand_takes_128_groups)
 {
-    (void)state;
     rig *r = new_failing_node(0);
     cw_frame f = rig_frame(0x123, 0, 1);
     assert_int_equal(cw_node_restart(r->bus, 0), CW_REFUSED); /* not bus-off */
@@ -368,9 +356,8 @@ static void restart_by_hand_takes_128_groups(void **state)
 
 /* R12: frames handed in before the request are lost, also when they wait in the inbox for the very
  * tick of it. Later ones have their SOF right after group 128, whoever asked for the restart. */
-static void frames_after_the_request_wait_for_group_128(void **state)
+TEST(frames_after_the_request_wait_for_group_128)
 {
-    (void)state;
     enum { BY_HAND, BY_RULE, BY_SETTING, BY_TIME, WAYS };
     const cw_settings at_once = {.which = CW_SET_RESTART, .restart_ticks = BIT};
     for (unsigned way = 0; way < WAYS; way++) {
@@ -419,9 +406,8 @@ static void frames_after_the_request_wait_for_group_128(void **state)
 }
 
 /* They are the frames of a queue, with its limit. */
-static void frames_that_wait_for_group_128_fill_the_queue(void **state)
+TEST(frames_that_wait_for_group_128_fill_the_queue)
 {
-    (void)state;
     rig *r = new_failing_node(0);
     const cw_frame f = rig_frame(0x123, 0, 1);
     const cw_settings short_one = {.which = CW_SET_QUEUE, .queue = 3};
@@ -444,9 +430,8 @@ static void frames_that_wait_for_group_128_fill_the_queue(void **state)
     rig_free(r);
 }
 
-static void restart_ms_runs_from_bus_off(void **state)
+TEST(restart_ms_runs_from_bus_off)
 {
-    (void)state;
     static const struct {
         uint64_t ticks;
         uint64_t bits; /* from bus-off to the request: the first end of a bit not before */
@@ -470,9 +455,8 @@ static void restart_ms_runs_from_bus_off(void **state)
 
 /* Frames that come with a restart, at the end of a bit in which others come, have left the inbox by
  * then. Nodes act in their order at that end, whatever came to other nodes before it. */
-static void frames_come_up_beside_a_restart(void **state)
+TEST(frames_come_up_beside_a_restart)
 {
-    (void)state;
     rig *r = new_failing_node(1000 * BIT);
     cw_frame f = rig_frame(0x123, 0, 1);
     uint64_t request = run_to_bus_off(r) + 1000 * BIT;
@@ -486,9 +470,8 @@ static void frames_come_up_beside_a_restart(void **state)
 
 /* R12: exactly eleven recessive bits lie between two consecutive frames, from the ACK delimiter to
  * the end of intermission. They are one group per frame. */
-static void recovery_under_full_load_takes_128_frames(void **state)
+TEST(recovery_under_full_load_takes_128_frames)
 {
-    (void)state;
     enum { FRAMES = 140 };
     rig *r = new_failing_node(2000 * BIT);
     uint64_t request = run_to_bus_off(r) + 2000 * BIT;
@@ -509,9 +492,8 @@ static void recovery_under_full_load_takes_128_frames(void **state)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-static void settings_are_changed_and_read(void **state)
+TEST(settings_are_changed_and_read)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_settings s;
     const cw_settings all = {.which = UINT8_MAX, .modes_mask = CW_MODE_ONE_SHOT,
@@ -550,9 +532,8 @@ static void settings_are_changed_and_read(void **state)
 }
 
 /* Frames beyond a smaller limit stay; a rule from the start may enlarge the queue. */
-static void a_queue_limit_is_for_new_frames(void **state)
+TEST(a_queue_limit_is_for_new_frames)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->nodes[0].queue = 2;
@@ -582,9 +563,8 @@ static void a_queue_limit_is_for_new_frames(void **state)
 /* ---- Nodes that leave ------------------------------------------------------------------------ */
 
 /* All that a node holds is dropped and counted; it is not on the bus any more. */
-static void a_flushed_node_is_gone(void **state)
+TEST(a_flushed_node_is_gone)
 {
-    (void)state;
     rig *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     cw_rule *late = rig_rule(r, new_rule("late", CW_TRIGGER_FRAME, CW_ACTION_DELAY));
@@ -609,9 +589,8 @@ static void a_flushed_node_is_gone(void **state)
 }
 
 /* Neither its host nor a rule nor another bus brings it back; what it gets to send is dropped. */
-static void a_flushed_node_stays_gone(void **state)
+TEST(a_flushed_node_stays_gone)
 {
-    (void)state;
     static const uint8_t same[] = {0, 1, 2};
     rig *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
@@ -643,33 +622,4 @@ static void a_flushed_node_stays_gone(void **state)
     assert_int_equal(rig_count(next, CW_EVENT_RX, 2), 1);
     rig_free(next);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(overflow_is_dropped_at_the_tick_of_its_hand_in),
-        cmocka_unit_test(a_queue_is_set_within_its_room),
-        cmocka_unit_test(queue_order_is_by_priority_or_fifo),
-        cmocka_unit_test(bad_frames_are_counted_and_never_sent),
-        cmocka_unit_test(a_full_inbox_refuses_until_the_bus_has_gone_on),
-        cmocka_unit_test(the_room_in_a_queue_is_known),
-        cmocka_unit_test(what_waits_in_the_inbox_is_brought_forward),
-        cmocka_unit_test(only_frames_of_some_nodes_are_brought_forward),
-        cmocka_unit_test(frames_brought_forward_come_with_a_restart),
-        cmocka_unit_test(a_frame_for_never_holds_its_place),
-        cmocka_unit_test(a_hand_in_at_the_end_of_a_bit_comes_up_there),
-        cmocka_unit_test(hand_in_before_now_counts_as_now),
-        cmocka_unit_test(restart_by_hand_takes_128_groups),
-        cmocka_unit_test(frames_after_the_request_wait_for_group_128),
-        cmocka_unit_test(frames_that_wait_for_group_128_fill_the_queue),
-        cmocka_unit_test(restart_ms_runs_from_bus_off),
-        cmocka_unit_test(frames_come_up_beside_a_restart),
-        cmocka_unit_test(recovery_under_full_load_takes_128_frames),
-        cmocka_unit_test(settings_are_changed_and_read),
-        cmocka_unit_test(a_queue_limit_is_for_new_frames),
-        cmocka_unit_test(a_flushed_node_is_gone),
-        cmocka_unit_test(a_flushed_node_stays_gone),
-    };
-    return cmocka_run_group_tests_name("host", tests, NULL, NULL);
 }

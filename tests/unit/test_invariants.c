@@ -106,12 +106,11 @@ static void ring(cw_bus *bus)
     cw_ring_at(&bus->ring, bus->ring.count - 1)->tick = 0;
 }
 
-static void each_is_asserted(void **state)
+TEST(each_is_asserted)
 {
     static void (*const spoil[])(cw_bus *) = {
         queued,  waiting,   inbox_count, next_restart, counters, books, wires,   load,
         removed, followers, follower,    frame,        resting,  outlook, arbiter, ring};
-    (void)state;
     for (size_t i = 0; i < sizeof spoil / sizeof spoil[0]; i++) {
         rig *r = busy_bus();
         assert_true(r->bus->frame_step.active && r->bus->ring.count > 1);
@@ -121,12 +120,4 @@ static void each_is_asserted(void **state)
             fail_msg("%zu is not noticed", i);
         rig_free(r);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(each_is_asserted),
-    };
-    return cmocka_run_group_tests_name("invariants", tests, NULL, NULL);
 }

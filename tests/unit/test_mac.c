@@ -3,15 +3,9 @@
  * test_mac.c - the edges of the controller's interface: arguments, refusals, forced errors.
  * tests/conformance has its behaviour on the wire.
  */
+#include "cases.h"
 #include "mac/confinement.h"
 #include "mac/mac.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-
-#include <cmocka.h>
 
 static const cw_frame frame = {.id = 0x123, .dlc = 1, .data = {0x55}};
 
@@ -37,9 +31,8 @@ static cw_mac idle_mac(unsigned modes)
     return mac;
 }
 
-static void overload_requests_are_one_or_two(void **state)
+TEST(overload_requests_are_one_or_two)
 {
-    (void)state;
     cw_mac mac = idle_mac(0);
     assert_int_equal(cw_mac_request_overload(&mac, 0), CW_INVALID);
     assert_int_equal(cw_mac_request_overload(&mac, 1), CW_OK);
@@ -47,9 +40,8 @@ static void overload_requests_are_one_or_two(void **state)
     assert_int_equal(cw_mac_request_overload(&mac, 3), CW_INVALID);
 }
 
-static void counters_have_their_ranges(void **state)
+TEST(counters_have_their_ranges)
 {
-    (void)state;
     cw_mac mac = idle_mac(0);
     assert_int_equal(cw_mac_set_counters(&mac, 264, 0), CW_INVALID);
     assert_int_equal(cw_mac_set_counters(&mac, 0, 256), CW_INVALID);
@@ -60,9 +52,8 @@ static void counters_have_their_ranges(void **state)
     assert_int_equal(cw_mac_state(&mac), CW_STATE_BUS_OFF);
 }
 
-static void variants_refuse_frames(void **state)
+TEST(variants_refuse_frames)
 {
-    (void)state;
     static const struct {
         cw_frame frame;
         unsigned refused_by;
@@ -87,9 +78,8 @@ static void variants_refuse_frames(void **state)
         }
 }
 
-static void counters_below_the_limit_end_bus_off(void **state)
+TEST(counters_below_the_limit_end_bus_off)
 {
-    (void)state;
     cw_mac mac = idle_mac(0);
     assert_int_equal(cw_mac_set_counters(&mac, 256, 0), CW_OK);
     assert_int_equal(cw_mac_get_phase(&mac), CW_MAC_BUS_OFF);
@@ -101,9 +91,8 @@ static void counters_below_the_limit_end_bus_off(void **state)
     assert_int_equal(cw_mac_get_phase(&mac), CW_MAC_IDLE);
 }
 
-static void restart_is_for_bus_off_only(void **state)
+TEST(restart_is_for_bus_off_only)
 {
-    (void)state;
     cw_mac mac = idle_mac(0);
     assert_int_equal(cw_mac_request_restart(&mac), CW_REFUSED);
     assert_int_equal(cw_mac_set_counters(&mac, 256, 0), CW_OK);
@@ -113,9 +102,8 @@ static void restart_is_for_bus_off_only(void **state)
     assert_int_equal(cw_mac_offer(&mac, &frame), CW_REFUSED);
 }
 
-static void offers_are_checked(void **state)
+TEST(offers_are_checked)
 {
-    (void)state;
     const cw_frame bad = {.id = 0x800};
     cw_mac mac = idle_mac(0);
     assert_int_equal(cw_mac_offer(&mac, &bad), CW_INVALID);
@@ -126,18 +114,16 @@ static void offers_are_checked(void **state)
 }
 
 /* Six dominant bits, and the counter of the role moves. */
-static void forced_error_of_an_idle_node(void **state)
+TEST(forced_error_of_an_idle_node)
 {
-    (void)state;
     cw_mac mac = idle_mac(0);
     assert_false(cw_mac_force_error(&mac));
     assert_int_equal(cw_mac_rec(&mac), 1);
     assert_int_equal(play(&mac, 20, CW_RECESSIVE), CW_FLAG_BITS);
 }
 
-static void forced_error_of_a_transmitter(void **state)
+TEST(forced_error_of_a_transmitter)
 {
-    (void)state;
     cw_mac mac = idle_mac(0);
     assert_int_equal(cw_mac_offer(&mac, &frame), CW_OK);
     (void)play(&mac, 5, CW_RECESSIVE);
@@ -146,9 +132,8 @@ static void forced_error_of_a_transmitter(void **state)
     assert_int_equal(play(&mac, CW_FLAG_BITS, CW_RECESSIVE), CW_FLAG_BITS);
 }
 
-static void forced_error_in_one_shot_gives_the_frame_up(void **state)
+TEST(forced_error_in_one_shot_gives_the_frame_up)
 {
-    (void)state;
     cw_mac mac = idle_mac(CW_MODE_ONE_SHOT);
     assert_int_equal(cw_mac_offer(&mac, &frame), CW_OK);
     (void)play(&mac, 5, CW_RECESSIVE);
@@ -157,9 +142,8 @@ static void forced_error_in_one_shot_gives_the_frame_up(void **state)
     assert_int_equal(play(&mac, 50, CW_RECESSIVE), 0);
 }
 
-static void nothing_is_forced_off_the_bus(void **state)
+TEST(nothing_is_forced_off_the_bus)
 {
-    (void)state;
     cw_mac integrating;
     cw_mac_init(&integrating, 0, 96);
     (void)cw_mac_force_error(&integrating);
@@ -175,9 +159,8 @@ static void nothing_is_forced_off_the_bus(void **state)
     assert_int_equal(cw_mac_get_phase(&bus_off), CW_MAC_BUS_OFF);
 }
 
-static void a_disconnected_node_integrates_when_back(void **state)
+TEST(a_disconnected_node_integrates_when_back)
 {
-    (void)state;
     cw_mac mac = idle_mac(0);
     assert_int_equal(cw_mac_offer(&mac, &frame), CW_OK);
     (void)play(&mac, 5, CW_RECESSIVE);
@@ -192,9 +175,8 @@ static void a_disconnected_node_integrates_when_back(void **state)
     assert_int_equal(cw_mac_get_phase(&idle), CW_MAC_IDLE);
 }
 
-static void bus_off_stays_bus_off_when_disconnected(void **state)
+TEST(bus_off_stays_bus_off_when_disconnected)
 {
-    (void)state;
     cw_mac mac = idle_mac(0);
     assert_int_equal(cw_mac_set_counters(&mac, 256, 0), CW_OK);
     cw_mac_disconnect(&mac);
@@ -203,9 +185,8 @@ static void bus_off_stays_bus_off_when_disconnected(void **state)
 }
 
 /* Checks the reports about the offers of a controller, bit by bit: one for each. */
-static void an_offer_ends_once(void **state)
+TEST(an_offer_ends_once)
 {
-    (void)state;
     cw_mac_report report;
     cw_mac mac = idle_mac(0);
     assert_int_equal(cw_mac_offer(&mac, &frame), CW_OK);
@@ -238,9 +219,8 @@ static void an_offer_ends_once(void **state)
 }
 
 /* R9, R11, R13: the state follows the larger counter, up and down. */
-static void states_follow_the_counters(void **state)
+TEST(states_follow_the_counters)
 {
-    (void)state;
     static const struct {
         unsigned tec, rec;
         cw_state after_set, after_tx, after_rx;
@@ -267,9 +247,8 @@ static void states_follow_the_counters(void **state)
 }
 
 /* R8: from 1 to 127 one down; above that 120, which both readings of the standard allow. */
-static void a_good_frame_lowers_the_rec(void **state)
+TEST(a_good_frame_lowers_the_rec)
 {
-    (void)state;
     static const unsigned rows[][2] = {{0, 0},     {1, 0},     {127, 126},
                                        {128, 120}, {129, 120}, {255, 120}};
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
@@ -296,9 +275,8 @@ static cw_error overwrite_stuff_bit(cw_mac *mac, const cw_frame *sent)
 }
 
 /* R3 ii spares a transmitter only before the RTR bit. */
-static void a_stuff_bit_behind_the_rtr_is_an_ordinary_bit_error(void **state)
+TEST(a_stuff_bit_behind_the_rtr_is_an_ordinary_bit_error)
 {
-    (void)state;
     static const struct {
         cw_frame frame;
         cw_field field;
@@ -326,37 +304,12 @@ static void a_stuff_bit_behind_the_rtr_is_an_ordinary_bit_error(void **state)
     }
 }
 
-static void the_warning_limit_counts_at_once(void **state)
+TEST(the_warning_limit_counts_at_once)
 {
-    (void)state;
     cw_confinement c = {.warning_limit = 96};
     cw_confinement_set(&c, 50, 0);
     cw_confinement_set_warning_limit(&c, 50);
     assert_int_equal(c.state, CW_STATE_ERROR_WARNING);
     cw_confinement_set_warning_limit(&c, 51);
     assert_int_equal(c.state, CW_STATE_ERROR_ACTIVE);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(overload_requests_are_one_or_two),
-        cmocka_unit_test(counters_have_their_ranges),
-        cmocka_unit_test(counters_below_the_limit_end_bus_off),
-        cmocka_unit_test(restart_is_for_bus_off_only),
-        cmocka_unit_test(offers_are_checked),
-        cmocka_unit_test(forced_error_of_an_idle_node),
-        cmocka_unit_test(forced_error_of_a_transmitter),
-        cmocka_unit_test(forced_error_in_one_shot_gives_the_frame_up),
-        cmocka_unit_test(nothing_is_forced_off_the_bus),
-        cmocka_unit_test(a_disconnected_node_integrates_when_back),
-        cmocka_unit_test(bus_off_stays_bus_off_when_disconnected),
-        cmocka_unit_test(an_offer_ends_once),
-        cmocka_unit_test(states_follow_the_counters),
-        cmocka_unit_test(a_good_frame_lowers_the_rec),
-        cmocka_unit_test(a_stuff_bit_behind_the_rtr_is_an_ordinary_bit_error),
-        cmocka_unit_test(the_warning_limit_counts_at_once),
-        cmocka_unit_test(variants_refuse_frames),
-    };
-    return cmocka_run_group_tests_name("mac", tests, NULL, NULL);
 }

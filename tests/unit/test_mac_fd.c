@@ -3,16 +3,9 @@
  * test_mac_fd.c - controllers that know of FD frames, by themselves and on one wire (D7, D8, D14 to
  * D19). tests/conformance has their behaviour bit by bit.
  */
+#include "cases.h"
 #include "format/bits.h"
 #include "mac/mac.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define NODES_MAX 3
 
@@ -101,9 +94,8 @@ static void assert_received(const node *n, const cw_frame *frame)
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
-static void a_protocol_needs_its_part(void **state)
+TEST(a_protocol_needs_its_part)
 {
-    (void)state;
     cw_mac mac;
     cw_fd_part part;
     cw_mac_init(&mac, 0, 96);
@@ -116,9 +108,8 @@ static void a_protocol_needs_its_part(void **state)
     assert_int_equal(cw_mac_set_protocol(&mac, CW_FD, &part), CW_OK);
 }
 
-static void only_fd_nodes_take_offers_of_fd_frames(void **state)
+TEST(only_fd_nodes_take_offers_of_fd_frames)
 {
-    (void)state;
     wire w;
     begin(&w, 3, (const unsigned[]){CW_CLASSICAL, CW_FD_TOLERANT, CW_FD});
     assert_int_equal(cw_mac_offer(&w.node[0].mac, &fd_frame), CW_INVALID);
@@ -126,9 +117,8 @@ static void only_fd_nodes_take_offers_of_fd_frames(void **state)
     assert_int_equal(cw_mac_offer(&w.node[2].mac, &fd_frame), CW_OK);
 }
 
-static void a_new_protocol_leaves_the_bus_and_withdraws_the_offer(void **state)
+TEST(a_new_protocol_leaves_the_bus_and_withdraws_the_offer)
 {
-    (void)state;
     wire w;
     begin_two(&w, CW_FD, CW_FD);
     offer(&w, 0, &fd_frame);
@@ -156,9 +146,8 @@ static void play_ack(wire *w, bool first, bool second)
     play_bit(w, second ? 0 : 1);
 }
 
-static void either_bit_acknowledges(void **state)
+TEST(either_bit_acknowledges)
 {
-    (void)state;
     for (unsigned levels = 0; levels < 4; levels++) {
         wire w;
         play_ack(&w, levels & 1, levels & 2);
@@ -171,9 +160,8 @@ static void either_bit_acknowledges(void **state)
     }
 }
 
-static void receivers_take_any_level_in_the_second_bit(void **state)
+TEST(receivers_take_any_level_in_the_second_bit)
 {
-    (void)state;
     wire w;
     begin_two(&w, CW_FD, CW_FD);
     offer(&w, 0, &fd_frame);
@@ -186,9 +174,8 @@ static void receivers_take_any_level_in_the_second_bit(void **state)
 }
 
 /* A controller that goes on between the two bits, as after a step over a clean frame. */
-static void a_sender_between_the_ack_bits_is_acknowledged(void **state)
+TEST(a_sender_between_the_ack_bits_is_acknowledged)
 {
-    (void)state;
     wire w;
     begin_two(&w, CW_FD, CW_FD);
     offer(&w, 0, &fd_frame);
@@ -230,9 +217,8 @@ static bool esi_with_change(cw_frame frame, unsigned tec, unsigned new_tec, cw_f
     return esi;
 }
 
-static void esi_is_decided_when_it_is_sent(void **state)
+TEST(esi_is_decided_when_it_is_sent)
 {
-    (void)state;
     const cw_frame frames[] = {fd_frame, switched};
     for (unsigned i = 0; i < 2; i++) {
         assert_false(esi_with_change(frames[i], 0, 0, CW_FIELD_ESI));
@@ -246,18 +232,16 @@ static void esi_is_decided_when_it_is_sent(void **state)
     }
 }
 
-static void esi_of_the_host_does_not_count(void **state)
+TEST(esi_of_the_host_does_not_count)
 {
-    (void)state;
     cw_frame frame = fd_frame;
     frame.flags |= CW_FRAME_ESI;
     assert_false(esi_with_change(frame, 0, 0, CW_FIELD_SOF));
 }
 
 /* The error state may change while a frame waits. */
-static void the_horizon_knows_the_length_with_esi(void **state)
+TEST(the_horizon_knows_the_length_with_esi)
 {
-    (void)state;
     for (unsigned byte = 0; byte < 256; byte++) {
         wire w;
         cw_frame frame = {.id = byte, .flags = CW_FRAME_FD, .dlc = byte % 4};
@@ -275,9 +259,8 @@ static void the_horizon_knows_the_length_with_esi(void **state)
 
 /* ---- D14, D15 -------------------------------------------------------------------------------- */
 
-static void a_fixed_stuff_bit_is_a_form_error_for_both(void **state)
+TEST(a_fixed_stuff_bit_is_a_form_error_for_both)
 {
-    (void)state;
     for (unsigned n = 0; n < 7; n++) {
         wire w;
         begin_two(&w, CW_FD, CW_FD);
@@ -293,9 +276,8 @@ static void a_fixed_stuff_bit_is_a_form_error_for_both(void **state)
     }
 }
 
-static void a_wrong_stuff_count_is_a_crc_error(void **state)
+TEST(a_wrong_stuff_count_is_a_crc_error)
 {
-    (void)state;
     for (unsigned n = 0; n < 4; n++) {
         wire w;
         begin_two(&w, CW_FD, CW_FD);
@@ -314,9 +296,8 @@ static void a_wrong_stuff_count_is_a_crc_error(void **state)
 
 /* ---- D16, D17 -------------------------------------------------------------------------------- */
 
-static void an_fd_frame_is_an_exception_to_tolerant_nodes(void **state)
+TEST(an_fd_frame_is_an_exception_to_tolerant_nodes)
 {
-    (void)state;
     wire w;
     begin(&w, 3, (const unsigned[]){CW_FD, CW_FD, CW_FD_TOLERANT});
     assert_int_equal(cw_mac_set_counters(&w.node[2].mac, 5, 9), CW_OK);
@@ -338,9 +319,8 @@ static void an_fd_frame_is_an_exception_to_tolerant_nodes(void **state)
     assert_int_equal(cw_mac_rec(&w.node[2].mac), 8);
 }
 
-static void a_recessive_res_is_an_exception_to_fd_nodes(void **state)
+TEST(a_recessive_res_is_an_exception_to_fd_nodes)
 {
-    (void)state;
     for (unsigned off = 0; off < 2; off++) {
         wire w;
         begin_two(&w, CW_FD, CW_FD | (off ? CW_PROTOCOL_NO_EXCEPTION : 0));
@@ -356,9 +336,8 @@ static void a_recessive_res_is_an_exception_to_fd_nodes(void **state)
     }
 }
 
-static void without_exceptions_a_tolerant_node_has_a_form_error(void **state)
+TEST(without_exceptions_a_tolerant_node_has_a_form_error)
 {
-    (void)state;
     wire w;
     begin_two(&w, CW_FD, CW_FD_TOLERANT | CW_PROTOCOL_NO_EXCEPTION);
     offer(&w, 0, &fd_frame);
@@ -369,9 +348,8 @@ static void without_exceptions_a_tolerant_node_has_a_form_error(void **state)
 }
 
 /* The sender is given no frame of another kind: a wrong level of res is its bit error. */
-static void a_sender_has_a_bit_error_in_res(void **state)
+TEST(a_sender_has_a_bit_error_in_res)
 {
-    (void)state;
     wire w;
     begin_two(&w, CW_FD, CW_FD);
     offer(&w, 0, &fd_frame);
@@ -381,9 +359,8 @@ static void a_sender_has_a_bit_error_in_res(void **state)
     assert_int_equal(w.node[0].error.place.field, CW_FIELD_RES);
 }
 
-static void a_classical_node_destroys_fd_frames(void **state)
+TEST(a_classical_node_destroys_fd_frames)
 {
-    (void)state;
     wire w;
     begin(&w, 3, (const unsigned[]){CW_FD, CW_FD, CW_CLASSICAL});
     cw_mac_set_modes(&w.node[0].mac, CW_MODE_ONE_SHOT);
@@ -397,9 +374,8 @@ static void a_classical_node_destroys_fd_frames(void **state)
 }
 
 /* D9: the same identifier in both formats. */
-static void a_classical_frame_is_a_bit_error_to_the_fd_sender(void **state)
+TEST(a_classical_frame_is_a_bit_error_to_the_fd_sender)
 {
-    (void)state;
     wire w;
     begin_two(&w, CW_FD, CW_FD);
     cw_mac_set_modes(&w.node[0].mac, CW_MODE_ONE_SHOT);
@@ -431,9 +407,8 @@ static void assert_restricted(const wire *w, unsigned dominant)
     assert_int_equal(cw_mac_rec(&w->node[1].mac), 9);
 }
 
-static void a_restricted_node_acknowledges_and_sends_nothing(void **state)
+TEST(a_restricted_node_acknowledges_and_sends_nothing)
 {
-    (void)state;
     wire w;
     begin_restricted(&w);
     assert_int_equal(cw_mac_offer(&w.node[1].mac, &fd_frame), CW_REFUSED);
@@ -445,9 +420,8 @@ static void a_restricted_node_acknowledges_and_sends_nothing(void **state)
     assert_restricted(&w, 1);
 }
 
-static void a_restricted_node_keeps_its_offer_for_later(void **state)
+TEST(a_restricted_node_keeps_its_offer_for_later)
 {
-    (void)state;
     wire w;
     begin_two(&w, CW_FD, CW_FD);
     offer(&w, 1, &fd_frame);
@@ -460,9 +434,8 @@ static void a_restricted_node_keeps_its_offer_for_later(void **state)
 }
 
 /* In any bit: an error, or what asks for an overload frame. */
-static void a_restricted_node_answers_no_wrong_bit(void **state)
+TEST(a_restricted_node_answers_no_wrong_bit)
 {
-    (void)state;
     for (unsigned bit = 1; bit < 100; bit++) {
         wire w;
         begin_restricted(&w);
@@ -483,9 +456,8 @@ static void a_restricted_node_answers_no_wrong_bit(void **state)
 
 /* ---- Frames from before ISO 11898-1:2015 ----------------------------------------------------- */
 
-static void non_iso_nodes_understand_each_other(void **state)
+TEST(non_iso_nodes_understand_each_other)
 {
-    (void)state;
     const unsigned non_iso = CW_FD | CW_PROTOCOL_NON_ISO;
     const cw_frame *const frames[] = {&fd_frame, &switched};
     for (unsigned i = 0; i < 2; i++) {
@@ -504,9 +476,8 @@ static void non_iso_nodes_understand_each_other(void **state)
     }
 }
 
-static void non_iso_and_iso_nodes_do_not(void **state)
+TEST(non_iso_and_iso_nodes_do_not)
 {
-    (void)state;
     for (unsigned i = 0; i < 2; i++) {
         wire w;
         begin_two(&w, CW_FD | (i ? CW_PROTOCOL_NON_ISO : 0), CW_FD | (i ? 0 : CW_PROTOCOL_NON_ISO));
@@ -518,9 +489,8 @@ static void non_iso_and_iso_nodes_do_not(void **state)
     }
 }
 
-static void a_good_non_iso_frame_follows_one_with_a_crc_error(void **state)
+TEST(a_good_non_iso_frame_follows_one_with_a_crc_error)
 {
-    (void)state;
     const unsigned non_iso = CW_FD | CW_PROTOCOL_NON_ISO;
     wire w;
     begin_two(&w, non_iso, non_iso);
@@ -532,34 +502,4 @@ static void a_good_non_iso_frame_follows_one_with_a_crc_error(void **state)
     assert_int_equal(w.node[1].error.type, CW_ERROR_CRC);
     assert_true(w.node[1].what & CW_REPORT_RX);
     assert_int_equal(cw_mac_tec(&w.node[0].mac), 7);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_protocol_needs_its_part),
-        cmocka_unit_test(only_fd_nodes_take_offers_of_fd_frames),
-        cmocka_unit_test(a_new_protocol_leaves_the_bus_and_withdraws_the_offer),
-        cmocka_unit_test(either_bit_acknowledges),
-        cmocka_unit_test(receivers_take_any_level_in_the_second_bit),
-        cmocka_unit_test(a_sender_between_the_ack_bits_is_acknowledged),
-        cmocka_unit_test(esi_is_decided_when_it_is_sent),
-        cmocka_unit_test(esi_of_the_host_does_not_count),
-        cmocka_unit_test(the_horizon_knows_the_length_with_esi),
-        cmocka_unit_test(a_fixed_stuff_bit_is_a_form_error_for_both),
-        cmocka_unit_test(a_wrong_stuff_count_is_a_crc_error),
-        cmocka_unit_test(an_fd_frame_is_an_exception_to_tolerant_nodes),
-        cmocka_unit_test(a_recessive_res_is_an_exception_to_fd_nodes),
-        cmocka_unit_test(without_exceptions_a_tolerant_node_has_a_form_error),
-        cmocka_unit_test(a_sender_has_a_bit_error_in_res),
-        cmocka_unit_test(a_classical_node_destroys_fd_frames),
-        cmocka_unit_test(a_classical_frame_is_a_bit_error_to_the_fd_sender),
-        cmocka_unit_test(a_restricted_node_acknowledges_and_sends_nothing),
-        cmocka_unit_test(a_restricted_node_keeps_its_offer_for_later),
-        cmocka_unit_test(a_restricted_node_answers_no_wrong_bit),
-        cmocka_unit_test(non_iso_nodes_understand_each_other),
-        cmocka_unit_test(non_iso_and_iso_nodes_do_not),
-        cmocka_unit_test(a_good_non_iso_frame_follows_one_with_a_crc_error),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

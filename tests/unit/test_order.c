@@ -143,16 +143,14 @@ static size_t run(uint64_t seed, uint64_t fifo, bool stepping, bool own)
     return count;
 }
 
-static void queues_by_priority_never_win_improperly(void **state)
+TEST(queues_by_priority_never_win_improperly)
 {
-    (void)state;
     for (uint64_t seed = 0; seed < SEEDS; seed++)
         assert_int_equal(run(seed, 0, seed % 4 == 1, seed % 4 == 2), 0);
 }
 
-static void each_frame_that_waits_in_the_wrong_place_is_told(void **state)
+TEST(each_frame_that_waits_in_the_wrong_place_is_told)
 {
-    (void)state;
     size_t told = 0;
     for (uint64_t seed = 0; seed < SEEDS; seed++)
         told += run(seed, seed, seed % 4 == 1, seed % 4 == 2);
@@ -160,9 +158,8 @@ static void each_frame_that_waits_in_the_wrong_place_is_told(void **state)
 }
 
 /* It is counted also when nobody wants the event. */
-static void an_unwanted_event_is_counted(void **state)
+TEST(an_unwanted_event_is_counted)
 {
-    (void)state;
     rig *r = rig_new(2);
     r->nodes[0].order = CW_ORDER_FIFO;
     rig_start(r);
@@ -178,9 +175,8 @@ static void an_unwanted_event_is_counted(void **state)
 }
 
 /* Nodes on different wires do not compete. */
-static void another_wire_has_its_own_order(void **state)
+TEST(another_wire_has_its_own_order)
 {
-    (void)state;
     rig *r = rig_new(4);
     r->rules[r->config.rule_count++] =
         (cw_rule){.name = "cut", .action = CW_ACTION_PARTITION, .trigger = CW_TRIGGER_TIME,
@@ -195,15 +191,4 @@ static void another_wire_has_its_own_order(void **state)
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
     assert_int_equal(rig_count(r, CW_EVENT_IMPROPER, -1), 0);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(queues_by_priority_never_win_improperly),
-        cmocka_unit_test(each_frame_that_waits_in_the_wrong_place_is_told),
-        cmocka_unit_test(an_unwanted_event_is_counted),
-        cmocka_unit_test(another_wire_has_its_own_order),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,15 +2,8 @@
  *
  * test_point.c - a controller put into the middle of a frame is where a receiver comes by its bits.
  */
+#include "cases.h"
 #include "mac/mac.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define FRAMES 2000
 
@@ -66,9 +59,8 @@ static void assert_same_point(const cw_mac *a, const cw_mac *b, const cw_bits *b
     assert_int_equal(a->role, b->role);
 }
 
-static void a_point_in_a_frame_is_where_its_bits_lead_to(void **state)
+TEST(a_point_in_a_frame_is_where_its_bits_lead_to)
 {
-    (void)state;
     uint64_t seed = 1;
     for (unsigned i = 0; i < FRAMES; i++) {
         const cw_frame frame = random_frame(&seed);
@@ -82,12 +74,4 @@ static void a_point_in_a_frame_is_where_its_bits_lead_to(void **state)
             assert_same_point(&placed, &stepped, &bits, n);
         }
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_point_in_a_frame_is_where_its_bits_lead_to),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -39,9 +39,8 @@ static unsigned take(bench *b)
 }
 
 /* M1, and M3 for frames of one node. */
-static void priority_is_that_of_arbitration(void **state)
+TEST(priority_is_that_of_arbitration)
 {
-    (void)state;
     bench b;
     open_queue(&b, SLOTS, CW_ORDER_PRIORITY);
     put(&b, 0x7FF, 0, 6);
@@ -55,9 +54,8 @@ static void priority_is_that_of_arbitration(void **state)
     assert_int_equal(b.queue.count, 0);
 }
 
-static void equal_identifiers_stay_in_order_remote_or_not(void **state)
+TEST(equal_identifiers_stay_in_order_remote_or_not)
 {
-    (void)state;
     bench b;
     open_queue(&b, SLOTS, CW_ORDER_PRIORITY);
     for (uint8_t mark = 1; mark <= 10; mark++)
@@ -66,9 +64,8 @@ static void equal_identifiers_stay_in_order_remote_or_not(void **state)
         assert_int_equal(take(&b), mark);
 }
 
-static void fifo_is_first_in_first_out(void **state)
+TEST(fifo_is_first_in_first_out)
 {
-    (void)state;
     bench b;
     open_queue(&b, SLOTS, CW_ORDER_FIFO);
     for (uint8_t mark = 0; mark < SLOTS; mark++)
@@ -77,9 +74,8 @@ static void fifo_is_first_in_first_out(void **state)
         assert_int_equal(take(&b), mark);
 }
 
-static void a_full_queue_takes_nothing(void **state)
+TEST(a_full_queue_takes_nothing)
 {
-    (void)state;
     bench b;
     cw_frame urgent = {.id = 0};
     open_queue(&b, 3, CW_ORDER_PRIORITY);
@@ -164,9 +160,8 @@ static void remove_both(bench *b, slow_queue *slow, bool first, rig_random *rand
     slow->entries[i] = slow->entries[--slow->count];
 }
 
-static void random_use_agrees_with_a_slow_model(void **state)
+TEST(random_use_agrees_with_a_slow_model)
 {
-    (void)state;
     rig_random random = {77};
     slow_queue slow = {.count = 0};
     bench b;
@@ -182,16 +177,4 @@ static void random_use_agrees_with_a_slow_model(void **state)
             while (slow.count)
                 remove_both(&b, &slow, true, &random);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(priority_is_that_of_arbitration),
-        cmocka_unit_test(equal_identifiers_stay_in_order_remote_or_not),
-        cmocka_unit_test(fifo_is_first_in_first_out),
-        cmocka_unit_test(a_full_queue_takes_nothing),
-        cmocka_unit_test(random_use_agrees_with_a_slow_model),
-    };
-    return cmocka_run_group_tests_name("queue", tests, NULL, NULL);
 }

@@ -7,6 +7,7 @@
  *
  * Each case runs in single bits and in fast ones, with the sender before and behind the receivers.
  */
+#include "cases.h"
 #include "rules.h"
 
 #define HANDED_IN 100u /* tick of the frame */
@@ -73,9 +74,8 @@ typedef struct place {
 static const place places[] = {
     {CW_FIELD_CRC_DELIMITER, 0}, {CW_FIELD_EOF, 0}, {CW_FIELD_EOF, 5}};
 
-static void a_sender_that_goes_bus_off_by_an_error_is_the_sender(void **state)
+TEST(a_sender_that_goes_bus_off_by_an_error_is_the_sender)
 {
-    (void)state;
     for (unsigned variant = 0; variant < 4 * 3; variant++) {
         senders_case c = new_case(variant);
         set_counters(&c, 250);
@@ -90,9 +90,8 @@ static void a_sender_that_goes_bus_off_by_an_error_is_the_sender(void **state)
 }
 
 /* L1: it sends no flag, and waits for the bus to be idle at once. */
-static void a_time_triggered_sender_with_an_error_is_the_sender(void **state)
+TEST(a_time_triggered_sender_with_an_error_is_the_sender)
 {
-    (void)state;
     for (unsigned variant = 0; variant < 4 * 3; variant++) {
         senders_case c = new_case(variant);
         c.r->nodes[c.sender].modes = CW_MODE_TIME_TRIGGERED;
@@ -126,9 +125,8 @@ static void leave(const senders_case *c, unsigned how)
 }
 
 /* Its host or a rule takes it away in the EOF. */
-static void a_sender_that_is_taken_away_is_the_sender(void **state)
+TEST(a_sender_that_is_taken_away_is_the_sender)
 {
-    (void)state;
     for (unsigned variant = 0; variant < 4 * 7; variant++) {
         senders_case c = new_case(variant);
         start(&c, variant);
@@ -146,9 +144,8 @@ static void a_sender_that_is_taken_away_is_the_sender(void **state)
 
 /* Nobody acknowledges. The next frame takes the place of the first one in the queue, before the
  * listener has that. */
-static void a_frame_that_was_given_up_keeps_its_time(void **state)
+TEST(a_frame_that_was_given_up_keeps_its_time)
 {
-    (void)state;
     for (unsigned stepping = 0; stepping < 2; stepping++) {
         rig *r = rig_new(2);
         const cw_frame f = rig_frame(0x123, 0, 1), next = rig_frame(0x124, 0, 1);
@@ -175,9 +172,8 @@ static void a_frame_that_was_given_up_keeps_its_time(void **state)
 /* ---- A sender that is still at a frame before ------------------------------------------------ */
 
 /* Its receiver sticks behind its frame, so it waits for the end of the overload flag of others. */
-static void a_node_that_is_stuck_behind_its_frame_is_no_sender(void **state)
+TEST(a_node_that_is_stuck_behind_its_frame_is_no_sender)
 {
-    (void)state;
     for (unsigned variant = 0; variant < 4; variant++) {
         senders_case c = new_case(variant);
         const cw_frame second = rig_frame(0x222, 0, 1);
@@ -199,16 +195,4 @@ static void a_node_that_is_stuck_behind_its_frame_is_no_sender(void **state)
         assert_int_equal(last->handed_in, 300);
         rig_free(c.r);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_sender_that_goes_bus_off_by_an_error_is_the_sender),
-        cmocka_unit_test(a_time_triggered_sender_with_an_error_is_the_sender),
-        cmocka_unit_test(a_sender_that_is_taken_away_is_the_sender),
-        cmocka_unit_test(a_frame_that_was_given_up_keeps_its_time),
-        cmocka_unit_test(a_node_that_is_stuck_behind_its_frame_is_no_sender),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -26,9 +26,8 @@ static void be_idle(cw_mac *m)
     assert_int_equal(cw_mac_get_phase(m), CW_MAC_IDLE);
 }
 
-static void a_controller_sleeps_and_integrates(void **state)
+TEST(a_controller_sleeps_and_integrates)
 {
-    (void)state;
     cw_mac m;
     cw_mac_init(&m, 0, 96);
     cw_mac_sleep(&m); /* while it integrates */
@@ -47,9 +46,8 @@ static void a_controller_sleeps_and_integrates(void **state)
 }
 
 /* It acknowledges the frame, and falls asleep with the last bit of the intermission. */
-static void a_controller_finishes_the_frame_on_the_bus(void **state)
+TEST(a_controller_finishes_the_frame_on_the_bus)
 {
-    (void)state;
     const cw_frame frame = rig_frame(0x123, 0, 2);
     cw_bits bits;
     assert_int_equal(cw_bits_encode(&bits, &frame), CW_OK);
@@ -73,9 +71,8 @@ static void a_controller_finishes_the_frame_on_the_bus(void **state)
     }
 }
 
-static void a_request_can_be_taken_back(void **state)
+TEST(a_request_can_be_taken_back)
 {
-    (void)state;
     cw_mac m;
     be_idle(&m);
     (void)sample(&m, CW_DOMINANT);
@@ -88,9 +85,8 @@ static void a_request_can_be_taken_back(void **state)
 }
 
 /* A line that is cut is recessive: the controller sleeps when it is joined again. */
-static void a_cut_controller_stays_asleep(void **state)
+TEST(a_cut_controller_stays_asleep)
 {
-    (void)state;
     cw_mac m;
     be_idle(&m);
     cw_mac_disconnect(&m);
@@ -107,9 +103,8 @@ static void a_cut_controller_stays_asleep(void **state)
     assert_true(sample(&m, CW_RECESSIVE) & CW_REPORT_SLEEP);
 }
 
-static void a_filter_measures_dominant_phases(void **state)
+TEST(a_filter_measures_dominant_phases)
 {
-    (void)state;
     cw_wake_filter f = {.length = 5};
     assert_false(cw_wake_filter_take(&f, CW_DOMINANT, 4));
     assert_false(cw_wake_filter_take(&f, CW_RECESSIVE, 1));
@@ -155,9 +150,8 @@ static cw_sleep_stats stats_of(const rig *r, unsigned node)
 
 /* SOF and four bits of 000# are dominant from bit JOIN on. The end of the filter time lies in one
  * of these bits, and the event comes at the end of that one. */
-static void a_dominant_phase_wakes_a_node(void **state)
+TEST(a_dominant_phase_wakes_a_node)
 {
-    (void)state;
     const cw_frame zeros = rig_frame(0, 0, 0);
     for (way w = 0; w < WAYS; w++)
         for (uint64_t ticks = 0; ticks <= 5 * BIT + 1; ticks += BIT / 16) {
@@ -182,9 +176,8 @@ static void a_dominant_phase_wakes_a_node(void **state)
 }
 
 /* By a clock of its own the node looks at the end of each quantum, a sixteenth of a bit. */
-static void a_pulse_wakes_a_node(void **state)
+TEST(a_pulse_wakes_a_node)
 {
-    (void)state;
     for (unsigned sixteenths = 1; sixteenths <= 32; sixteenths++) {
         rig *r = rig_new(2);
         cw_rule *pulse = rig_flip(r, "pulse", CW_FIELD_NONE, 0);
@@ -205,9 +198,8 @@ static void a_pulse_wakes_a_node(void **state)
 }
 
 /* Nobody acknowledges: the sender gets ACK errors. */
-static void a_sleeping_node_neither_acknowledges_nor_signals(void **state)
+TEST(a_sleeping_node_neither_acknowledges_nor_signals)
 {
-    (void)state;
     const cw_frame frame = rig_frame(ALTERNATING, 0, 0);
     for (way w = 0; w < WAYS; w++) {
         rig *r = begin(w, 3);
@@ -233,9 +225,8 @@ static void a_sleeping_node_neither_acknowledges_nor_signals(void **state)
     }
 }
 
-static void frames_wake_those_that_want_them(void **state)
+TEST(frames_wake_those_that_want_them)
 {
-    (void)state;
     const cw_frame first = rig_frame(0x100, 0, 1), second = rig_frame(0x101, 0, 1);
     for (way w = 0; w < WAYS; w++) {
         rig *r = begin(w, 4);
@@ -267,9 +258,8 @@ static void frames_wake_those_that_want_them(void **state)
 }
 
 /* It is woken for good: a later dominant phase does not begin the wake time anew. */
-static void a_node_needs_a_time_to_wake_up(void **state)
+TEST(a_node_needs_a_time_to_wake_up)
 {
-    (void)state;
     const cw_frame zeros = rig_frame(0, 0, 0);
     for (way w = 0; w < WAYS; w++) {
         rig *r = begin(w, 3);
@@ -293,9 +283,8 @@ static void a_node_needs_a_time_to_wake_up(void **state)
 
 /* ---- Hosts ----------------------------------------------------------------------------------- */
 
-static void frames_wait_until_the_host_wakes_its_node(void **state)
+TEST(frames_wait_until_the_host_wakes_its_node)
 {
-    (void)state;
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (way w = 0; w < WAYS; w++) {
         rig *r = begin(w, 2);
@@ -321,9 +310,8 @@ static void frames_wait_until_the_host_wakes_its_node(void **state)
 }
 
 /* A bus on which all sleeps is at rest, and skips any time at once. */
-static void a_bus_asleep_is_at_rest(void **state)
+TEST(a_bus_asleep_is_at_rest)
 {
-    (void)state;
     for (way w = 0; w < WAYS; w++) {
         rig *r = begin(w, 64);
         for (unsigned i = 0; i < 64; i++) {
@@ -344,9 +332,8 @@ static void a_bus_asleep_is_at_rest(void **state)
     }
 }
 
-static void settings_are_kept_and_checked(void **state)
+TEST(settings_are_kept_and_checked)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_settings now, s = {.which = CW_SET_SLEEP | CW_SET_WAKE | CW_SET_MODES, .sleeps = true,
                           .modes_mask = CW_MODE_ONE_SHOT, .modes = CW_MODE_ONE_SHOT,
@@ -377,9 +364,8 @@ static void settings_are_kept_and_checked(void **state)
 }
 
 /* From a dominant phase to frames and back, while it sleeps. */
-static void what_wakes_a_node_can_change_while_it_sleeps(void **state)
+TEST(what_wakes_a_node_can_change_while_it_sleeps)
 {
-    (void)state;
     const cw_frame zeros = rig_frame(0, 0, 0);
     const cw_settings frames = {.which = CW_SET_WAKE_ON,
                                 .sleep = {.frame_count = 1, .frames = {{.value = 1, .mask = 7}}}};
@@ -414,9 +400,8 @@ static cw_rule *at_time(rig *r, cw_action action, uint64_t bits)
     return rule;
 }
 
-static void counters_last_and_bus_off_ends_a_sleep(void **state)
+TEST(counters_last_and_bus_off_ends_a_sleep)
 {
-    (void)state;
     for (unsigned frames = 0; frames < 2; frames++) {
         rig *r = rig_new(2);
         at_time(r, CW_ACTION_COUNTERS, 10)->tec = 130;
@@ -449,9 +434,8 @@ static void counters_last_and_bus_off_ends_a_sleep(void **state)
     }
 }
 
-static void a_sleeping_node_has_a_link(void **state)
+TEST(a_sleeping_node_has_a_link)
 {
-    (void)state;
     const cw_frame zeros = rig_frame(0, 0, 0);
     for (unsigned frames = 0; frames < 2; frames++) {
         rig *r = rig_new(3);
@@ -474,9 +458,8 @@ static void a_sleeping_node_has_a_link(void **state)
     }
 }
 
-static void rules_see_that_a_node_sleeps(void **state)
+TEST(rules_see_that_a_node_sleeps)
 {
-    (void)state;
     const cw_frame frame = rig_frame(ALTERNATING, 0, 0);
     rig *r = rig_new(3);
     cw_rule *rule = rig_flip(r, "flip", CW_FIELD_ID, 0);
@@ -496,9 +479,8 @@ static void rules_see_that_a_node_sleeps(void **state)
 }
 
 /* A cut line is recessive, so a node that shall sleep does so at once. */
-static void a_cut_node_falls_asleep(void **state)
+TEST(a_cut_node_falls_asleep)
 {
-    (void)state;
     rig *r = rig_new(3);
     const cw_frame zeros = rig_frame(0, 0, 0);
     cw_rule *cut = at_time(r, CW_ACTION_DISCONNECT, 30);
@@ -538,9 +520,8 @@ static rig *take_over(rig *old, bool frames)
     return r;
 }
 
-static void sleep_goes_on_in_another_bus(void **state)
+TEST(sleep_goes_on_in_another_bus)
 {
-    (void)state;
     const cw_frame zeros = rig_frame(0, 0, 0);
     for (unsigned how = 0; how < 4 * WAYS; how++) {
         rig *old = rig_new(3);
@@ -567,9 +548,8 @@ static void sleep_goes_on_in_another_bus(void **state)
     }
 }
 
-static void a_wake_up_goes_on_in_another_bus(void **state)
+TEST(a_wake_up_goes_on_in_another_bus)
 {
-    (void)state;
     rig *old = rig_new(3);
     old->nodes[1].sleeps = true;
     old->nodes[1].sleep.wake_ticks = 200 * BIT;
@@ -584,31 +564,4 @@ static void a_wake_up_goes_on_in_another_bus(void **state)
     assert_int_equal(stats_of(r, 1).ticks, 250 * BIT);
     rig_free(old);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_controller_sleeps_and_integrates),
-        cmocka_unit_test(a_controller_finishes_the_frame_on_the_bus),
-        cmocka_unit_test(a_request_can_be_taken_back),
-        cmocka_unit_test(a_cut_controller_stays_asleep),
-        cmocka_unit_test(a_filter_measures_dominant_phases),
-        cmocka_unit_test(a_dominant_phase_wakes_a_node),
-        cmocka_unit_test(a_pulse_wakes_a_node),
-        cmocka_unit_test(a_sleeping_node_neither_acknowledges_nor_signals),
-        cmocka_unit_test(frames_wake_those_that_want_them),
-        cmocka_unit_test(a_node_needs_a_time_to_wake_up),
-        cmocka_unit_test(frames_wait_until_the_host_wakes_its_node),
-        cmocka_unit_test(a_bus_asleep_is_at_rest),
-        cmocka_unit_test(settings_are_kept_and_checked),
-        cmocka_unit_test(what_wakes_a_node_can_change_while_it_sleeps),
-        cmocka_unit_test(counters_last_and_bus_off_ends_a_sleep),
-        cmocka_unit_test(a_sleeping_node_has_a_link),
-        cmocka_unit_test(rules_see_that_a_node_sleeps),
-        cmocka_unit_test(a_cut_node_falls_asleep),
-        cmocka_unit_test(sleep_goes_on_in_another_bus),
-        cmocka_unit_test(a_wake_up_goes_on_in_another_bus),
-    };
-    return cmocka_run_group_tests_name("sleep", tests, NULL, NULL);
 }

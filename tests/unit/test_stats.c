@@ -12,9 +12,8 @@
 
 /* ---- Delays ---------------------------------------------------------------------------------- */
 
-static void buckets_are_four_an_octave_without_gaps(void **state)
+TEST(buckets_are_four_an_octave_without_gaps)
 {
-    (void)state;
     assert_int_equal(cw_delay_bucket_ticks(0), 0);
     for (unsigned b = 1; b < CW_DELAY_BUCKETS; b++)
         assert_true(cw_delay_bucket_ticks(b) > cw_delay_bucket_ticks(b - 1));
@@ -22,9 +21,8 @@ static void buckets_are_four_an_octave_without_gaps(void **state)
         assert_int_equal(cw_delay_bucket_ticks(b + 4), 2 * cw_delay_bucket_ticks(b));
 }
 
-static void a_delay_goes_into_the_bucket_of_its_edges(void **state)
+TEST(a_delay_goes_into_the_bucket_of_its_edges)
 {
-    (void)state;
     for (unsigned b = 0; b < CW_DELAY_BUCKETS; b++) {
         cw_delay first = {.count = 0};
         cw_delay last = {.count = 0};
@@ -56,9 +54,8 @@ static uint64_t edge_above(uint64_t ticks, uint64_t max)
     return max;
 }
 
-static void quantiles_are_exact_up_to_the_bucket(void **state)
+TEST(quantiles_are_exact_up_to_the_bucket)
 {
-    (void)state;
     static uint64_t all[SAMPLES];
     rig_random random = {99};
     cw_delay delay = {.count = 0};
@@ -82,9 +79,8 @@ static void quantiles_are_exact_up_to_the_bucket(void **state)
     }
 }
 
-static void no_delay_has_no_quantile(void **state)
+TEST(no_delay_has_no_quantile)
 {
-    (void)state;
     cw_delay delay = {.count = 0};
     assert_int_equal(cw_delay_quantile_ticks(&delay, 500), 0);
     cw_delay_add(&delay, 5000);
@@ -95,9 +91,8 @@ static void no_delay_has_no_quantile(void **state)
 /* ---- Load ------------------------------------------------------------------------------------ */
 
 /* Busy are SOF to the third intermission bit: a frame of L bits takes L + 3. */
-static void busy_bits_are_the_frame_and_its_intermission(void **state)
+TEST(busy_bits_are_the_frame_and_its_intermission)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 4);
     unsigned length = model_encode(&f).length;
@@ -118,9 +113,8 @@ static void busy_bits_are_the_frame_and_its_intermission(void **state)
     rig_free(r);
 }
 
-static void a_saturated_bus_is_at_full_load(void **state)
+TEST(a_saturated_bus_is_at_full_load)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 8);
     rig_start(r);
@@ -137,9 +131,8 @@ static void a_saturated_bus_is_at_full_load(void **state)
 }
 
 /* The second is made of ten slices of 100 ms; the present one and the nine before it count. */
-static void load_of_the_last_second_slides(void **state)
+TEST(load_of_the_last_second_slides)
 {
-    (void)state;
     enum { SLICE = SECOND_BITS / 10, SLICES = 35 };
     uint64_t busy[SLICES + 1] = {0}; /* up to the beginning of each slice */
     rig *r = rig_new(2);
@@ -164,9 +157,8 @@ static void load_of_the_last_second_slides(void **state)
 /* ---- Counters -------------------------------------------------------------------------------- */
 
 /* Delay: from hand-in, in the middle of a bit too, to the end of EOF. */
-static void delay_is_from_hand_in_to_the_end_of_eof(void **state)
+TEST(delay_is_from_hand_in_to_the_end_of_eof)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame first = rig_frame(0x100, 0, 8);
     cw_frame second = rig_frame(0x200, 0, 0);
@@ -232,9 +224,8 @@ static void hand_in_random_frames(rig *r, unsigned frames)
     }
 }
 
-static void frames_are_conserved(void **state)
+TEST(frames_are_conserved)
 {
-    (void)state;
     rig *r = new_busy_bus();
     hand_in_random_frames(r, 1500);
     for (unsigned bits = 0; bits <= 200000; bits += 977) {
@@ -253,9 +244,8 @@ static void frames_are_conserved(void **state)
     rig_free(r);
 }
 
-static void counters_agree_with_events(void **state)
+TEST(counters_agree_with_events)
 {
-    (void)state;
     rig *r = new_busy_bus();
     hand_in_random_frames(r, 1000);
     rig_run_bits(r, 200000);
@@ -280,9 +270,8 @@ static void counters_agree_with_events(void **state)
 
 /* Three attempts spoilt, the fourth good: three retransmissions and three error frames, each of
  * which is one although the flags of all nodes are superposed. */
-static void retransmissions_and_error_frames(void **state)
+TEST(retransmissions_and_error_frames)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 2);
     rig_flip(r, "three", CW_FIELD_DATA, 5)->count = 3;
@@ -304,9 +293,8 @@ static void retransmissions_and_error_frames(void **state)
 }
 
 /* An attempt after lost arbitration is a retransmission too. */
-static void attempts_after_lost_arbitration_count(void **state)
+TEST(attempts_after_lost_arbitration_count)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame high = rig_frame(0x100, 0, 0);
     cw_frame low = rig_frame(0x101, 0, 0);
@@ -320,9 +308,8 @@ static void attempts_after_lost_arbitration_count(void **state)
     rig_free(r);
 }
 
-static void queue_depth_and_its_peak(void **state)
+TEST(queue_depth_and_its_peak)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 0);
     rig_start(r);
@@ -338,9 +325,8 @@ static void queue_depth_and_its_peak(void **state)
     rig_free(r);
 }
 
-static void what_does_not_exist_has_no_statistics(void **state)
+TEST(what_does_not_exist_has_no_statistics)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_node_stats node;
     cw_rule_stats rule;
@@ -348,25 +334,4 @@ static void what_does_not_exist_has_no_statistics(void **state)
     assert_int_equal(cw_node_get_stats(r->bus, 2, &node), CW_INVALID);
     assert_int_equal(cw_rule_get_stats(r->bus, 0, &rule), CW_INVALID);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(buckets_are_four_an_octave_without_gaps),
-        cmocka_unit_test(a_delay_goes_into_the_bucket_of_its_edges),
-        cmocka_unit_test(quantiles_are_exact_up_to_the_bucket),
-        cmocka_unit_test(no_delay_has_no_quantile),
-        cmocka_unit_test(busy_bits_are_the_frame_and_its_intermission),
-        cmocka_unit_test(a_saturated_bus_is_at_full_load),
-        cmocka_unit_test(load_of_the_last_second_slides),
-        cmocka_unit_test(delay_is_from_hand_in_to_the_end_of_eof),
-        cmocka_unit_test(frames_are_conserved),
-        cmocka_unit_test(counters_agree_with_events),
-        cmocka_unit_test(retransmissions_and_error_frames),
-        cmocka_unit_test(attempts_after_lost_arbitration_count),
-        cmocka_unit_test(queue_depth_and_its_peak),
-        cmocka_unit_test(what_does_not_exist_has_no_statistics),
-    };
-    return cmocka_run_group_tests_name("statistics", tests, NULL, NULL);
 }

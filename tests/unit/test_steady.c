@@ -3,15 +3,8 @@
  * test_steady.c - a controller that takes several bits at once reaches the same state as one by
  * one. It neither drives nor reports anything new in them.
  */
+#include "cases.h"
 #include "mac/mac.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define WALKS 4000
 #define WALK_BITS 400
@@ -121,9 +114,8 @@ static void disturb(cw_mac *m, uint64_t *seed)
         cw_mac_wake(m);
 }
 
-static void steady_bits_can_be_taken_at_once(void **state)
+TEST(steady_bits_can_be_taken_at_once)
 {
-    (void)state;
     uint64_t seed = 1;
     uint64_t steady[CW_MAC_PHASE_COUNT][2] = {{0}};
     for (unsigned walk = 0; walk < WALKS; walk++) {
@@ -199,9 +191,8 @@ static uint64_t walk_frame(cw_mac *m, const cw_frame *frame, uint64_t *seed)
     return steady;
 }
 
-static void steady_bits_of_fd_frames_can_be_taken_at_once(void **state)
+TEST(steady_bits_of_fd_frames_can_be_taken_at_once)
 {
-    (void)state;
     static const unsigned protocols[] = {CW_FD, CW_FD | CW_PROTOCOL_NON_ISO, CW_FD_TOLERANT,
                                          CW_CLASSICAL};
     uint64_t seed = 2;
@@ -229,9 +220,8 @@ static void take_bits(cw_mac *m, const cw_bits *bits, unsigned count)
 }
 
 /* Whatever both have received before, and then take the rest of the frame alike. */
-static void controllers_at_one_point_stay_together(void **state)
+TEST(controllers_at_one_point_stay_together)
 {
-    (void)state;
     uint64_t seed = 3;
     for (unsigned i = 0; i < POINTS; i++) {
         cw_mac a, b;
@@ -257,14 +247,4 @@ static void controllers_at_one_point_stay_together(void **state)
         assert_true(cw_frame_equal(cw_mac_received(&a), &frame));
         assert_int_equal(cw_mac_get_phase(&a), CW_MAC_INTERMISSION);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(steady_bits_of_fd_frames_can_be_taken_at_once),
-        cmocka_unit_test(controllers_at_one_point_stay_together),
-        cmocka_unit_test(steady_bits_can_be_taken_at_once),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

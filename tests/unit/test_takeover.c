@@ -2,6 +2,7 @@
  *
  * test_takeover.c - a bus that takes over from another one: what goes on, and what begins anew.
  */
+#include "cases.h"
 #include "rules.h"
 
 #include "state/state.h"
@@ -15,9 +16,8 @@ static rig *successor(unsigned nodes)
 }
 
 /* However often the bus is exchanged, the trace is that of one. */
-static void a_bus_that_takes_over_goes_on(void **state)
+TEST(a_bus_that_takes_over_goes_on)
 {
-    (void)state;
     static const uint8_t same[] = {0, 1, 2};
     rig_random random = {.state = 11};
     rig *one = rig_new(3);
@@ -54,12 +54,11 @@ static void a_bus_that_takes_over_goes_on(void **state)
 
 /* A rule with a period keeps to its grid: it begins neither anew nor at once. So does one that is
  * added late. */
-static void times_of_a_rule_go_on_when_taking_over(void **state)
+TEST(times_of_a_rule_go_on_when_taking_over)
 {
     static const uint8_t same[] = {0, 1, 2};
     cw_rule again = probe("again", CW_TRIGGER_TIME);
     unsigned index;
-    (void)state;
     again.time_begin = 30 * BIT;
     again.again_ticks = 100 * BIT;
     again.time_end = 430 * BIT;
@@ -90,9 +89,8 @@ static void times_of_a_rule_go_on_when_taking_over(void **state)
 }
 
 /* Nodes come, go and change places; frames and counters go with their node. */
-static void nodes_are_matched_when_taking_over(void **state)
+TEST(nodes_are_matched_when_taking_over)
 {
-    (void)state;
     static const uint8_t from[] = {CW_NO_NODE, 2, 0};
     rig *old = rig_new(3);
     cw_rule *set = rig_rule(old, new_rule("tec", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
@@ -134,9 +132,8 @@ static void nodes_are_matched_when_taking_over(void **state)
 }
 
 /* The settings are those of the new configuration, at once. */
-static void settings_are_the_new_ones_when_taking_over(void **state)
+TEST(settings_are_the_new_ones_when_taking_over)
 {
-    (void)state;
     static const uint8_t same[] = {0, 1, 2, 3};
     const cw_frame frame = rig_frame(0x123, 0, 0);
     rig *old = rig_new(4);
@@ -199,17 +196,15 @@ static unsigned run_frames_that_are_left(bool partitioned)
     return taken;
 }
 
-static void a_frame_that_its_transmitter_leaves_is_foreseen(void **state)
+TEST(a_frame_that_its_transmitter_leaves_is_foreseen)
 {
-    (void)state;
     assert_in_range(run_frames_that_are_left(false), 64, 64 * 16);
     assert_in_range(run_frames_that_are_left(true), 64, 64 * 16);
 }
 
 /* A smaller queue keeps what goes first, not what has lost an arbitration before. */
-static void a_smaller_queue_keeps_the_first_frames(void **state)
+TEST(a_smaller_queue_keeps_the_first_frames)
 {
-    (void)state;
     static const uint8_t same[] = {0, 1, 2};
     const cw_frame low = rig_frame(0x300, 0, 0);
     const cw_frame middle = rig_frame(0x200, 0, 0);
@@ -238,9 +233,8 @@ static void a_smaller_queue_keeps_the_first_frames(void **state)
 }
 
 /* A wrong CRC on the wire stays wrong; the repetition is right. */
-static void a_wrong_crc_is_taken_over(void **state)
+TEST(a_wrong_crc_is_taken_over)
 {
-    (void)state;
     static const uint8_t same[] = {0, 1};
     const cw_frame frame = rig_frame(0x123, 0, 0);
     rig *old = rig_new(2);
@@ -261,9 +255,8 @@ static void a_wrong_crc_is_taken_over(void **state)
 }
 
 /* Nodes have other numbers on the new bus, and one is removed. */
-static void the_sender_of_a_held_frame_is_renumbered(void **state)
+TEST(the_sender_of_a_held_frame_is_renumbered)
 {
-    (void)state;
     static const uint8_t turned[] = {2, 1, 0};
     static const uint8_t without[] = {CW_NO_NODE, 1, 2};
     const cw_frame frame = rig_frame(0x123, 0, 0);
@@ -288,9 +281,8 @@ static void the_sender_of_a_held_frame_is_renumbered(void **state)
 }
 
 /* Rules start anew: effects of the old ones have ended, but frames that they held back go on. */
-static void old_rules_end_when_taken_over(void **state)
+TEST(old_rules_end_when_taken_over)
 {
-    (void)state;
     static const uint8_t same[] = {0, 1, 2};
     const cw_frame frame = rig_frame(0x123, 0, 0);
     rig *old = rig_new(3);
@@ -327,9 +319,8 @@ static void old_rules_end_when_taken_over(void **state)
 
 /* Receivers get it when its transmitter has left it behind the CRC: a controller of the new kind
  * cannot send it. They get the time of that frame, which has no place in the queue any more. */
-static void a_frame_that_its_new_controller_does_not_know_has_its_time(void **state)
+TEST(a_frame_that_its_new_controller_does_not_know_has_its_time)
 {
-    (void)state;
     static const uint8_t same[] = {0, 1};
     const cw_frame frame = rig_frame(0x123, CW_FRAME_EXTENDED, 0);
     const unsigned bits = cw_frame_wire_bits(&frame);
@@ -355,9 +346,8 @@ static void a_frame_that_its_new_controller_does_not_know_has_its_time(void **st
 }
 
 /* Two nodes cannot both go on as one: its frames would be there twice. */
-static void a_node_is_taken_over_once(void **state)
+TEST(a_node_is_taken_over_once)
 {
-    (void)state;
     static const uint8_t twice[] = {0, 0};
     static const uint8_t once[] = {0, CW_NO_NODE};
     rig *old = rig_new(2);
@@ -373,22 +363,4 @@ static void a_node_is_taken_over_once(void **state)
     assert_int_equal(cw_bus_pending(r->bus), 1);
     rig_free(old);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_bus_that_takes_over_goes_on),
-        cmocka_unit_test(times_of_a_rule_go_on_when_taking_over),
-        cmocka_unit_test(nodes_are_matched_when_taking_over),
-        cmocka_unit_test(settings_are_the_new_ones_when_taking_over),
-        cmocka_unit_test(a_frame_that_its_transmitter_leaves_is_foreseen),
-        cmocka_unit_test(a_smaller_queue_keeps_the_first_frames),
-        cmocka_unit_test(a_wrong_crc_is_taken_over),
-        cmocka_unit_test(the_sender_of_a_held_frame_is_renumbered),
-        cmocka_unit_test(old_rules_end_when_taken_over),
-        cmocka_unit_test(a_frame_that_its_new_controller_does_not_know_has_its_time),
-        cmocka_unit_test(a_node_is_taken_over_once),
-    };
-    return cmocka_run_group_tests_name("takeover", tests, NULL, NULL);
 }

@@ -45,9 +45,8 @@ static void assert_place(const cw_place *got, const cw_place *wanted)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-static void bits_are_there_only_when_stepping(void **state)
+TEST(bits_are_there_only_when_stepping)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_bit_view view = {.start = 42};
     rig_start(r);
@@ -114,9 +113,8 @@ static rig *make_troubled_bus(void)
 }
 
 /* One bus is watched, but for what is said to be quiet; the other one shows all of its bits. */
-static void what_is_quiet_is_as_the_bit_before(void **state)
+TEST(what_is_quiet_is_as_the_bit_before)
 {
-    (void)state;
     const uint64_t end = 20000;
     rig *watched = make_troubled_bus(), *reference = make_troubled_bus();
     cw_bit_view seen = {.start = 0}, real = {.start = 0};
@@ -164,9 +162,8 @@ static void check_frame(rig *r, const cw_frame *frame)
     }
 }
 
-static void a_frame_is_seen_as_it_was_encoded(void **state)
+TEST(a_frame_is_seen_as_it_was_encoded)
 {
-    (void)state;
     rig_random random = {.state = 5};
     rig *r = rig_new(2);
     start_stepping(r);
@@ -186,9 +183,8 @@ static void a_frame_is_seen_as_it_was_encoded(void **state)
 }
 
 /* M2: 124 loses against 123 in id[8]; in that bit it is still a transmitter. */
-static void levels_part_where_arbitration_is_lost(void **state)
+TEST(levels_part_where_arbitration_is_lost)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame low = rig_frame(0x123, 0, 1);
     cw_frame high = rig_frame(0x124, 0, 1);
@@ -215,9 +211,8 @@ static cw_rule *add_rule(rig *r, cw_action action)
 
 /* M1, M6, M8: a dominant level is a SOF for those that take it as such, wherever they wait. Node 0
  * sent the last frame; passive, it owes eight bits of suspend after the three of intermission. */
-static void a_foreign_sof_is_a_sof(void **state)
+TEST(a_foreign_sof_is_a_sof)
 {
-    (void)state;
     static const struct {
         unsigned third_bits; /* of intermission that are dominant */
         unsigned tec;
@@ -255,9 +250,8 @@ static void a_foreign_sof_is_a_sof(void **state)
 /* ---- Faults ---------------------------------------------------------------------------------- */
 
 /* Bit data[0] of 11... is dominant. Node 0 sends it, nodes 1 and 2 listen. */
-static void faults_show_where_they_act(void **state)
+TEST(faults_show_where_they_act)
 {
-    (void)state;
     static const struct {
         cw_rule rule;
         uint64_t driven; /* of nodes 0 to 2 */
@@ -305,9 +299,8 @@ static void faults_show_where_they_act(void **state)
     }
 }
 
-static void a_partitioned_bus_has_several_wires(void **state)
+TEST(a_partitioned_bus_has_several_wires)
 {
-    (void)state;
     rig *r = rig_new(4);
     cw_frame frame = rig_frame(0x555, 0, 1);
     cw_rule *rule = add_rule(r, CW_ACTION_PARTITION);
@@ -338,9 +331,8 @@ static void a_partitioned_bus_has_several_wires(void **state)
 }
 
 /* Nodes that are not there are recessive and without faults, whatever happens to the wire. */
-static void only_nodes_have_faults(void **state)
+TEST(only_nodes_have_faults)
 {
-    (void)state;
     static const unsigned counts[] = {1, 2, 63, 64};
     for (size_t i = 0; i < sizeof counts / sizeof counts[0]; i++) {
         rig *r = rig_new(counts[i]);
@@ -362,9 +354,8 @@ static void only_nodes_have_faults(void **state)
 }
 
 /* A node that is cut off amid its frame drives nothing from that bit on. */
-static void a_disconnected_node_is_off(void **state)
+TEST(a_disconnected_node_is_off)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame frame = rig_frame(0x555, 0, 1);
     cw_rule *rule = add_rule(r, CW_ACTION_DISCONNECT);
@@ -384,9 +375,8 @@ static void a_disconnected_node_is_off(void **state)
 }
 
 /* Cut off by its own SOF, which it has begun to send. */
-static void a_node_may_be_disconnected_amid_a_bit(void **state)
+TEST(a_node_may_be_disconnected_amid_a_bit)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame frame = rig_frame(0x555, 0, 1);
     cw_rule *rule = add_rule(r, CW_ACTION_DISCONNECT);
@@ -406,9 +396,8 @@ static void a_node_may_be_disconnected_amid_a_bit(void **state)
 /* ---- Modes, counters ------------------------------------------------------------------------- */
 
 /* M11: its dominant ACK stays inside the listener, which still samples the bit as dominant. */
-static void a_listener_takes_its_own_ack(void **state)
+TEST(a_listener_takes_its_own_ack)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame frame = rig_frame(0x555, 0, 1);
     r->nodes[1].modes = CW_MODE_LISTEN_ONLY;
@@ -422,9 +411,8 @@ static void a_listener_takes_its_own_ack(void **state)
 }
 
 /* M15. */
-static void loopback_takes_its_own_bits(void **state)
+TEST(loopback_takes_its_own_bits)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame frame = rig_frame(0x555, 0, 1);
     r->nodes[0].modes = CW_MODE_LOOPBACK;
@@ -439,9 +427,8 @@ static void loopback_takes_its_own_bits(void **state)
 }
 
 /* R3, R9: counters and state are those after the bit. */
-static void counters_are_those_after_the_bit(void **state)
+TEST(counters_are_those_after_the_bit)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame frame = rig_frame(0x555, 0, 1);
     cw_rule *rule = add_rule(r, CW_ACTION_COUNTERS);
@@ -465,24 +452,4 @@ static void counters_are_those_after_the_bit(void **state)
     view = bit_at(r, 1, CW_FIELD_ERROR_FLAG, 0);
     assert_int_equal(view.nodes[1].rec, 1);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(bits_are_there_only_when_stepping),
-        cmocka_unit_test(what_is_quiet_is_as_the_bit_before),
-        cmocka_unit_test(a_frame_is_seen_as_it_was_encoded),
-        cmocka_unit_test(levels_part_where_arbitration_is_lost),
-        cmocka_unit_test(a_foreign_sof_is_a_sof),
-        cmocka_unit_test(faults_show_where_they_act),
-        cmocka_unit_test(a_partitioned_bus_has_several_wires),
-        cmocka_unit_test(only_nodes_have_faults),
-        cmocka_unit_test(a_disconnected_node_is_off),
-        cmocka_unit_test(a_node_may_be_disconnected_amid_a_bit),
-        cmocka_unit_test(a_listener_takes_its_own_ack),
-        cmocka_unit_test(loopback_takes_its_own_bits),
-        cmocka_unit_test(counters_are_those_after_the_bit),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,19 +2,12 @@
  *
  * test_number_text.c - decimal numbers with a unit are read, aligned and printed exactly.
  */
+#include "cases.h"
 #include "campaign/space/number_text.h"
 
 #include "canwire.h"
 
 #include <inttypes.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdio.h>
-#include <string.h>
-
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 
 static void assert_parsed(const char *text, int64_t mantissa, unsigned decimals, const char *unit)
 {
@@ -26,9 +19,8 @@ static void assert_parsed(const char *text, int64_t mantissa, unsigned decimals,
     assert_string_equal(n.unit, unit);
 }
 
-static void numbers_are_read(void **state)
+TEST(numbers_are_read)
 {
-    (void)state;
     assert_parsed("0", 0, 0, "");
     assert_parsed("-50", -50, 0, "");
     assert_parsed("007", 7, 0, "");
@@ -43,14 +35,13 @@ static void numbers_are_read(void **state)
     assert_parsed("0.123456789", 123456789, 9, "");
 }
 
-static void other_texts_are_no_numbers(void **state)
+TEST(other_texts_are_no_numbers)
 {
     static const char *const texts[] = {
         "", "-", ".", ".5", "5.", "+5", "1e3", "1 ms", " 1", "1.5.2", "--1", "0x10", "1.-5", "ms",
         "1000000000000001", "99999999999999999999", "0.1234567891", "1microsec", "1_0",
         "1.5\xc2\xb5s"};
     number_text n;
-    (void)state;
     for (size_t i = 0; i < COUNT(texts); i++)
         if (number_text_parse(&n, texts[i]))
             fail_msg("'%s' is a number", texts[i]);
@@ -65,9 +56,8 @@ static void assert_printed(const char *text, const char *expected)
     assert_string_equal(found, expected);
 }
 
-static void numbers_are_printed_as_json(void **state)
+TEST(numbers_are_printed_as_json)
 {
-    (void)state;
     assert_printed("0", "0");
     assert_printed("-0.05", "-0.05");
     assert_printed("1.50", "1.50");
@@ -78,10 +68,9 @@ static void numbers_are_printed_as_json(void **state)
 }
 
 /* A printed number is read as the same one. */
-static void printing_keeps_each_number(void **state)
+TEST(printing_keeps_each_number)
 {
     static const char *const units[] = {"", "us", "%", "ns/m"};
-    (void)state;
     for (uint64_t i = 0; i < 5000; i++) {
         char printed[NUMBER_TEXT_MAX];
         number_text n = {.mantissa = (int64_t)(cw_random(1, "m", i) % 2000000000000000u) -
@@ -108,10 +97,9 @@ static bool align(number_text out[3], const char *a, const char *b, const char *
     return number_text_align((number_text *const[]){&out[0], &out[1], &out[2]}, 3);
 }
 
-static void aligned_numbers_have_the_same_decimals_and_unit(void **state)
+TEST(aligned_numbers_have_the_same_decimals_and_unit)
 {
     number_text n[3];
-    (void)state;
     assert_true(align(n, "0", "9.5ms", "0.25ms"));
     assert_int_equal(n[0].mantissa, 0);
     assert_int_equal(n[1].mantissa, 950);
@@ -122,10 +110,9 @@ static void aligned_numbers_have_the_same_decimals_and_unit(void **state)
     }
 }
 
-static void times_get_the_smallest_of_their_units(void **state)
+TEST(times_get_the_smallest_of_their_units)
 {
     number_text n[3];
-    (void)state;
     assert_true(align(n, "-5ms", "0", "1.5us"));
     assert_int_equal(n[0].mantissa, -50000);
     assert_int_equal(n[1].mantissa, 0);
@@ -140,10 +127,9 @@ static void times_get_the_smallest_of_their_units(void **state)
     }
 }
 
-static void numbers_of_two_units_are_not_aligned(void **state)
+TEST(numbers_of_two_units_are_not_aligned)
 {
     number_text n[3];
-    (void)state;
     assert_false(align(n, "1us", "2%", "1us"));
     assert_false(align(n, "1h", "2ms", "1ms"));
     assert_false(align(n, "999999999999999s", "2ms", "1ms")); /* too large in ms */
@@ -154,27 +140,11 @@ static void numbers_of_two_units_are_not_aligned(void **state)
     assert_true(align(n, "100000000000000", "0.1", "1"));
 }
 
-static void values_are_those_of_the_texts(void **state)
+TEST(values_are_those_of_the_texts)
 {
     number_text n;
-    (void)state;
     assert_true(number_text_parse(&n, "-12.5us"));
     assert_true(number_text_value(&n) == -12.5);
     assert_true(number_text_parse(&n, "0.001"));
     assert_true(number_text_value(&n) > 0.000999 && number_text_value(&n) < 0.001001);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(numbers_are_read),
-        cmocka_unit_test(other_texts_are_no_numbers),
-        cmocka_unit_test(numbers_are_printed_as_json),
-        cmocka_unit_test(printing_keeps_each_number),
-        cmocka_unit_test(aligned_numbers_have_the_same_decimals_and_unit),
-        cmocka_unit_test(times_get_the_smallest_of_their_units),
-        cmocka_unit_test(numbers_of_two_units_are_not_aligned),
-        cmocka_unit_test(values_are_those_of_the_texts),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

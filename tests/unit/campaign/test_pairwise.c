@@ -2,16 +2,8 @@
  *
  * test_pairwise.c - each two values of different factors meet in a row, and the rows are few.
  */
+#include "cases.h"
 #include "campaign/space/pairwise.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 
 static campaign *new_campaign(const uint64_t *counts, size_t factors)
 {
@@ -70,14 +62,13 @@ static void assert_covers(const uint64_t *counts, size_t factors, uint64_t rows_
     free_campaign(c);
 }
 
-static void each_pair_meets_in_few_rows(void **state)
+TEST(each_pair_meets_in_few_rows)
 {
     static const uint64_t two[] = {2, 2, 2};
     static const uint64_t switches[] = {2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2};
     static const uint64_t threes[] = {3, 3, 3, 3};
     static const uint64_t mixed[] = {5, 4, 3, 2};
     static const uint64_t single[] = {1, 7, 1, 3};
-    (void)state;
     assert_covers(two, COUNT(two), 6);            /* 4 of 8 are possible */
     assert_covers(switches, COUNT(switches), 14); /* of 8192 */
     assert_covers(threes, COUNT(threes), 15);     /* 9 of 81 are possible */
@@ -86,9 +77,8 @@ static void each_pair_meets_in_few_rows(void **state)
     assert_covers(mixed, 2, 20);
 }
 
-static void each_pair_meets_whatever_the_factors_are(void **state)
+TEST(each_pair_meets_whatever_the_factors_are)
 {
-    (void)state;
     for (uint64_t i = 0; i < 40; i++) {
         uint64_t counts[8];
         uint64_t product = 1;
@@ -99,11 +89,10 @@ static void each_pair_meets_whatever_the_factors_are(void **state)
     }
 }
 
-static void one_factor_has_its_values_as_rows(void **state)
+TEST(one_factor_has_its_values_as_rows)
 {
     static const uint64_t count = 5;
     campaign *c = new_campaign(&count, 1);
-    (void)state;
     assert_null(pairwise_prepare(c));
     assert_int_equal(c->rows, 5);
     for (uint32_t i = 0; i < 5; i++)
@@ -111,13 +100,12 @@ static void one_factor_has_its_values_as_rows(void **state)
     free_campaign(c);
 }
 
-static void too_many_values_are_refused(void **state)
+TEST(too_many_values_are_refused)
 {
     static const uint64_t most[] = {1999, 1};
     static const uint64_t more[] = {2000, 1};
     static const uint64_t wide[] = {UINT64_C(1) << 33, UINT64_C(1) << 33};
     campaign *c = new_campaign(more, 2);
-    (void)state;
     assert_covers(most, 2, 1999);
     assert_string_equal(pairwise_prepare(c),
                         "pairwise is for factors with up to 2000 values together");
@@ -125,15 +113,4 @@ static void too_many_values_are_refused(void **state)
     c = new_campaign(wide, 2);
     assert_non_null(pairwise_prepare(c));
     free_campaign(c);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(each_pair_meets_in_few_rows),
-        cmocka_unit_test(each_pair_meets_whatever_the_factors_are),
-        cmocka_unit_test(one_factor_has_its_values_as_rows),
-        cmocka_unit_test(too_many_values_are_refused),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,22 +2,15 @@
  *
  * test_pool.c - lines of several processes come in order, whatever becomes of the processes.
  */
+#include "cases.h"
 #include "campaign/pool.h"
 
 #include <errno.h>
-#include <setjmp.h>
 #include <signal.h>
-#include <stdarg.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define FIRST 1000u
 #define LINE_BYTES 64
 #define SHAKY_ENDS 2u /* of the process of a shaky line, before it is made */
@@ -154,11 +147,10 @@ static void assert_lines(const lines *l, uint64_t count, const char *const words
     assert_int_equal(at - l->text, l->size);
 }
 
-static void lines_are_in_order_for_any_number_of_processes(void **state)
+TEST(lines_are_in_order_for_any_number_of_processes)
 {
     static const unsigned jobs[] = {1, 2, 3, 7};
     static const uint64_t counts[] = {0, 1, 2, 100, 5000};
-    (void)state;
     for (size_t i = 0; i < COUNT(jobs); i++) {
         for (size_t k = 0; k < COUNT(counts); k++) {
             lines l = {.fate_of = all_made};
@@ -169,11 +161,10 @@ static void lines_are_in_order_for_any_number_of_processes(void **state)
     }
 }
 
-static void a_process_that_ends_costs_its_line_alone(void **state)
+TEST(a_process_that_ends_costs_its_line_alone)
 {
     static const char *const words[] = {"crashed", "exited"};
     static const uint64_t numbers[] = {7, 8};
-    (void)state;
     for (unsigned jobs = 1; jobs <= 3; jobs++) {
         lines l = {.fate_of = some_lost};
         assert_true(run(&l, 400, jobs, 0));
@@ -184,20 +175,18 @@ static void a_process_that_ends_costs_its_line_alone(void **state)
     }
 }
 
-static void a_process_that_hangs_is_ended(void **state)
+TEST(a_process_that_hangs_is_ended)
 {
     static const char *const words[] = {"late"};
     static const uint64_t numbers[] = {3};
     lines l = {.fate_of = one_late};
-    (void)state;
     assert_true(run(&l, 40, 2, 2000));
     assert_lines(&l, 40, words, numbers, COUNT(numbers));
     free(l.text);
 }
 
-static void lines_whose_processes_are_killed_are_not_lost(void **state)
+TEST(lines_whose_processes_are_killed_are_not_lost)
 {
-    (void)state;
     for (unsigned jobs = 1; jobs <= 2; jobs++) {
         char name[] = "/tmp/test_pool.XXXXXX";
         lines l = {.fate_of = some_shaky, .file = mkstemp(name)};
@@ -211,10 +200,9 @@ static void lines_whose_processes_are_killed_are_not_lost(void **state)
     }
 }
 
-static void whoever_takes_the_lines_may_end_it(void **state)
+TEST(whoever_takes_the_lines_may_end_it)
 {
     lines l = {.fate_of = all_made, .stop_at = 300};
-    (void)state;
     assert_false(run(&l, 100000, 2, 0));
     assert_int_equal(errno, 0);
     assert_int_equal(l.taken, 300);
@@ -244,9 +232,8 @@ static void restore_descriptors(rlim_t before)
 }
 
 /* A process takes a descriptor, and one more while it is made. */
-static void fewer_processes_than_wanted_do_the_work(void **state)
+TEST(fewer_processes_than_wanted_do_the_work)
 {
-    (void)state;
     for (unsigned most = 1; most <= 4; most++) {
         lines l = {.fate_of = all_made};
         const rlim_t before = allow_descriptors(most + 1);
@@ -260,11 +247,10 @@ static void fewer_processes_than_wanted_do_the_work(void **state)
 }
 
 /* ... also when processes end, whose places others could take. */
-static void few_processes_that_end_are_replaced(void **state)
+TEST(few_processes_that_end_are_replaced)
 {
     static const char *const words[] = {"crashed", "exited"};
     static const uint64_t numbers[] = {7, 8};
-    (void)state;
     for (unsigned most = 1; most <= 3; most++) {
         lines l = {.fate_of = some_lost};
         const rlim_t before = allow_descriptors(most + 1);
@@ -275,29 +261,13 @@ static void few_processes_that_end_are_replaced(void **state)
     }
 }
 
-static void without_any_process_there_is_no_work(void **state)
+TEST(without_any_process_there_is_no_work)
 {
     lines l = {.fate_of = all_made};
-    (void)state;
     const rlim_t before = allow_descriptors(1);
     assert_false(run(&l, 400, 8, 0));
     assert_int_equal(errno, EMFILE);
     restore_descriptors(before);
     assert_int_equal(l.told, 0);
     free(l.text);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(lines_are_in_order_for_any_number_of_processes),
-        cmocka_unit_test(a_process_that_ends_costs_its_line_alone),
-        cmocka_unit_test(a_process_that_hangs_is_ended),
-        cmocka_unit_test(lines_whose_processes_are_killed_are_not_lost),
-        cmocka_unit_test(fewer_processes_than_wanted_do_the_work),
-        cmocka_unit_test(few_processes_that_end_are_replaced),
-        cmocka_unit_test(without_any_process_there_is_no_work),
-        cmocka_unit_test(whoever_takes_the_lines_may_end_it),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,6 +2,7 @@
  *
  * test_report.c - classes, confidence intervals, latencies and spans of a report of a campaign.
  */
+#include "cases.h"
 #include "base/text/jsontext.h"
 #include "campaign/space/class.h"
 #include "campaign/space/normal.h"
@@ -12,15 +13,7 @@
 #include "campaign/shellword.h"
 
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define ROW_BYTES 2048
 
 static void assert_near(double got, double wanted, double tolerance)
@@ -33,7 +26,7 @@ static void assert_near(double got, double wanted, double tolerance)
 
 /* Newcombe, Two-sided confidence intervals for the single proportion, Statistics in Medicine 17
  * (1998), table I, method 3; and limits that are known exactly. */
-static void test_intervals_are_those_of_the_literature(void **state)
+TEST(test_intervals_are_those_of_the_literature)
 {
     static const struct {
         uint64_t count;
@@ -44,7 +37,6 @@ static void test_intervals_are_those_of_the_literature(void **state)
         {81, 263, 0.2553, 0.3662}, {15, 148, 0.0624, 0.1605}, {0, 20, 0, 0.1611},
         {1, 29, 0.0061, 0.1718},   {20, 20, 0.8389, 1},       {0, 0, 0, 1},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         const share s = share_of(cases[i].count, cases[i].all, 0.95);
         assert_near(s.low, cases[i].low, 0.00005);
@@ -55,9 +47,8 @@ static void test_intervals_are_those_of_the_literature(void **state)
     assert_near(share_of(0, 100, 0.99).high, 6.634897 / 106.634897, 1e-6);
 }
 
-static void test_quantiles_are_those_of_tables(void **state)
+TEST(test_quantiles_are_those_of_tables)
 {
-    (void)state;
     assert_near(normal_quantile(0.5), 0, 1e-9);
     assert_near(normal_quantile(0.975), 1.959964, 1e-6);
     assert_near(normal_quantile(0.995), 2.575829, 1e-6);
@@ -125,7 +116,7 @@ static void print_row(char out[ROW_BYTES], const char *word, const char *failed,
 #define LATE "{\"name\":\"late\",\"got\":\"1\"}"
 #define DTC "{\"name\":\"dtc\",\"got\":\"never\"}"
 
-static void test_a_row_has_the_class_that_its_page_says(void **state)
+TEST(test_a_row_has_the_class_that_its_page_says)
 {
     static const char *const names[] = {"dtc"};
     static const row_signs signs = {.names = names, .count = 1};
@@ -158,7 +149,6 @@ static void test_a_row_has_the_class_that_its_page_says(void **state)
         {"failed", DTC, SEEN, WELL, NULL, true, CLASS_CORRECTED},
         {"failed", DTC, QUIET, WELL, NULL, false, CLASS_UNDETECTED},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         char line[ROW_BYTES];
         print_row(line, cases[i].word, cases[i].failed, cases[i].keys, cases[i].state,
@@ -170,10 +160,9 @@ static void test_a_row_has_the_class_that_its_page_says(void **state)
     }
 }
 
-static void test_rows_without_a_result_have_a_class(void **state)
+TEST(test_rows_without_a_result_have_a_class)
 {
     static const row_class classes[] = {CLASS_TIMEOUT, CLASS_CRASHED, CLASS_INVALID, CLASS_BROKEN};
-    (void)state;
     for (size_t i = 0; i < COUNT(classes); i++) {
         char line[ROW_BYTES];
         (void)snprintf(line, sizeof line, "{\"number\":3,\"factors\":{\"a\":1},\"seed\":0,"
@@ -186,12 +175,11 @@ static void test_rows_without_a_result_have_a_class(void **state)
     }
 }
 
-static void test_large_seeds_are_read(void **state)
+TEST(test_large_seeds_are_read)
 {
     static const char line[] = "{\"number\":3,\"factors\":{\"a\\\"99999999999999999999\":"
                                "18446744073709551615},\"seed\":18446744073709551615,"
                                "\"outcome\":\"invalid\",\"repeat\":\"\"}";
-    (void)state;
     report_row row = read_row(line, &no_signs);
     assert_true(row.seed == UINT64_MAX);
     assert_string_equal(json_string_value(json_object_get(row.factors,
@@ -200,7 +188,7 @@ static void test_large_seeds_are_read(void **state)
     report_row_free(&row);
 }
 
-static void test_other_lines_are_refused(void **state)
+TEST(test_other_lines_are_refused)
 {
     static const char *const lines[] = {
         "", "\n", "7", "[]", "{}", "{\"seed\":1}",
@@ -212,7 +200,6 @@ static void test_other_lines_are_refused(void **state)
         "{\"seed\":1,\"outcome\":\"invalid\"}",
         "{\"seed\":1,\"outcome\":\"invalid\",\"repeat\":\"\"} more",
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(lines); i++) {
         report_row row;
         assert_non_null(report_row_read(&row, lines[i], strlen(lines[i]), &no_signs));
@@ -222,9 +209,8 @@ static void test_other_lines_are_refused(void **state)
 
 /* ---- Latencies ------------------------------------------------------------------------------- */
 
-static void test_each_latency_is_in_its_class(void **state)
+TEST(test_each_latency_is_in_its_class)
 {
-    (void)state;
     for (unsigned i = 1; i < LATENCY_CLASSES; i++) {
         latency *l = calloc(1, sizeof *l);
         const uint64_t first = latency_class_end(i - 1) + 1;
@@ -238,10 +224,9 @@ static void test_each_latency_is_in_its_class(void **state)
     assert_true(latency_class_end(LATENCY_CLASSES - 1) == UINT64_MAX);
 }
 
-static void test_percentiles_are_nearest_ranks(void **state)
+TEST(test_percentiles_are_nearest_ranks)
 {
     latency *l = calloc(1, sizeof *l);
-    (void)state;
     assert_int_equal(latency_percentile(l, 500), 0);
     l->has_limit = true;
     l->limit_ns = 30;
@@ -260,11 +245,10 @@ static void test_percentiles_are_nearest_ranks(void **state)
 
 /* ---- Spans ----------------------------------------------------------------------------------- */
 
-static void test_spans_hold_numbers_in_any_order(void **state)
+TEST(test_spans_hold_numbers_in_any_order)
 {
     enum { NUMBERS = 1000 };
     spans s = {.count = 0};
-    (void)state;
     for (unsigned i = 0; i < NUMBERS; i++)
         assert_true(spans_add(&s, i * 617 % NUMBERS)); /* each number once */
     assert_int_equal(s.count, 1);
@@ -283,12 +267,11 @@ static void test_spans_hold_numbers_in_any_order(void **state)
 
 /* ---- Commands -------------------------------------------------------------------------------- */
 
-static void test_words_come_back_as_they_were(void **state)
+TEST(test_words_come_back_as_they_were)
 {
     static const char *const words[] = {"a b.yaml", "it's", "", "'", "\\", "x\"$(y)\n"};
     buffer line = {.data = NULL};
     buffer word = {.data = NULL};
-    (void)state;
     shellword_begin(&line, "canwire campaign run", "dir with 'quotes'/c.yaml");
     for (size_t i = 0; i < COUNT(words); i++) {
         buffer_put(&line, " ");
@@ -327,11 +310,10 @@ static void add_candidates(candidates *c, unsigned step)
     }
 }
 
-static void test_candidates_do_not_depend_on_the_order_of_rows(void **state)
+TEST(test_candidates_do_not_depend_on_the_order_of_rows)
 {
     candidates a = {.count = 0};
     candidates b = {.count = 0};
-    (void)state;
     add_candidates(&a, 1);
     add_candidates(&b, 63);
     assert_int_equal(a.count, CANDIDATES_MAX);
@@ -345,22 +327,4 @@ static void test_candidates_do_not_depend_on_the_order_of_rows(void **state)
     }
     candidates_free(&a);
     candidates_free(&b);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_intervals_are_those_of_the_literature),
-        cmocka_unit_test(test_quantiles_are_those_of_tables),
-        cmocka_unit_test(test_a_row_has_the_class_that_its_page_says),
-        cmocka_unit_test(test_rows_without_a_result_have_a_class),
-        cmocka_unit_test(test_large_seeds_are_read),
-        cmocka_unit_test(test_other_lines_are_refused),
-        cmocka_unit_test(test_each_latency_is_in_its_class),
-        cmocka_unit_test(test_percentiles_are_nearest_ranks),
-        cmocka_unit_test(test_spans_hold_numbers_in_any_order),
-        cmocka_unit_test(test_words_come_back_as_they_were),
-        cmocka_unit_test(test_candidates_do_not_depend_on_the_order_of_rows),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

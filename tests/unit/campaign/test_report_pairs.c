@@ -2,22 +2,15 @@
  *
  * test_report_pairs.c - which pairs of values rows have in a report, and the classes of these rows.
  */
+#include "cases.h"
 #include "campaign/report/pairs.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 /* ---- Cells ----------------------------------------------------------------------------------- */
 
-static void test_each_pair_of_numbers_has_a_cell_of_its_own(void **state)
+TEST(test_each_pair_of_numbers_has_a_cell_of_its_own)
 {
     enum { SIDE = 100 };
     static const uint32_t steps[] = {1, 64, 4096, 65536, 0x01000000};
-    (void)state;
     for (size_t s = 0; s < sizeof steps / sizeof steps[0]; s++) {
         crosstab t = {.count = 0};
         for (uint32_t i = 0; i < SIDE * SIDE; i++) {
@@ -36,12 +29,11 @@ static void test_each_pair_of_numbers_has_a_cell_of_its_own(void **state)
     }
 }
 
-static void test_cells_are_sorted_by_both_numbers(void **state)
+TEST(test_cells_are_sorted_by_both_numbers)
 {
     static const uint32_t added[][2] = {{7, 1}, {0, 9}, {UINT32_MAX - 1, 0}, {7, 0}, {0, 2}};
     static const uint32_t sorted[][2] = {{0, 2}, {0, 9}, {7, 0}, {7, 1}, {UINT32_MAX - 1, 0}};
     crosstab t = {.count = 0};
-    (void)state;
     free(crosstab_sorted(&t));
     for (size_t i = 0; i < 5; i++)
         (void)crosstab_add(&t, added[i][0], added[i][1]);
@@ -71,7 +63,7 @@ static void add_pair(pairs *p, uint32_t first, uint32_t second, row_class class)
     pairs_add(p, values, class);
 }
 
-static void test_rows_are_counted_by_class_for_each_pair_of_factors(void **state)
+TEST(test_rows_are_counted_by_class_for_each_pair_of_factors)
 {
     static const struct {
         uint32_t values[3];
@@ -95,7 +87,6 @@ static void test_rows_are_counted_by_class_for_each_pair_of_factors(void **state
         {1, 2, 0, 5, CLASS_DETECTED, 1, 3},  {1, 2, 0, 5, CLASS_UNDETECTED, 0, 3},
     };
     pairs p;
-    (void)state;
     pairs_begin(&p, 3);
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         uint32_t values[CAMPAIGN_FACTORS_MAX] = {0};
@@ -116,10 +107,9 @@ static void test_rows_are_counted_by_class_for_each_pair_of_factors(void **state
     pairs_free(&p);
 }
 
-static void test_values_beyond_a_limit_are_counted_together(void **state)
+TEST(test_values_beyond_a_limit_are_counted_together)
 {
     pairs p;
-    (void)state;
     pairs_begin(&p, 2);
     add_pair(&p, DIMENSION_OTHER, 1, CLASS_DEGRADED);
     add_pair(&p, 1, DIMENSION_OTHER, CLASS_DETECTED);
@@ -133,11 +123,10 @@ static void test_values_beyond_a_limit_are_counted_together(void **state)
     pairs_free(&p);
 }
 
-static void test_a_pair_of_factors_has_so_many_cells_at_most(void **state)
+TEST(test_a_pair_of_factors_has_so_many_cells_at_most)
 {
     enum { SIDE = 300 };
     pairs p;
-    (void)state;
     pairs_begin(&p, 2);
     for (unsigned round = 0; round < 2; round++)
         for (uint32_t i = 0; i < SIDE * SIDE; i++)
@@ -150,12 +139,11 @@ static void test_a_pair_of_factors_has_so_many_cells_at_most(void **state)
     pairs_free(&p);
 }
 
-static void test_large_pairs_of_factors_leave_cells_to_small_ones(void **state)
+TEST(test_large_pairs_of_factors_leave_cells_to_small_ones)
 {
     enum { FACTORS = 10, PAIRS = FACTORS * (FACTORS - 1) / 2, ROWS = 4000 };
     size_t cells = 0;
     pairs p;
-    (void)state;
     pairs_begin(&p, FACTORS);
     for (uint32_t i = 0; i < ROWS; i++) { /* each row has new values, at last also of the first */
         uint32_t values[CAMPAIGN_FACTORS_MAX] = {0};
@@ -174,17 +162,4 @@ static void test_large_pairs_of_factors_leave_cells_to_small_ones(void **state)
     assert_in_range(cells, PAIRS_CELLS_MORE, PAIRS_CELLS_EACH + PAIRS_CELLS_MORE);
     assert_true(class_counts_all(&pairs_of(&p, 2, 3)->classes.other) > 0);
     pairs_free(&p);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_each_pair_of_numbers_has_a_cell_of_its_own),
-        cmocka_unit_test(test_cells_are_sorted_by_both_numbers),
-        cmocka_unit_test(test_rows_are_counted_by_class_for_each_pair_of_factors),
-        cmocka_unit_test(test_values_beyond_a_limit_are_counted_together),
-        cmocka_unit_test(test_a_pair_of_factors_has_so_many_cells_at_most),
-        cmocka_unit_test(test_large_pairs_of_factors_leave_cells_to_small_ones),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

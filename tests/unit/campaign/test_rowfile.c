@@ -2,18 +2,13 @@
  *
  * test_rowfile.c - a file of rows is whole or not there, whatever other programs do meanwhile.
  */
+#include "cases.h"
 #include "cli/campaign/rowfile.h"
 
 #include <errno.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
-
-#include <cmocka.h>
 
 #define PATH_BYTES 64
 #define ROWS "{\"number\":0}\n"
@@ -88,10 +83,9 @@ static int tear_down(void **state)
     return rmdir(folder);
 }
 
-static void a_file_has_its_name_when_all_rows_are_in_it(void **state)
+TEST_WITH(a_file_has_its_name_when_all_rows_are_in_it, set_up, tear_down)
 {
     rowfile f;
-    (void)state;
     assert_true(rowfile_open(&f, name, false, any_row, NULL));
     assert_int_equal(fputs(ROWS, f.stream) < 0, 0);
     assert_int_equal(access(name, F_OK), -1);
@@ -100,11 +94,10 @@ static void a_file_has_its_name_when_all_rows_are_in_it(void **state)
     assert_int_equal(access(part, F_OK), -1);
 }
 
-static void a_run_that_is_ended_leaves_its_part(void **state)
+TEST_WITH(a_run_that_is_ended_leaves_its_part, set_up, tear_down)
 {
     rowfile f;
     size_t count = 0;
-    (void)state;
     assert_true(rowfile_open(&f, name, false, any_row, NULL));
     assert_int_equal(fputs(ROWS "{\"num", f.stream) < 0, 0);
     assert_true(rowfile_close(&f, false));
@@ -116,10 +109,9 @@ static void a_run_that_is_ended_leaves_its_part(void **state)
     assert_text(name, ROWS "2\n");
 }
 
-static void a_part_that_gets_its_name_meanwhile_is_not_written(void **state)
+TEST_WITH(a_part_that_gets_its_name_meanwhile_is_not_written, set_up, tear_down)
 {
     rowfile f;
-    (void)state;
     write_text(part, ROWS ROWS);
     renames = 1;
     assert_true(rowfile_open(&f, name, false, any_row, NULL));
@@ -131,10 +123,9 @@ static void a_part_that_gets_its_name_meanwhile_is_not_written(void **state)
     assert_text(name, ROWS ROWS);
 }
 
-static void a_part_that_never_stays_is_left_alone(void **state)
+TEST_WITH(a_part_that_never_stays_is_left_alone, set_up, tear_down)
 {
     rowfile f;
-    (void)state;
     renames = 100;
     assert_false(rowfile_open(&f, name, false, any_row, NULL));
     assert_true(locks < 100);
@@ -142,27 +133,12 @@ static void a_part_that_never_stays_is_left_alone(void **state)
     assert_text(name, "");
 }
 
-static void a_part_with_a_lock_is_left_alone(void **state)
+TEST_WITH(a_part_with_a_lock_is_left_alone, set_up, tear_down)
 {
     rowfile f;
-    (void)state;
     write_text(part, ROWS);
     busy = true;
     assert_false(rowfile_open(&f, name, false, any_row, NULL));
     assert_true(rowfile_close(&f, false));
     assert_text(part, ROWS);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(a_file_has_its_name_when_all_rows_are_in_it, set_up,
-                                        tear_down),
-        cmocka_unit_test_setup_teardown(a_run_that_is_ended_leaves_its_part, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(a_part_that_gets_its_name_meanwhile_is_not_written, set_up,
-                                        tear_down),
-        cmocka_unit_test_setup_teardown(a_part_that_never_stays_is_left_alone, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(a_part_with_a_lock_is_left_alone, set_up, tear_down),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

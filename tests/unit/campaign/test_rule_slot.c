@@ -2,14 +2,8 @@
  *
  * test_rule_slot.c - factors that change one rule alone share a slot, whose values have numbers.
  */
+#include "cases.h"
 #include "campaign/space/rule_slot.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #include "campaigns.h"
 
@@ -21,11 +15,10 @@ static const char many[] = CAMPAIGN_HEAD
     "  - { set: \"faults[0].when.count\", range: { from: 1, to: 4, step: 1 } }\n"
     "  - { set: seed, range: { from: 1, to: 9, step: 1 } }\n";
 
-static void factors_of_a_rule_have_one_slot(void **state)
+TEST(factors_of_a_rule_have_one_slot)
 {
     campaign *c = load_campaign(many);
     rule_slot slots[CAMPAIGN_FACTORS_MAX];
-    (void)state;
     assert_int_equal(rule_slot_find(slots, c), 3);
     assert_string_equal(slots[0].names[0], "one");
     assert_null(slots[0].names[1]);
@@ -41,12 +34,11 @@ static void factors_of_a_rule_have_one_slot(void **state)
 }
 
 /* Two rows have the same number exactly when they have the same values of the slot. */
-static void each_combination_has_a_number_of_its_own(void **state)
+TEST(each_combination_has_a_number_of_its_own)
 {
     campaign *c = load_campaign(many);
     rule_slot slots[CAMPAIGN_FACTORS_MAX];
     bool seen[12] = {false};
-    (void)state;
     (void)rule_slot_find(slots, c);
     for (uint64_t flip = 0; flip < 3; flip++) {
         for (uint64_t count = 0; count < 4; count++) {
@@ -64,7 +56,7 @@ static void each_combination_has_a_number_of_its_own(void **state)
 }
 
 /* Drawn values of a random sample have no numbers, and very many values no room. */
-static void factors_without_numbers_have_no_slot(void **state)
+TEST(factors_without_numbers_have_no_slot)
 {
     static const char drawn[] = "sample: { random: 10 }\n" CAMPAIGN_HEAD
         "  - { set: faults.one.when.skip, uniform: { from: 1, to: 9, step: 1 } }\n"
@@ -74,7 +66,6 @@ static void factors_without_numbers_have_no_slot(void **state)
         "  - { set: faults.two.when.skip, range: { from: 1, to: 16385, step: 1 } }\n";
     rule_slot slots[CAMPAIGN_FACTORS_MAX];
     campaign *c = load_campaign(drawn);
-    (void)state;
     assert_int_equal(rule_slot_find(slots, c), 1);
     assert_string_equal(slots[0].names[0], "two");
     assert_int_equal(slots[0].values, 16384);
@@ -94,7 +85,7 @@ static cfg *load_text(const char *text)
     return config;
 }
 
-static void a_slot_finds_its_rules_in_a_configuration(void **state)
+TEST(a_slot_finds_its_rules_in_a_configuration)
 {
     static const char bus[] = "bus: { bitrate: 500000 }\nnodes: [ { name: dash } ]\nfaults:\n"
         "  - { name: x, when: { frame: 123 }, do: { flip: sof } }\n"
@@ -103,7 +94,6 @@ static void a_slot_finds_its_rules_in_a_configuration(void **state)
     cfg *config = load_text(bus);
     rule_slot pair = {.names = {"p.1", "p.2"}, .values = 3};
     rule_slot other = {.names = {"p.1", "p.3"}, .values = 3};
-    (void)state;
     assert_true(rule_slot_begin(&pair, config));
     assert_int_equal(pair.index[0], 2);
     assert_int_equal(pair.index[1], 1);
@@ -116,15 +106,4 @@ static void a_slot_finds_its_rules_in_a_configuration(void **state)
     rule_slot_free(&pair);
     rule_slot_free(&other);
     cfg_free(config);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(factors_of_a_rule_have_one_slot),
-        cmocka_unit_test(each_combination_has_a_number_of_its_own),
-        cmocka_unit_test(factors_without_numbers_have_no_slot),
-        cmocka_unit_test(a_slot_finds_its_rules_in_a_configuration),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,18 +2,11 @@
  *
  * test_sample.c - the values of a row follow from its number, as the literature says.
  */
+#include "cases.h"
 #include "campaign/space/sample.h"
 
 #include <inttypes.h>
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 
 /* Roots of x^(d + 1) = x + 1 for d = 1 to 4: the golden ratio, the plastic number, and so on. */
 static const double roots[] = {1.618033988749894848, 1.324717957244746026, 1.220744084605759475,
@@ -37,11 +30,10 @@ static campaign *new_campaign(campaign_sample sample, const uint64_t *counts, si
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static void a_full_product_counts_with_the_last_factor_first(void **state)
+TEST(a_full_product_counts_with_the_last_factor_first)
 {
     static const uint64_t counts[] = {3, 1, 4, 2};
     campaign *c = new_campaign(SAMPLE_FULL, counts, COUNT(counts));
-    (void)state;
     assert_int_equal(c->rows, 24);
     for (uint64_t row = 0; row < c->rows; row++) {
         choice chosen[CAMPAIGN_FACTORS_MAX];
@@ -54,11 +46,10 @@ static void a_full_product_counts_with_the_last_factor_first(void **state)
     free(c);
 }
 
-static void a_full_product_has_limits(void **state)
+TEST(a_full_product_has_limits)
 {
     static const uint64_t counts[] = {UINT64_C(1) << 31, UINT64_C(1) << 31, 2};
     campaign *c = new_campaign(SAMPLE_FULL, counts, 1);
-    (void)state;
     assert_int_equal(c->rows, UINT64_C(1) << 31);
     c->factor_count = 3;
     c->factors[1] = c->factors[0];
@@ -67,11 +58,10 @@ static void a_full_product_has_limits(void **state)
     free(c);
 }
 
-static void pruned_values_are_counted_as_rows(void **state)
+TEST(pruned_values_are_counted_as_rows)
 {
     static const uint64_t counts[] = {4, 5};
     campaign *c = new_campaign(SAMPLE_FULL, counts, 2);
-    (void)state;
     c->factors[0].pruned = 2;
     c->factors[1].pruned = 1;
     assert_null(sample_prepare(c));
@@ -86,12 +76,11 @@ static uint64_t draw_index(const char *name, uint64_t row, uint64_t count)
     return (uint64_t)((long double)cw_random(5, name, row) * (long double)count / 0x1p64L);
 }
 
-static void random_rows_do_not_depend_on_other_factors(void **state)
+TEST(random_rows_do_not_depend_on_other_factors)
 {
     static const uint64_t counts[] = {10, 7, 3};
     campaign *all = new_campaign(SAMPLE_RANDOM, counts, 3);
     campaign *one = new_campaign(SAMPLE_RANDOM, counts, 1);
-    (void)state;
     assert_int_equal(all->rows, 1000);
     for (uint64_t row = 0; row < 1000; row++) {
         choice a[CAMPAIGN_FACTORS_MAX];
@@ -115,10 +104,9 @@ static double distance(double a, double b)
 
 /* Roberts: factor i of d goes on by root^-(i + 1), from a place that is drawn. An index is the
  * place on a circle of steps. */
-static void low_discrepancy_is_the_sequence_of_roberts(void **state)
+TEST(low_discrepancy_is_the_sequence_of_roberts)
 {
     static const uint64_t counts[] = {1000000, 1000000, 1000000, 1000000};
-    (void)state;
     for (size_t d = 1; d <= COUNT(roots); d++) {
         campaign *c = new_campaign(SAMPLE_LOW_DISCREPANCY, counts, d);
         for (uint64_t row = 0; row < 1000; row++) {
@@ -136,12 +124,11 @@ static void low_discrepancy_is_the_sequence_of_roberts(void **state)
 
 /* The gaps of N multiples of the golden ratio have three lengths at most, the longest of which is
  * below 2.62 / N. */
-static void low_discrepancy_leaves_no_large_gap(void **state)
+TEST(low_discrepancy_leaves_no_large_gap)
 {
     static const uint64_t count = 233;
     static bool seen[233];
     campaign *c = new_campaign(SAMPLE_LOW_DISCREPANCY, &count, 1);
-    (void)state;
     unsigned gap = 0;
     unsigned longest = 0;
     for (uint64_t row = 0; row < count; row++) {
@@ -167,7 +154,7 @@ static int64_t drawn_value(const factor *f, double part)
 }
 
 /* Tables of the standard normal distribution. */
-static void normal_values_are_quantiles(void **state)
+TEST(normal_values_are_quantiles)
 {
     static const double table[][2] = {
         {0.5, 0}, {0.841344746068543, 1}, {0.158655253931457, -1}, {0.975, 1.959963984540054},
@@ -175,16 +162,14 @@ static void normal_values_are_quantiles(void **state)
         {0.001, -3.090232306167813}, {0.75, 0.674489750196082}};
     const factor f = {.name = "n", .kind = FACTOR_NORMAL, .from.mantissa = 50,
                       .to.mantissa = 1000000000, .step.mantissa = 1};
-    (void)state;
     for (size_t i = 0; i < COUNT(table); i++)
         assert_true(fabs((double)(drawn_value(&f, table[i][0]) - 50) - table[i][1] * 1e9) < 20);
 }
 
-static void normal_values_are_whole_steps(void **state)
+TEST(normal_values_are_whole_steps)
 {
     const factor f = {.name = "n", .kind = FACTOR_NORMAL, .from.mantissa = 0, .to.mantissa = 100,
                       .step.mantissa = 25};
-    (void)state;
     assert_int_equal(drawn_value(&f, 0.5), 0);
     assert_int_equal(drawn_value(&f, 0.5497), 0);  /* 12.49 */
     assert_int_equal(drawn_value(&f, 0.5498), 25); /* 12.51 */
@@ -192,11 +177,10 @@ static void normal_values_are_whole_steps(void **state)
     assert_int_equal(drawn_value(&f, 0.1), -125);  /* -128.2 */
 }
 
-static void uniform_values_have_equal_parts(void **state)
+TEST(uniform_values_have_equal_parts)
 {
     const factor f = {.name = "u", .kind = FACTOR_UNIFORM, .from.mantissa = -3, .to.mantissa = 8,
                       .step.mantissa = 5};
-    (void)state;
     assert_int_equal(drawn_value(&f, 0), -3);
     assert_int_equal(drawn_value(&f, 0.3333), -3);
     assert_int_equal(drawn_value(&f, 0.3334), 2);
@@ -205,31 +189,13 @@ static void uniform_values_have_equal_parts(void **state)
     assert_int_equal(drawn_value(&f, 0.9999999), 7); /* 12 would be beyond 8 */
 }
 
-static void ranges_go_by_steps(void **state)
+TEST(ranges_go_by_steps)
 {
     const factor f = {.name = "r", .kind = FACTOR_RANGE, .count = 4,
                       .from = {-15, 1, "us"}, .step = {10, 1, "us"}};
     static const char *const expected[] = {"\"-1.5us\"", "\"-0.5us\"", "\"0.5us\"", "\"1.5us\""};
-    (void)state;
     for (uint64_t i = 0; i < COUNT(expected); i++) {
         char text[NUMBER_TEXT_MAX];
         assert_string_equal(sample_text(text, &f, &(choice){.index = i}), expected[i]);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_full_product_counts_with_the_last_factor_first),
-        cmocka_unit_test(a_full_product_has_limits),
-        cmocka_unit_test(pruned_values_are_counted_as_rows),
-        cmocka_unit_test(random_rows_do_not_depend_on_other_factors),
-        cmocka_unit_test(low_discrepancy_is_the_sequence_of_roberts),
-        cmocka_unit_test(low_discrepancy_leaves_no_large_gap),
-        cmocka_unit_test(normal_values_are_quantiles),
-        cmocka_unit_test(normal_values_are_whole_steps),
-        cmocka_unit_test(uniform_values_have_equal_parts),
-        cmocka_unit_test(ranges_go_by_steps),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,23 +3,14 @@
  * test_shard.c - the parts of a campaign: by an option, by the environment of a batch system, and
  * their rows.
  */
+#include "cases.h"
 #include "campaign/shard.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define VARIABLES_MAX 5
 
 /* ---- K/N ------------------------------------------------------------------------------------- */
 
-static void a_shard_is_one_of_at_most_a_million(void **state)
+TEST(a_shard_is_one_of_at_most_a_million)
 {
     static const struct {
         const char *text;
@@ -34,7 +25,6 @@ static void a_shard_is_one_of_at_most_a_million(void **state)
         {"x/4", 0, 0},   {"1/4x", 0, 0},      {"18446744073709551617/4", 0, 0},
         {"000000000000000000000000001/4", 0, 0},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         shard found;
         assert_int_equal(shard_parse(&found, cases[i].text), cases[i].k > 0);
@@ -116,20 +106,18 @@ static void assert_found(const environment *e)
     assert_int_equal(found.n, e->n);
 }
 
-static void the_environment_says_the_shard_or_is_refused(void **state)
+TEST(the_environment_says_the_shard_or_is_refused)
 {
-    (void)state;
     for (size_t i = 0; i < COUNT(environments); i++)
         assert_found(&environments[i]);
 }
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static void the_shards_are_all_rows_in_order_and_of_nearly_one_size(void **state)
+TEST(the_shards_are_all_rows_in_order_and_of_nearly_one_size)
 {
     static const uint64_t rows[] = {0, 1, 2, 5, 99, 100, 101, 1000003, UINT64_C(1) << 62};
     static const uint64_t counts[] = {1, 2, 3, 7, 100, 1000, 1000000};
-    (void)state;
     for (size_t i = 0; i < COUNT(rows) * COUNT(counts); i++) {
         const uint64_t all = rows[i / COUNT(counts)];
         const shard s = {.k = 1, .n = counts[i % COUNT(counts)]};
@@ -140,14 +128,4 @@ static void the_shards_are_all_rows_in_order_and_of_nearly_one_size(void **state
             assert_true(size == all / s.n || size == all / s.n + 1);
         }
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_shard_is_one_of_at_most_a_million),
-        cmocka_unit_test(the_environment_says_the_shard_or_is_refused),
-        cmocka_unit_test(the_shards_are_all_rows_in_order_and_of_nearly_one_size),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

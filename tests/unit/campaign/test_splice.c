@@ -2,18 +2,11 @@
  *
  * test_splice.c - a value is put into a YAML text, and all else of the text stays as it is.
  */
+#include "cases.h"
 #include "campaign/space/splice.h"
 
 #include "base/text/yamlfile.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define TEXT_BYTES 4096
 
 /* A text with its document, and the memory of both. */
@@ -67,10 +60,9 @@ static void assert_put(const char *text, const char *path, const char *value, co
     assert_string_equal(found, expected);
 }
 
-static void values_of_blocks_are_replaced(void **state)
+TEST(values_of_blocks_are_replaced)
 {
     static const char text[] = "a: 1 # one\n\nb:\n  c: 2   # two\n  d: three\n# end\n";
-    (void)state;
     assert_put(text, "a", "7", "a: 7 # one\n\nb:\n  c: 2   # two\n  d: three\n# end\n");
     assert_put(text, "b.c", "7", "a: 1 # one\n\nb:\n  c: 7   # two\n  d: three\n# end\n");
     assert_put(text, "b.d", "\"x y\"", "a: 1 # one\n\nb:\n  c: 2   # two\n  d: \"x y\"\n# end\n");
@@ -80,10 +72,9 @@ static void values_of_blocks_are_replaced(void **state)
     assert_put("a: two\n  lines\nb: 1\n", "a", "7", "a: 7\nb: 1\n");
 }
 
-static void values_of_flows_are_replaced(void **state)
+TEST(values_of_flows_are_replaced)
 {
     static const char text[] = "a: { b: 1, c: [ 2, 3 ], d: {e: 4} } # end\n";
-    (void)state;
     assert_put(text, "a.b", "7", "a: { b: 7, c: [ 2, 3 ], d: {e: 4} } # end\n");
     assert_put(text, "a.c", "7", "a: { b: 1, c: 7, d: {e: 4} } # end\n");
     assert_put(text, "a.c[1]", "7", "a: { b: 1, c: [ 2, 7 ], d: {e: 4} } # end\n");
@@ -92,27 +83,24 @@ static void values_of_flows_are_replaced(void **state)
     assert_put("{\"a\":{\"b\":1}}", "a.b", "\"x\"", "{\"a\":{\"b\":\"x\"}}");
 }
 
-static void quoted_values_are_replaced_with_their_quotes(void **state)
+TEST(quoted_values_are_replaced_with_their_quotes)
 {
-    (void)state;
     assert_put("a: \"x # y: [ ]\" # z\nb: 1\n", "a", "7", "a: 7 # z\nb: 1\n");
     assert_put("a: 'it''s' # z\n", "a", "7", "a: 7 # z\n");
     assert_put("\"a\": { 'b': \"c\\\"d\" }\n", "a.b", "7", "\"a\": { 'b': 7 }\n");
 }
 
-static void items_have_numbers_and_names(void **state)
+TEST(items_have_numbers_and_names)
 {
     static const char text[] = "n:\n  - name: x\n    v: 1\n  - { name: y, v: 2 }\n  - z\n";
-    (void)state;
     assert_put(text, "n.x.v", "7", "n:\n  - name: x\n    v: 7\n  - { name: y, v: 2 }\n  - z\n");
     assert_put(text, "n[0].v", "7", "n:\n  - name: x\n    v: 7\n  - { name: y, v: 2 }\n  - z\n");
     assert_put(text, "n.y.v", "7", "n:\n  - name: x\n    v: 1\n  - { name: y, v: 7 }\n  - z\n");
     assert_put(text, "n[2]", "7", "n:\n  - name: x\n    v: 1\n  - { name: y, v: 2 }\n  - 7\n");
 }
 
-static void keys_are_put_in(void **state)
+TEST(keys_are_put_in)
 {
-    (void)state;
     assert_put("a: 1\n", "b", "7", "b: 7\na: 1\n");
     assert_put("# c\na: { b: 1 }\n", "a.c", "7", "# c\na: { c: 7, b: 1 }\n");
     assert_put("a: {}\n", "a.c", "7", "a: {c: 7, }\n");
@@ -122,9 +110,8 @@ static void keys_are_put_in(void **state)
     assert_put("a:\nb: 1\n", "a", "7", "a: 7\nb: 1\n");
 }
 
-static void offsets_count_bytes_behind_other_characters(void **state)
+TEST(offsets_count_bytes_behind_other_characters)
 {
-    (void)state;
     assert_put("# \xc3\xa4\xe2\x82\xac\xf0\x9f\x9a\x97\na: 1\n", "a", "7",
                "# \xc3\xa4\xe2\x82\xac\xf0\x9f\x9a\x97\na: 7\n");
     assert_put("{ x: \"\xc3\xa4\", a: 1 } # \xc3\xa4\n", "a", "7",
@@ -133,10 +120,9 @@ static void offsets_count_bytes_behind_other_characters(void **state)
     assert_put("\xEF\xBB\xBF" "a: 1\n", "b", "7", "\xEF\xBB\xBF" "b: 7\na: 1\n");
 }
 
-static void lines_of_other_systems_stay(void **state)
+TEST(lines_of_other_systems_stay)
 {
     static const char text[] = "a: 1\r\nb:\r\n  c: 2 # two\r\n  d: [ 3 ]\r\n";
-    (void)state;
     assert_put(text, "a", "7", "a: 7\r\nb:\r\n  c: 2 # two\r\n  d: [ 3 ]\r\n");
     assert_put(text, "b.c", "7", "a: 1\r\nb:\r\n  c: 7 # two\r\n  d: [ 3 ]\r\n");
     assert_put(text, "b.d[0]", "7", "a: 1\r\nb:\r\n  c: 2 # two\r\n  d: [ 7 ]\r\n");
@@ -183,7 +169,7 @@ static void check_put(const char *text, const char *path, const char *value)
     }
 }
 
-static void what_is_put_in_is_found_there(void **state)
+TEST(what_is_put_in_is_found_there)
 {
     static const char *const texts[] = {
         "a: 1\nb: { c: [ 2, { d: 3 } ] }\n",
@@ -192,7 +178,6 @@ static void what_is_put_in_is_found_there(void **state)
         "{ \"a\": null, \"b\": { \"c\": [ 2, { \"d\": \"\" } ] } }"};
     static const char *const values[] = {"7", "\"x: # y\"", "[1,{\"q\":[]}]",
                                          "{\"q\":\"\\u00e4\"}"};
-    (void)state;
     for (size_t i = 0; i < COUNT(texts); i++)
         for (size_t k = 0; k < COUNT(all_paths); k++)
             for (size_t v = 0; v < COUNT(values); v++)
@@ -207,9 +192,8 @@ static void assert_refused(const char *text, const char *path, const char *expec
     assert_string_equal(wrong, expected);
 }
 
-static void paths_that_lead_nowhere_are_refused(void **state)
+TEST(paths_that_lead_nowhere_are_refused)
 {
-    (void)state;
     assert_refused("a: { b: 1 }\n", "c.b", "the scenario has no 'c' there");
     assert_refused("a: { b: 1 }\n", "a.b.c", "the scenario has no 'c' there");
     assert_refused("a: [ 1 ]\n", "a[1]", "the scenario has no '1' there");
@@ -219,14 +203,13 @@ static void paths_that_lead_nowhere_are_refused(void **state)
                                      "and '-' at character 3");
 }
 
-static void the_rule_of_a_value_is_known(void **state)
+TEST(the_rule_of_a_value_is_known)
 {
     static const char text[] = "faults:\n  - { name: hit, do: { flip: sof } }\n"
                                "other: [ { name: hit } ]\n";
     static const char *const paths[] = {"faults.hit.do.flip", "faults[0].do", "faults.hit.when",
                                         "faults.hit.name", "faults", "other.hit.x", "faults.hit"};
     static const char *const rules[] = {"hit", "hit", "hit", NULL, NULL, NULL, NULL};
-    (void)state;
     for (size_t i = 0; i < COUNT(paths); i++) {
         paper p;
         splice_place s;
@@ -257,29 +240,10 @@ static void assert_rules(const char *text, const char *expected)
     close_paper(&p);
 }
 
-static void rules_come_before_those_that_are_there(void **state)
+TEST(rules_come_before_those_that_are_there)
 {
-    (void)state;
     assert_rules("faults: [ { a: 1 } ]\n", "faults: [{1}, {2}, {3},  { a: 1 } ]\n");
     assert_rules("faults:\n  - a: 1\n", "faults:\n  - {1}\n  - {2}\n  - {3}\n  - a: 1\n");
     assert_rules("x: 1\n", "faults: [{1}, {2}, {3}]\nx: 1\n");
     assert_rules("{ x: 1 }", "{ faults: [{1}, {2}, {3}], x: 1 }");
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(values_of_blocks_are_replaced),
-        cmocka_unit_test(values_of_flows_are_replaced),
-        cmocka_unit_test(quoted_values_are_replaced_with_their_quotes),
-        cmocka_unit_test(items_have_numbers_and_names),
-        cmocka_unit_test(keys_are_put_in),
-        cmocka_unit_test(offsets_count_bytes_behind_other_characters),
-        cmocka_unit_test(lines_of_other_systems_stay),
-        cmocka_unit_test(what_is_put_in_is_found_there),
-        cmocka_unit_test(paths_that_lead_nowhere_are_refused),
-        cmocka_unit_test(the_rule_of_a_value_is_known),
-        cmocka_unit_test(rules_come_before_those_that_are_there),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

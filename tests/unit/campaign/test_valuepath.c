@@ -2,25 +2,15 @@
  *
  * test_valuepath.c - paths of values have parts, and what is none is told with its place.
  */
+#include "cases.h"
 #include "campaign/space/valuepath.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
-
-static void a_path_has_parts(void **state)
+TEST(a_path_has_parts)
 {
     static const char *const texts[] = {"nodes", "engine-2", "traffic", "0", "12", "every_x"};
     static const bool numbers[] = {false, false, false, true, true, false};
     const char *rest = "nodes.engine-2.traffic[0][12].every_x";
     arena memory = {.blocks = NULL};
-    (void)state;
     assert_null(valuepath_check(&memory, rest));
     for (size_t i = 0; i < COUNT(texts); i++) {
         valuepath_part p;
@@ -44,24 +34,22 @@ static void assert_wrong_at(arena *memory, const char *path, unsigned place)
         fail_msg("%s: %s", path, wrong);
 }
 
-static void other_texts_are_wrong_at_a_character(void **state)
+TEST(other_texts_are_wrong_at_a_character)
 {
     static const char *const paths[] = {"", ".a", "a.", "a..b", "a b", "[0]", "a.[0]", "a[]",
                                         "a[01]", "a[00]", "a[1", "a[-1]", "a[1]b", "a[b]",
                                         "a[1].", "a]", "a[123].b c"};
     static const unsigned places[] = {1, 1, 3, 3, 2, 1, 3, 2, 2, 2, 2, 2, 5, 2, 6, 2, 9};
     arena memory = {.blocks = NULL};
-    (void)state;
     for (size_t i = 0; i < COUNT(paths); i++)
         assert_wrong_at(&memory, paths[i], places[i]);
     arena_free(&memory);
 }
 
-static void parts_have_a_limit(void **state)
+TEST(parts_have_a_limit)
 {
     char path[VALUEPATH_PART_MAX + 4];
     arena memory = {.blocks = NULL};
-    (void)state;
     memset(path, 'x', VALUEPATH_PART_MAX);
     path[VALUEPATH_PART_MAX - 1] = '\0';
     assert_null(valuepath_check(&memory, path));
@@ -75,14 +63,4 @@ static void parts_have_a_limit(void **state)
     memcpy(path + VALUEPATH_PART_MAX + 1, "7]", 3);
     assert_wrong_at(&memory, path, 2);
     arena_free(&memory);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_path_has_parts),
-        cmocka_unit_test(other_texts_are_wrong_at_a_character),
-        cmocka_unit_test(parts_have_a_limit),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,14 +2,8 @@
  *
  * test_variant.c - the scenario of a row is the text of the file with other values, and valid.
  */
+#include "cases.h"
 #include "campaign/space/variant.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #include "campaigns.h"
 
@@ -43,11 +37,10 @@ static cfg *load_row(const campaign *c, uint64_t row)
     return config;
 }
 
-static void a_row_without_changes_is_the_text(void **state)
+TEST(a_row_without_changes_is_the_text)
 {
     campaign *c = load_campaign(CAMPAIGN_HEAD "  - { set: bus.bitrate, values: [ 500000 ] }\n");
     buffer text = {.data = NULL};
-    (void)state;
     print_row(&text, c, 0);
     assert_int_equal(buffer_length(&text), c->size);
     assert_memory_equal(buffer_first(&text), c->text, c->size);
@@ -65,10 +58,9 @@ static void assert_rule(const cfg *config, size_t number, const char *name, cw_f
 }
 
 /* Rules of spaces come first, in the order of the factors. */
-static void all_values_of_a_row_are_in_its_scenario(void **state)
+TEST(all_values_of_a_row_are_in_its_scenario)
 {
     campaign *c = load_campaign(many);
-    (void)state;
     for (uint64_t row = 0; row < c->rows; row += c->rows / 97) {
         choice choices[CAMPAIGN_FACTORS_MAX];
         uint64_t seed = 0;
@@ -91,13 +83,12 @@ static void all_values_of_a_row_are_in_its_scenario(void **state)
     campaign_free(c);
 }
 
-static void edits_come_in_the_order_of_the_text(void **state)
+TEST(edits_come_in_the_order_of_the_text)
 {
     campaign *c = load_campaign(many);
     size_t end = 0;
     uint64_t done = 0;
     unsigned count = 0;
-    (void)state;
     for (size_t i; (i = variant_next_edit(c, done)) != SIZE_MAX; done |= UINT64_C(1) << i) {
         assert_true(c->factors[i].edit.begin >= end);
         end = c->factors[i].edit.end;
@@ -107,25 +98,23 @@ static void edits_come_in_the_order_of_the_text(void **state)
     campaign_free(c);
 }
 
-static void a_seed_that_does_not_vary_is_that_of_the_file(void **state)
+TEST(a_seed_that_does_not_vary_is_that_of_the_file)
 {
     campaign *c = load_campaign(CAMPAIGN_HEAD "  - { set: bus.bitrate, values: [ 500000 ] }\n");
     choice choices[CAMPAIGN_FACTORS_MAX];
     uint64_t seed = 77;
-    (void)state;
     sample_choose(choices, c, 0);
     assert_false(variant_seed(&seed, c, choices));
     assert_int_equal(seed, 77);
     campaign_free(c);
 }
 
-static void the_largest_seed_is_exact(void **state)
+TEST(the_largest_seed_is_exact)
 {
     campaign *c = load_campaign(CAMPAIGN_HEAD
                                 "  - { set: seed, values: [ 18446744073709551615, 12 ] }\n");
     choice choices[CAMPAIGN_FACTORS_MAX];
     uint64_t seed = 0;
-    (void)state;
     sample_choose(choices, c, 0);
     assert_true(variant_seed(&seed, c, choices));
     assert_true(seed == UINT64_MAX);
@@ -133,16 +122,4 @@ static void the_largest_seed_is_exact(void **state)
     assert_true(variant_seed(&seed, c, choices));
     assert_int_equal(seed, 12);
     campaign_free(c);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_row_without_changes_is_the_text),
-        cmocka_unit_test(all_values_of_a_row_are_in_its_scenario),
-        cmocka_unit_test(edits_come_in_the_order_of_the_text),
-        cmocka_unit_test(a_seed_that_does_not_vary_is_that_of_the_file),
-        cmocka_unit_test(the_largest_seed_is_exact),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

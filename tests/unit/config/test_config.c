@@ -6,6 +6,7 @@
  * It runs at the top of the source tree. Each file in tests/config/bad begins with its errors, one
  * a line: "# expect: LINE:COLUMN: a part of the message".
  */
+#include "cases.h"
 #include "configs.h"
 
 #include <dirent.h>
@@ -44,9 +45,8 @@ static void check_good(const char *path)
         fail_msg("%s", errors);
 }
 
-static void good_files_are_accepted(void **state)
+TEST(good_files_are_accepted)
 {
-    (void)state;
     assert_in_range(each_file(GOOD, check_good), 5, 1000);
     assert_in_range(each_file("config/profiles/", check_good), 12, 1000);
     check_good("config/example.yaml");
@@ -93,18 +93,16 @@ static void check_bad(const char *path)
     free(errors);
 }
 
-static void bad_files_are_refused_with_all_errors(void **state)
+TEST(bad_files_are_refused_with_all_errors)
 {
-    (void)state;
     assert_in_range(each_file(BAD, check_bad), 30, 1000);
 }
 
-static void defaults_are_set(void **state)
+TEST(defaults_are_set)
 {
     cfg *config = load_good(GOOD "minimal.yaml");
     const cfg_node *node = &config->nodes[0];
 
-    (void)state;
     assert_string_equal(config->file, GOOD "minimal.yaml");
     assert_string_equal(config->bus_name, "can");
     assert_int_equal(cw_rate_ticks(config->rate, 1), 160);
@@ -129,11 +127,10 @@ static void defaults_are_set(void **state)
     cfg_free(config);
 }
 
-static void lcm_defaults_are_set(void **state)
+TEST(lcm_defaults_are_set)
 {
     cfg *config = load_good(GOOD "quoted.yaml");
 
-    (void)state;
     assert_true(config->lcm.enabled);
     assert_string_equal(config->lcm.url, "udpm://239.255.76.67:7667?ttl=0");
     assert_int_equal(config->lcm.period.ns, 1000000000);
@@ -143,11 +140,10 @@ static void lcm_defaults_are_set(void **state)
     cfg_free(config);
 }
 
-static void bus_keys_are_read(void **state)
+TEST(bus_keys_are_read)
 {
     cfg *config = load_good(GOOD "full.yaml");
 
-    (void)state;
     assert_string_equal(config->bus_name, "power_train.1");
     assert_int_equal(config->bitrate_bps, 125000);
     assert_int_equal(cw_rate_ticks(config->rate, 1), 640);
@@ -163,7 +159,7 @@ static void bus_keys_are_read(void **state)
     cfg_free(config);
 }
 
-static void recordings_are_read(void **state)
+TEST(recordings_are_read)
 {
     static const cfg_record expected[] = {
         {.format = CFG_RECORD_CANDUMP, .size = 100000000, .files = 5},
@@ -173,7 +169,6 @@ static void recordings_are_read(void **state)
     };
     cfg *config = load_good(GOOD "full.yaml");
 
-    (void)state;
     assert_int_equal(config->record_count, 4);
     assert_string_equal(config->records[0].file, GOOD "drive.log");
     assert_string_equal(config->records[1].file, "/tmp/drive.pcapng");
@@ -185,12 +180,11 @@ static void recordings_are_read(void **state)
     cfg_free(config);
 }
 
-static void expectations_are_read(void **state)
+TEST(expectations_are_read)
 {
     cfg *config = load_good(GOOD "expect.yaml");
     const cfg_expect *e = config->expects;
 
-    (void)state;
     assert_int_equal(config->expect_count, 22);
     for (size_t i = 0; i < config->expect_count; i++)
         assert_int_equal(e[i].line, 11 + (int)i);
@@ -248,14 +242,13 @@ static void expectations_are_read(void **state)
 }
 
 /* The texts of all files are kept, and the configuration can be made of them alone. */
-static void files_are_kept_and_can_be_given(void **state)
+TEST(files_are_kept_and_can_be_given)
 {
     cfg *config = load_good(GOOD "profiles.yaml");
     cfg_file renamed[8];
     char *errors = NULL;
     size_t length = 0;
 
-    (void)state;
     assert_in_range(config->file_count, 2, COUNT(renamed));
     assert_string_equal(config->files[0].name, GOOD "profiles.yaml");
     for (size_t i = 0; i < config->file_count; i++)
@@ -276,11 +269,10 @@ static void files_are_kept_and_can_be_given(void **state)
     cfg_free(config);
 }
 
-static void bus_config_is_usable(void **state)
+TEST(bus_config_is_usable)
 {
     static const char *const files[] = {GOOD "full.yaml", GOOD "minimal.yaml"};
 
-    (void)state;
     for (size_t i = 0; i < COUNT(files); i++) {
         cfg *config = load_good(files[i]);
         cw_node_config nodes[CW_NODES_MAX];
@@ -311,7 +303,7 @@ static int run_tool(char *output, size_t size, const char *arguments)
     return WEXITSTATUS(status);
 }
 
-static void check_prints_a_summary_or_the_ports(void **state)
+TEST(check_prints_a_summary_or_the_ports)
 {
     static const struct {
         const char *arguments;
@@ -331,7 +323,6 @@ static void check_prints_a_summary_or_the_ports(void **state)
         {"check a b", 2, ""},
         {"check --nonsense a", 2, ""},
     };
-    (void)state;
     if (!getenv("CANWIRE"))
         skip();
     for (size_t i = 0; i < COUNT(cases); i++) {
@@ -340,21 +331,4 @@ static void check_prints_a_summary_or_the_ports(void **state)
         assert_int_equal(run_tool(output, sizeof output, cases[i].arguments), cases[i].status);
         assert_string_equal(output, cases[i].output);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(good_files_are_accepted),
-        cmocka_unit_test(bad_files_are_refused_with_all_errors),
-        cmocka_unit_test(defaults_are_set),
-        cmocka_unit_test(lcm_defaults_are_set),
-        cmocka_unit_test(bus_keys_are_read),
-        cmocka_unit_test(recordings_are_read),
-        cmocka_unit_test(expectations_are_read),
-        cmocka_unit_test(files_are_kept_and_can_be_given),
-        cmocka_unit_test(bus_config_is_usable),
-        cmocka_unit_test(check_prints_a_summary_or_the_ports),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

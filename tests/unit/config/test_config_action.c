@@ -2,16 +2,16 @@
  *
  * test_config_action.c - the actions of fault rules in a configuration.
  */
+#include "cases.h"
 #include "configs.h"
 
-static void actions_on_bits_are_read(void **state)
+TEST(actions_on_bits_are_read)
 {
     cfg *config = load_good(GOOD "faults.yaml");
     const cw_rule *bits = rule_of(config, "force-bits");
     const cw_rule *time = rule_of(config, "force-time");
     const cw_rule *glitch = rule_of(config, "glitch");
 
-    (void)state;
     assert_int_equal(bits->action, CW_ACTION_FORCE);
     assert_true(bits->level == CW_DOMINANT);
     assert_int_equal(bits->field, CW_FIELD_DATA);
@@ -30,7 +30,7 @@ static void actions_on_bits_are_read(void **state)
     cfg_free(config);
 }
 
-static void lasting_actions_are_read(void **state)
+TEST(lasting_actions_are_read)
 {
     cfg *config = load_good(GOOD "faults.yaml");
     const cw_rule *wire = rule_of(config, "stuck-wire");
@@ -39,7 +39,6 @@ static void lasting_actions_are_read(void **state)
     const cw_rule *noise = rule_of(config, "noise");
     const cw_rule *groups = rule_of(config, "partition");
 
-    (void)state;
     assert_int_equal(wire->action, CW_ACTION_STUCK);
     assert_int_equal(wire->line, CW_LINE_WIRE);
     assert_int_equal(wire->for_ticks, 0); /* the window ends it */
@@ -60,7 +59,7 @@ static void lasting_actions_are_read(void **state)
     cfg_free(config);
 }
 
-static void controller_actions_are_read(void **state)
+TEST(controller_actions_are_read)
 {
     cfg *config = load_good(GOOD "faults.yaml");
     const cw_rule *moment = rule_of(config, "moment");
@@ -68,7 +67,6 @@ static void controller_actions_are_read(void **state)
     const cw_rule *crc = rule_of(config, "wrong-crc");
     const cw_settings *set = &rule_of(config, "set-all")->settings;
 
-    (void)state;
     assert_int_equal(moment->tec, 255);
     assert_int_equal(moment->rec, CW_KEEP);
     assert_int_equal(until->nodes, 5);
@@ -92,12 +90,11 @@ static void controller_actions_are_read(void **state)
     cfg_free(config);
 }
 
-static void host_actions_are_read(void **state)
+TEST(host_actions_are_read)
 {
     cfg *config = load_good(GOOD "faults.yaml");
     const cw_change *change = &rule_of(config, "change")->change;
 
-    (void)state;
     assert_int_equal(rule_of(config, "drop-tx")->side, CW_SIDE_TX);
     assert_int_equal(rule_of(config, "drop-rx")->side, CW_SIDE_RX);
     assert_int_equal(rule_of(config, "delay")->side, CW_SIDE_TX);
@@ -120,14 +117,13 @@ static void host_actions_are_read(void **state)
     cfg_free(config);
 }
 
-static void traffic_actions_are_read(void **state)
+TEST(traffic_actions_are_read)
 {
     cfg *config = load_good(GOOD "faults.yaml");
     const cw_rule *send = rule_of(config, "send");
     const cw_rule *burst = rule_of(config, "burst");
     const cw_rule *reply = rule_of(config, "reply");
 
-    (void)state;
     assert_int_equal(send->frame.id, 0x123);
     assert_int_equal(send->node, 1);
     assert_int_equal(send->period_ticks, 0);
@@ -143,11 +139,10 @@ static void traffic_actions_are_read(void **state)
 
 /* An action that the library has and the configuration lacks is found here. test_schema.py compares
  * this file with the schema, and test_man.py the schema with the man page. */
-static void each_action_of_the_library_is_read(void **state)
+TEST(each_action_of_the_library_is_read)
 {
     cfg *config = load_good(GOOD "faults.yaml");
 
-    (void)state;
     for (unsigned action = 0; action < CW_ACTION_COUNT; action++) {
         bool found = false;
 
@@ -157,17 +152,4 @@ static void each_action_of_the_library_is_read(void **state)
             fail_msg("no rule of faults.yaml has the action %s", cw_action_name(action));
     }
     cfg_free(config);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(actions_on_bits_are_read),
-        cmocka_unit_test(lasting_actions_are_read),
-        cmocka_unit_test(controller_actions_are_read),
-        cmocka_unit_test(host_actions_are_read),
-        cmocka_unit_test(traffic_actions_are_read),
-        cmocka_unit_test(each_action_of_the_library_is_read),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,15 +3,15 @@
  * test_config_node.c - the nodes of a configuration: their keys, defaults and ports, and which of
  * them a later configuration means.
  */
+#include "cases.h"
 #include "configs.h"
 
 #define UDP "cannelloni:udp,listen="
 #define TCP "cannelloni:tcp,"
 #define REST(timeout) ",timeout=" timeout ",mtu=1472"
 
-static void ports_are_read(void **state)
+TEST(ports_are_read)
 {
-    (void)state;
     static const char *const ports[] = {"vcan0", "unix:/run/rig/absolute.sock",
                                         "unix:" GOOD "run/a relative.sock", "fd:3", "fd:10",
                                         "tcp:127.0.0.1:29536/tcp",
@@ -47,10 +47,9 @@ static void ports_are_read(void **state)
     cfg_free(config);
 }
 
-static void ports_have_peers_by_one_key(void **state)
+TEST(ports_have_peers_by_one_key)
 {
     static const char *const peers[] = {"engine", "can0", "can0", NULL, NULL};
-    (void)state;
     cfg *config = load_good(GOOD "vxcan.yaml");
     assert_true(config->vxcan);
     for (unsigned i = 0; i < 5; i++) {
@@ -64,13 +63,12 @@ static void ports_have_peers_by_one_key(void **state)
     cfg_free(config);
 }
 
-static void node_keys_are_read(void **state)
+TEST(node_keys_are_read)
 {
     cfg *config = load_good(GOOD "full.yaml");
     const cfg_node *engine = &config->nodes[0];
     const cfg_node *gearbox = &config->nodes[1];
 
-    (void)state;
     assert_int_equal(config->node_count, 3);
     assert_string_equal(engine->name, "engine");
     assert_string_equal(engine->port, "vcan0");
@@ -95,7 +93,7 @@ static void node_keys_are_read(void **state)
     cfg_free(config);
 }
 
-static void nodes_have_defaults_and_may_say_otherwise(void **state)
+TEST(nodes_have_defaults_and_may_say_otherwise)
 {
     static const unsigned modes = CW_MODE_ONE_SHOT | CW_MODE_PRESUME_ACK |
                                   CW_MODE_BERR_REPORTING | CW_MODE_LOST_ARBITRATION_REPORTING;
@@ -105,7 +103,6 @@ static void nodes_have_defaults_and_may_say_otherwise(void **state)
     const cfg_node *interface = &config->nodes[2];
     const cfg_node *socket = &config->nodes[3];
 
-    (void)state;
     assert_int_equal(all->restart_ms, 100);
     assert_int_equal(all->modes, modes);
     assert_true(all->berr_reporting);
@@ -126,13 +123,12 @@ static void nodes_have_defaults_and_may_say_otherwise(void **state)
     cfg_free(config);
 }
 
-static void nodes_are_matched_by_name(void **state)
+TEST(nodes_are_matched_by_name)
 {
     cfg *full = load_good(GOOD "full.yaml");
     cfg *small = load_good(GOOD "expect.yaml");
     uint8_t from[CW_NODES_MAX];
 
-    (void)state;
     cfg_match_nodes(from, small, full); /* engine, gearbox, dash of engine, gearbox, load */
     assert_int_equal(from[0], 0);
     assert_int_equal(from[1], 1);
@@ -140,16 +136,4 @@ static void nodes_are_matched_by_name(void **state)
         assert_int_equal(from[i], CW_NO_NODE);
     cfg_free(full);
     cfg_free(small);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(ports_are_read),
-        cmocka_unit_test(ports_have_peers_by_one_key),
-        cmocka_unit_test(node_keys_are_read),
-        cmocka_unit_test(nodes_have_defaults_and_may_say_otherwise),
-        cmocka_unit_test(nodes_are_matched_by_name),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

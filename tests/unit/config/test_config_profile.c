@@ -2,14 +2,14 @@
  *
  * test_config_profile.c - fault profiles, and rules that are injected as text.
  */
+#include "cases.h"
 #include "configs.h"
 
-static void profiles_take_parameters(void **state)
+TEST(profiles_take_parameters)
 {
     cfg *config = load_good(GOOD "profiles.yaml");
     const cw_rule *r = config->rules;
 
-    (void)state;
     assert_int_equal(config->rule_count, 6);
     assert_string_equal(r[0].name, "costs");
     assert_string_equal(r[1].name, "first");
@@ -44,7 +44,7 @@ static cfg_rules *inject(char **errors, const char *text, const cfg_running *run
     return rules;
 }
 
-static void rules_are_read_from_texts(void **state)
+TEST(rules_are_read_from_texts)
 {
     static const char *const texts[] = {
         "{ name: x, do: { bus-off: engine } }",
@@ -54,7 +54,6 @@ static void rules_are_read_from_texts(void **state)
         "{ parameters: { v: }, with: { v: engine }, faults: [{ name: x, do: { bus-off: $v } }] }",
         "{ parameters: { v: engine }, faults: [{ name: x, do: { bus-off: $v } }] }",
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(texts); i++) {
         char *errors;
         cfg_rules *rules = inject(&errors, texts[i], NULL);
@@ -69,7 +68,7 @@ static void rules_are_read_from_texts(void **state)
     }
 }
 
-static void bad_texts_are_refused(void **state)
+TEST(bad_texts_are_refused)
 {
     static const struct {
         const char *text;
@@ -90,7 +89,6 @@ static void bad_texts_are_refused(void **state)
          " { name: y, do: { flip: sof }, when: { after: { rule: x } } }]",
          "text: there are rules that come after each other in a circle"},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         char *errors;
 
@@ -102,7 +100,7 @@ static void bad_texts_are_refused(void **state)
 }
 
 /* A rule that comes after a later one is moved behind it; running rules keep their index. */
-static void injected_rules_come_in_an_order_that_can_be_added(void **state)
+TEST(injected_rules_come_in_an_order_that_can_be_added)
 {
     static const char text[] =
         "- { name: a, do: { flip: sof }, when: { after: { rule: b } } }\n"
@@ -116,7 +114,6 @@ static void injected_rules_come_in_an_order_that_can_be_added(void **state)
     char *errors;
     cfg_rules *rules = inject(&errors, text, &running);
 
-    (void)state;
     assert_non_null(rules);
     assert_int_equal(rules->count, COUNT(order));
     for (size_t i = 0; i < COUNT(order); i++) {
@@ -128,28 +125,15 @@ static void injected_rules_come_in_an_order_that_can_be_added(void **state)
     free(errors);
 }
 
-static void a_profile_is_no_configuration(void **state)
+TEST(a_profile_is_no_configuration)
 {
     static const char path[] = "tests/config/profiles/two-rules.yaml";
     char *text;
     size_t length;
     FILE *out = open_memstream(&text, &length);
 
-    (void)state;
     assert_null(cfg_load(path, out));
     fclose(out);
     assert_non_null(strstr(text, ":1:1: this is a fault profile"));
     free(text);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(profiles_take_parameters),
-        cmocka_unit_test(rules_are_read_from_texts),
-        cmocka_unit_test(bad_texts_are_refused),
-        cmocka_unit_test(injected_rules_come_in_an_order_that_can_be_added),
-        cmocka_unit_test(a_profile_is_no_configuration),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,14 +3,14 @@
  * test_config_rule.c - fault rules of a configuration: their conditions and the rules that they
  * wait for.
  */
+#include "cases.h"
 #include "configs.h"
 
-static void rules_are_read(void **state)
+TEST(rules_are_read)
 {
     cfg *config = load_good(GOOD "full.yaml");
     const cw_rule *r = config->rules;
 
-    (void)state;
     assert_int_equal(config->rule_count, 3);
     assert_string_equal(r[0].name, "crc-flip");
     assert_int_equal(r[0].filter_count, 1);
@@ -36,12 +36,11 @@ static void rules_are_read(void **state)
     cfg_free(config);
 }
 
-static void rule_defaults_act_always(void **state)
+TEST(rule_defaults_act_always)
 {
     cfg *config = load_good(GOOD "full.yaml");
     const cw_rule *rule = &config->rules[2];
 
-    (void)state;
     assert_int_equal(rule->filter_count, 0);
     assert_int_equal(rule->from, 0);
     assert_int_equal(rule->time_begin, 0);
@@ -55,7 +54,7 @@ static void rule_defaults_act_always(void **state)
     cfg_free(config);
 }
 
-static void rules_wait_for_what_is_written(void **state)
+TEST(rules_wait_for_what_is_written)
 {
     static const struct {
         const char *name;
@@ -83,7 +82,6 @@ static void rules_wait_for_what_is_written(void **state)
     };
     cfg *config = load_good(GOOD "faults.yaml");
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         const cw_rule *rule = rule_of(config, cases[i].name);
 
@@ -94,7 +92,7 @@ static void rules_wait_for_what_is_written(void **state)
     cfg_free(config);
 }
 
-static void conditions_are_read(void **state)
+TEST(conditions_are_read)
 {
     cfg *config = load_good(GOOD "faults.yaml");
     const cw_rule *list = rule_of(config, "list");
@@ -102,7 +100,6 @@ static void conditions_are_read(void **state)
     const cw_rule *states = rule_of(config, "states");
     const cw_rule *sequence = rule_of(config, "sequence");
 
-    (void)state;
     assert_int_equal(list->filter_count, 3);
     assert_int_equal(list->filters[1].value, 0x456);
     assert_true(list->filters[2].inverted);
@@ -140,7 +137,7 @@ static cfg_rules *load_fd(char **errors, const char *text)
     return rules;
 }
 
-static void rules_may_ask_for_fd_frames(void **state)
+TEST(rules_may_ask_for_fd_frames)
 {
     static const char text[] =
         "[{ name: a, when: { rate: data, data: 00..2233445566778899 }, do: { flip: brs } },"
@@ -152,7 +149,6 @@ static void rules_may_ask_for_fd_frames(void **state)
     char *errors;
     cfg_rules *rules = load_fd(&errors, text);
 
-    (void)state;
     if (!rules)
         fail_msg("%s", errors);
     const cw_rule *r = rules->rules;
@@ -175,7 +171,7 @@ static void rules_may_ask_for_fd_frames(void **state)
     free(errors);
 }
 
-static void nodes_send_what_they_know(void **state)
+TEST(nodes_send_what_they_know)
 {
     static const struct {
         const char *text;
@@ -196,7 +192,6 @@ static void nodes_send_what_they_know(void **state)
          "text:1:24: flip: 'stuff-count[4]': expected a position: sof id[0..28] srr ide rtr r0 r1 "
          "fdf res brs"},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         char *errors;
 
@@ -205,17 +200,4 @@ static void nodes_send_what_they_know(void **state)
             fail_msg("expected %s\ngot %s", cases[i].expected, errors);
         free(errors);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(rules_are_read),
-        cmocka_unit_test(rule_defaults_act_always),
-        cmocka_unit_test(rules_wait_for_what_is_written),
-        cmocka_unit_test(conditions_are_read),
-        cmocka_unit_test(rules_may_ask_for_fd_frames),
-        cmocka_unit_test(nodes_send_what_they_know),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,12 +2,11 @@
  *
  * test_config_time.c - clocks, bit timings and places of nodes in configuration files.
  */
+#include "cases.h"
 #include "configs.h"
 
 #include "config/change/retime.h"
 #include "run/bus_make.h"
-
-#include <string.h>
 
 /* Loads a configuration from a text. */
 static cfg *load_text(const char *text)
@@ -21,7 +20,7 @@ static cfg *load_text(const char *text)
 
 /* ---- The bit timing of a running node -------------------------------------------------------- */
 
-static void prescaler_and_error_are_found_from_a_quantum(void **state)
+TEST(prescaler_and_error_are_found_from_a_quantum)
 {
     static const struct {
         uint32_t brp; /* of the node now; the configuration has 2 */
@@ -37,7 +36,6 @@ static void prescaler_and_error_are_found_from_a_quantum(void **state)
                             "nodes: [ { name: a, clock: 16MHz, brp: 2, prop-seg: 4, "
                             "phase-seg1: 5, phase-seg2: 6 } ]");
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         cw_bit_timing now = config->nodes[0].time.timing.bit;
         bit_timing found;
@@ -67,12 +65,11 @@ static void assert_segments(const cfg_node *node, bit_timing expected)
     assert_int_equal(bit->sjw, expected.sjw);
 }
 
-static void keys_of_time_have_defaults_and_nodes_may_say_otherwise(void **state)
+TEST(keys_of_time_have_defaults_and_nodes_may_say_otherwise)
 {
     cfg *config = load_good(GOOD "time-defaults.yaml");
     const cfg_node *nodes = config->nodes;
 
-    (void)state;
     assert_segments(&nodes[0], (bit_timing){16000000, 2, 4, 5, 6, 4});
     assert_segments(&nodes[1], (bit_timing){16000000, 4, 2, 2, 3, 2});
     assert_segments(&nodes[2], (bit_timing){16000000, 2, 5, 6, 4, 1}); /* as Linux finds them */
@@ -93,14 +90,13 @@ static void keys_of_time_have_defaults_and_nodes_may_say_otherwise(void **state)
 /* ---- Termination ----------------------------------------------------------------------------- */
 
 /* The longest way is 30 m with two stubs of 2.5 m, 14 ticks of 12.5 ns. */
-static void missing_terminators_ring_for_round_trips(void **state)
+TEST(missing_terminators_ring_for_round_trips)
 {
     static const struct {
         const char *termination;
         int trips;
     } cases[] = {{"both", 0}, {"one", 1}, {"none", 3}};
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         char text[400];
         snprintf(text, sizeof text,
@@ -119,22 +115,20 @@ static void missing_terminators_ring_for_round_trips(void **state)
     }
 }
 
-static void termination_adds_to_the_ringing_of_defaults(void **state)
+TEST(termination_adds_to_the_ringing_of_defaults)
 {
     cfg *config = load_good(GOOD "time-defaults.yaml");
 
-    (void)state;
     assert_int_equal(config->nodes[0].time.timing.ringing, CW_TICK * (8 + 28));
     assert_int_equal(config->nodes[4].time.timing.ringing, 0);
     cfg_free(config);
 }
 
-static void a_line_without_length_does_not_ring(void **state)
+TEST(a_line_without_length_does_not_ring)
 {
     cfg *config = load_text("bus: { bitrate: 500000, termination: none }\n"
                             "nodes: [ { name: a }, { name: b, position: 0 } ]");
 
-    (void)state;
     assert_int_equal(config->nodes[0].time.timing.ringing, 0);
     assert_non_null(strstr(config->warnings, "bus.yaml:2:8: warning: termination: nothing rings"));
     cfg_free(config);
@@ -143,14 +137,13 @@ static void a_line_without_length_does_not_ring(void **state)
 /* ---- The data phase -------------------------------------------------------------------------- */
 
 /* Without keys of their own all nodes have one data phase, and stay on the common grid of bits. */
-static void default_data_phases_are_on_the_grid(void **state)
+TEST(default_data_phases_are_on_the_grid)
 {
     static const uint32_t rates[][2] = {{125000, 500000},   {250000, 1000000}, {500000, 1000000},
                                         {500000, 2000000},  {500000, 4000000}, {500000, 5000000},
                                         {1000000, 5000000}, {1000000, 8000000}};
     static const char *const controllers[] = {"any", "m_can", "mcp251xfd", "flexcan_fd"};
 
-    (void)state;
     for (size_t i = 0; i < COUNT(rates) * COUNT(controllers); i++) {
         const uint32_t *rate = rates[i / COUNT(controllers)];
         char text[300];
@@ -184,7 +177,7 @@ static void set(cw_bus *bus, cfg *config, retime_key key, const char *text)
     config->nodes[1].time = time;
 }
 
-static void another_data_phase_leaves_the_grid_and_the_same_one_comes_back(void **state)
+TEST(another_data_phase_leaves_the_grid_and_the_same_one_comes_back)
 {
     static const struct {
         retime_key key;
@@ -203,7 +196,6 @@ static void another_data_phase_leaves_the_grid_and_the_same_one_comes_back(void 
     void *memory;
     cw_bus *bus = bus_make(&memory, config);
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         set(bus, config, cases[i].key, cases[i].away);
         if (cw_bus_is_on_grid(bus))
@@ -217,7 +209,7 @@ static void another_data_phase_leaves_the_grid_and_the_same_one_comes_back(void 
 }
 
 /* Present values of a node are printed in a form that sets the same. */
-static void present_values_can_be_set_again(void **state)
+TEST(present_values_can_be_set_again)
 {
     cfg *config = load_text("{ bus: { bitrate: 500000, dbitrate: 2000000 }, nodes: [ { name: a }, "
                             "{ name: b, dbrp: 2, dprop-seg: 6, dphase-seg1: 7, dphase-seg2: 6, "
@@ -229,7 +221,6 @@ static void present_values_can_be_set_again(void **state)
     cfg_node_time time;
     unsigned of_data = 0;
 
-    (void)state;
     for (retime_key key = 0; key < RETIME_KEYS; key++) {
         char text[TIME_TEXT_MAX];
         if (!(present.given >> key & 1u))
@@ -249,19 +240,4 @@ static void present_values_can_be_set_again(void **state)
     assert_int_equal(settings.data.tdc.tdcv, 9);
     assert_int_equal(settings.data.tdc.tdco, 40);
     cfg_free(config);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(keys_of_time_have_defaults_and_nodes_may_say_otherwise),
-        cmocka_unit_test(missing_terminators_ring_for_round_trips),
-        cmocka_unit_test(termination_adds_to_the_ringing_of_defaults),
-        cmocka_unit_test(a_line_without_length_does_not_ring),
-        cmocka_unit_test(prescaler_and_error_are_found_from_a_quantum),
-        cmocka_unit_test(default_data_phases_are_on_the_grid),
-        cmocka_unit_test(another_data_phase_leaves_the_grid_and_the_same_one_comes_back),
-        cmocka_unit_test(present_values_can_be_set_again),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

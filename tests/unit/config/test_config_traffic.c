@@ -3,15 +3,15 @@
  * test_config_traffic.c - what the nodes of a configuration send: periodic frames, replays,
  * replies.
  */
+#include "cases.h"
 #include "configs.h"
 
-static void traffic_is_read(void **state)
+TEST(traffic_is_read)
 {
     cfg *config = load_good(GOOD "full.yaml");
     const cfg_node *load = &config->nodes[2];
     const cfg_traffic *t = load->traffic;
 
-    (void)state;
     assert_int_equal(load->traffic_count, 4);
     assert_int_equal(t[0].frame.id, 0x123);
     assert_int_equal(t[0].every.ns, 10000000);
@@ -28,12 +28,11 @@ static void traffic_is_read(void **state)
     cfg_free(config);
 }
 
-static void jitter_replays_and_replies_are_read(void **state)
+TEST(jitter_replays_and_replies_are_read)
 {
     cfg *config = load_good(GOOD "traffic.yaml");
     const cfg_traffic *t = config->nodes[0].traffic;
 
-    (void)state;
     assert_int_equal(t[0].kind, CFG_TRAFFIC_SEND);
     assert_int_equal(t[0].jitter.ns, 10000000);
     assert_int_equal(t[2].jitter.ns, 0);
@@ -71,25 +70,14 @@ static void jitter_replays_and_replies_are_read(void **state)
     cfg_free(config);
 }
 
-static void files_of_traffic_need_not_be_there_when_files_are_given(void **state)
+TEST(files_of_traffic_need_not_be_there_when_files_are_given)
 {
     static const char text[] = "bus: { bitrate: 500000 }\n"
                                "nodes: [ { name: a, traffic: [ { replay: nowhere.log } ] } ]\n";
     const cfg_file file = {.name = "bus.yaml", .text = text, .size = sizeof text - 1};
 
-    (void)state;
     cfg *config = cfg_load_given(&file, 1, stderr);
     assert_non_null(config);
     assert_int_equal(config->nodes[0].traffic_count, 1);
     cfg_free(config);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(traffic_is_read),
-        cmocka_unit_test(jitter_replays_and_replies_are_read),
-        cmocka_unit_test(files_of_traffic_need_not_be_there_when_files_are_given),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

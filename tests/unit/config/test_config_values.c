@@ -3,6 +3,7 @@
  * test_config_values.c - values in configuration files: times and bit rates as the clock of the bus
  * has them.
  */
+#include "cases.h"
 #include "configs.h"
 
 #include <inttypes.h>
@@ -34,29 +35,26 @@ static void assert_warns(const char *path)
     cfg_free(config);
 }
 
-static void times_that_are_rounded_are_told(void **state)
+TEST(times_that_are_rounded_are_told)
 {
-    (void)state;
     assert_warns(GOOD "rounded.yaml");
     cfg *config = load_good(GOOD "full.yaml");
     assert_string_equal(config->warnings, "");
     cfg_free(config);
 }
 
-static void nodes_without_margin_are_told(void **state)
+TEST(nodes_without_margin_are_told)
 {
-    (void)state;
     assert_warns(GOOD "margins.yaml");
 }
 
-static void masters_that_collide_are_told(void **state)
+TEST(masters_that_collide_are_told)
 {
-    (void)state;
     assert_warns(GOOD "masters.yaml");
 }
 
 /* Exactly the rates within 0.1 % of 80 MHz / n are taken. */
-static void bit_rates_are_near_what_the_clock_makes(void **state)
+TEST(bit_rates_are_near_what_the_clock_makes)
 {
     static const struct {
         unsigned bitrate;
@@ -67,7 +65,6 @@ static void bit_rates_are_near_what_the_clock_makes(void **state)
         {800799, 100}, {800801, 0},   {987654, 81},  {990000, 0},  {999000, 0},
         {999001, 80},  {1000000, 80}, {4999, 0},     {1000001, 0},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         char content[80];
         int length = snprintf(content, sizeof content, "bus: {bitrate: %u}\nnodes: [{name: a}]\n",
@@ -83,15 +80,4 @@ static void bit_rates_are_near_what_the_clock_makes(void **state)
         fclose(nowhere);
         drop_file(path);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(times_that_are_rounded_are_told),
-        cmocka_unit_test(nodes_without_margin_are_told),
-        cmocka_unit_test(masters_that_collide_are_told),
-        cmocka_unit_test(bit_rates_are_near_what_the_clock_makes),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,16 +3,9 @@
  * test_data_phase.c - both bit timings of a CAN FD node: one prescaler for both, and T10.
  * tests/tool/test_timing.py compares the tolerance with python-can.
  */
+#include "cases.h"
 #include "timing/data_phase.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <string.h>
-
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define MHZ 1000000u
 #define KBIT 1000u
 
@@ -35,7 +28,7 @@ static both of(const char *controller, uint32_t clock_mhz, uint32_t kbit, uint32
 /* ---- One prescaler --------------------------------------------------------------------------- */
 
 /* The sample points are 87.5 % and 75 %; one of 500 kbit/s in the data phase is 87.5 %. */
-static void the_smallest_common_prescaler_is_taken(void **state)
+TEST(the_smallest_common_prescaler_is_taken)
 {
     static const struct {
         const char *controller;
@@ -51,7 +44,6 @@ static void the_smallest_common_prescaler_is_taken(void **state)
         {"any", 10, 500, 3000, 0}, /* 3.333 clocks */
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         const both b = of(cases[i].controller, cases[i].clock_mhz, cases[i].kbit, cases[i].dkbit);
         const uint32_t brp = timing_common_brp(&b.slow, &b.fast);
@@ -60,14 +52,13 @@ static void the_smallest_common_prescaler_is_taken(void **state)
     }
 }
 
-static void without_a_common_prescaler_each_phase_is_as_linux_finds_it(void **state)
+TEST(without_a_common_prescaler_each_phase_is_as_linux_finds_it)
 {
     timing_limits narrow = *timing_data_limits(timing_controller("any"));
     both b = of("any", 80, 500, 2000);
     bit_timing slow, fast, alone;
     char problem[TIMING_PROBLEM_MAX];
 
-    (void)state;
     narrow.brp_min = 5;
     narrow.brp_step = 5;
     b.fast.limits = &narrow; /* 8 tq: 75 %; 160 clocks in steps of 5: 32 tq, 87.5 % */
@@ -84,14 +75,13 @@ static void without_a_common_prescaler_each_phase_is_as_linux_finds_it(void **st
     assert_int_equal(fast.brp, 5);
 }
 
-static void both_have_their_rates_and_one_quantum(void **state)
+TEST(both_have_their_rates_and_one_quantum)
 {
     static const uint32_t clocks_mhz[] = {20, 24, 40, 60, 80, 160};
     static const uint32_t rates_kbit[] = {1000, 2000, 4000, 5000};
     char problem[TIMING_PROBLEM_MAX];
     unsigned common = 0;
 
-    (void)state;
     for (size_t i = 0; i < COUNT(clocks_mhz); i++)
         for (size_t k = 0; k < COUNT(rates_kbit); k++) {
             const both b = of("any", clocks_mhz[i], 500, rates_kbit[k]);
@@ -109,7 +99,7 @@ static void both_have_their_rates_and_one_quantum(void **state)
     assert_true(common >= COUNT(clocks_mhz) * COUNT(rates_kbit) / 2);
 }
 
-static void a_known_nominal_bit_gives_its_prescaler(void **state)
+TEST(a_known_nominal_bit_gives_its_prescaler)
 {
     const both b = of("any", 80, 500, 2000);
     const bit_timing nominal = {80 * MHZ, 4, 17, 17, 5, 2};
@@ -117,7 +107,6 @@ static void a_known_nominal_bit_gives_its_prescaler(void **state)
     bit_timing data;
     char problem[TIMING_PROBLEM_MAX];
 
-    (void)state;
     assert_true(timing_data_beside(&data, problem, &nominal, &b.fast));
     assert_int_equal(data.brp, 4);
     assert_true(timing_bitrate_is(&data, 2000 * KBIT));
@@ -126,13 +115,12 @@ static void a_known_nominal_bit_gives_its_prescaler(void **state)
     assert_true(timing_bitrate_is(&data, 2000 * KBIT));
 }
 
-static void a_message_says_which_phase_it_is_about(void **state)
+TEST(a_message_says_which_phase_it_is_about)
 {
     const both b = of("any", 3, 500, 2000);
     bit_timing slow, fast;
     char problem[TIMING_PROBLEM_MAX];
 
-    (void)state;
     assert_false(timing_by_rates(&slow, &fast, problem, &b.slow, &b.fast));
     assert_int_equal(strncmp(problem, "data phase: ", 12), 0);
 }
@@ -143,12 +131,11 @@ static void a_message_says_which_phase_it_is_about(void **state)
  *   5 / (20 x 40)                           6250000 ppb
  *   20 / (2 x ((240 - 10) + 7 x 160))       20 / 2700
  *   5 / (2 x ((320 - 20) + 10 + 160))       5 / 940 */
-static void the_tolerance_has_three_limits(void **state)
+TEST(the_tolerance_has_three_limits)
 {
     const bit_timing slow = {80 * MHZ, 1, 69, 70, 20, 10};
     const bit_timing fast = {80 * MHZ, 1, 14, 15, 10, 5};
 
-    (void)state;
     assert_int_equal(timing_tolerance_of_sjw_ppb(&fast), 6250000);
     assert_int_equal(timing_tolerance_of_data_error_ppb(&slow, &fast), 7407407);
     assert_int_equal(timing_tolerance_of_switch_ppb(&slow, &fast), 5319148);
@@ -158,12 +145,11 @@ static void the_tolerance_has_three_limits(void **state)
 /* Nominal quanta of 4 data quanta: 40 tq of 17-17-5/2 with brp 4.
  *   5 / (2 x ((240 - 10) / 4 + 7 x 40))     5 / 675
  *   (5 - 3) / (2 x ((80 - 5) x 4 + 10 + 160)) = 2 / 940; with a dsjw of 3 nothing is left */
-static void a_coarser_nominal_quantum_takes_from_the_jump(void **state)
+TEST(a_coarser_nominal_quantum_takes_from_the_jump)
 {
     const bit_timing slow = {80 * MHZ, 4, 17, 17, 5, 2};
     bit_timing fast = {80 * MHZ, 1, 14, 15, 10, 5};
 
-    (void)state;
     assert_int_equal(timing_tolerance_of_data_error_ppb(&slow, &fast), 7407407);
     assert_int_equal(timing_tolerance_of_switch_ppb(&slow, &fast), 2127659);
     fast.sjw = 3;
@@ -171,19 +157,4 @@ static void a_coarser_nominal_quantum_takes_from_the_jump(void **state)
     const bit_timing equal = {80 * MHZ, 1, 69, 70, 20, 10};
     fast = (bit_timing){80 * MHZ, 2, 7, 7, 5, 2}; /* 2 / (2 x (300 / 2 + 5 + 80)) */
     assert_int_equal(timing_tolerance_of_switch_ppb(&equal, &fast), 4255319);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_smallest_common_prescaler_is_taken),
-        cmocka_unit_test(without_a_common_prescaler_each_phase_is_as_linux_finds_it),
-        cmocka_unit_test(both_have_their_rates_and_one_quantum),
-        cmocka_unit_test(a_known_nominal_bit_gives_its_prescaler),
-        cmocka_unit_test(a_message_says_which_phase_it_is_about),
-        cmocka_unit_test(the_tolerance_has_three_limits),
-        cmocka_unit_test(a_coarser_nominal_quantum_takes_from_the_jump),
-    };
-
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

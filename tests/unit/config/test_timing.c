@@ -3,20 +3,13 @@
  * test_timing.c - bit timings: what segments mean (T1, T10), limits of controllers, and the steps
  * that lead from delays to segments. test_timing_kernel.c has the other method.
  */
+#include "cases.h"
 #include "timing/request.h"
 
 #include "base/text/wide.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <string.h>
-
-#include <cmocka.h>
-
 #include "found_timing.h"
 
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define MHZ 1000000u
 #define KBIT 1000u
 
@@ -37,11 +30,10 @@ static void assert_ppb(uint32_t ppb, uint64_t numerator, uint64_t denominator)
     assert_int_equal(ppb, exact.low);
 }
 
-static void fractions_are_exact_up_to_the_largest_segments(void **state)
+TEST(fractions_are_exact_up_to_the_largest_segments)
 {
     bit_timing t = {.clock_hz = 80 * MHZ, .brp = 1};
 
-    (void)state;
     for (t.prop_seg = 1; t.prop_seg <= 128; t.prop_seg += 9)
         for (t.phase_seg1 = 1; t.phase_seg1 <= 128; t.phase_seg1 += 7)
             for (t.phase_seg2 = 1; t.phase_seg2 <= 128; t.phase_seg2 += 5) {
@@ -58,21 +50,19 @@ static void fractions_are_exact_up_to_the_largest_segments(void **state)
 }
 
 /* T10: the largest tolerance of classical CAN is 1.58 %. */
-static void the_largest_classical_tolerance_is_that_of_bosch(void **state)
+TEST(the_largest_classical_tolerance_is_that_of_bosch)
 {
     const bit_timing t = {8 * MHZ, 1, 1, 4, 4, 4};
 
-    (void)state;
     assert_int_equal(timing_tolerance_ppb(&t) / 100000, 158);
 }
 
-static void bit_rates_are_compared_exactly(void **state)
+TEST(bit_rates_are_compared_exactly)
 {
     const bit_timing even = {16 * MHZ, 2, 4, 5, 6, 4};
     const bit_timing odd = {33333333, 6, 4, 4, 2, 1};
     const bit_timing slow = {UINT32_MAX, 1024, 128, 128, 128, 1};
 
-    (void)state;
     assert_true(timing_bitrate_is(&even, 500 * KBIT));
     assert_false(timing_bitrate_is(&even, 500 * KBIT + 1));
     assert_int_equal(timing_bit_clocks(&even), 32);
@@ -81,7 +71,7 @@ static void bit_rates_are_compared_exactly(void **state)
     assert_false(timing_bitrate_is(&slow, 4294967295u / 1024));
 }
 
-static void spans_are_rounded_up_to_quanta(void **state)
+TEST(spans_are_rounded_up_to_quanta)
 {
     static const struct {
         uint32_t clock_hz, brp;
@@ -99,18 +89,16 @@ static void spans_are_rounded_up_to_quanta(void **state)
         {1, 1024, TIMING_NS_MAX, 1},
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++)
         assert_int_equal(timing_quanta_of_ns(cases[i].clock_hz, cases[i].brp, cases[i].ns),
                          cases[i].quanta);
 }
 
-static void quanta_have_a_length(void **state)
+TEST(quanta_have_a_length)
 {
     const bit_timing t = {16 * MHZ, 1, 10, 2, 3, 2};
     const bit_timing third = {3, 1, 10, 2, 3, 2};
 
-    (void)state;
     assert_int_equal(timing_quanta_ps(&t, 1), 62500);
     assert_int_equal(timing_quanta_ps(&t, 10), 625000);
     assert_int_equal(timing_quanta_ps(&third, 1), UINT64_C(333333333333));
@@ -118,12 +106,11 @@ static void quanta_have_a_length(void **state)
 
 /* ---- Controllers ----------------------------------------------------------------------------- */
 
-static void controllers_have_names_of_their_own_and_possible_limits(void **state)
+TEST(controllers_have_names_of_their_own_and_possible_limits)
 {
     size_t count;
     const timing_limits *all = timing_controllers(&count);
 
-    (void)state;
     assert_string_equal(all[0].name, "any");
     for (size_t i = 0; i < count; i++) {
         assert_ptr_equal(timing_controller(all[i].name), &all[i]);
@@ -137,7 +124,7 @@ static void controllers_have_names_of_their_own_and_possible_limits(void **state
 }
 
 /* Rows of bittiming_const, data_bittiming_const and tdc_const of Linux drivers. */
-static void data_phases_are_those_of_linux(void **state)
+TEST(data_phases_are_those_of_linux)
 {
     static const struct {
         const char *name;
@@ -148,7 +135,6 @@ static void data_phases_are_those_of_linux(void **state)
         {"rockchip_canfd", 32, 16, 16, 512, 63}, {"kvaser_pciefd", 512, 32, 16, 8192, 65535},
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(rows); i++) {
         const timing_limits *limits = timing_controller(rows[i].name);
         const timing_limits *data = timing_data_limits(limits);
@@ -162,11 +148,10 @@ static void data_phases_are_those_of_linux(void **state)
 }
 
 /* As can_calc_tdco(): up to the sample point in clocks, or what the register holds. */
-static void linux_compensates_up_to_the_sample_point(void **state)
+TEST(linux_compensates_up_to_the_sample_point)
 {
     const bit_timing data = {80 * MHZ, 2, 7, 7, 5, 2};
 
-    (void)state;
     assert_int_equal(timing_linux_tdco(&data, timing_controller("any")), 30);
     assert_int_equal(timing_linux_tdco(&data, timing_controller("xilinx_canfd")), 30);
     const bit_timing long_bit = {80 * MHZ, 2, 15, 16, 8, 4};
@@ -175,7 +160,7 @@ static void linux_compensates_up_to_the_sample_point(void **state)
     assert_int_equal(timing_linux_tdco(&long_bit, timing_controller("flexcan_fd")), 31);
 }
 
-static void the_message_names_the_segment_and_what_is_allowed(void **state)
+TEST(the_message_names_the_segment_and_what_is_allowed)
 {
     static const struct {
         const char *controller;
@@ -202,7 +187,6 @@ static void the_message_names_the_segment_and_what_is_allowed(void **state)
          "brp would be 3, rockchip_canfd has multiples of 2"},
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         char problem[TIMING_PROBLEM_MAX] = "";
         bool fits = timing_fits(problem, &cases[i].t, timing_controller(cases[i].controller));
@@ -245,7 +229,7 @@ static void assert_refused(const timing_request *r, const char *expected)
     assert_not_found(timing_by_segments, r, expected);
 }
 
-static void known_answers_of_the_classical_steps(void **state)
+TEST(known_answers_of_the_classical_steps)
 {
     static const struct {
         uint32_t clock_hz, bitrate_bps, quanta;
@@ -261,7 +245,6 @@ static void known_answers_of_the_classical_steps(void **state)
         {16 * MHZ, 50 * KBIT, 20, 10300, {0, 16, 11, 4, 4, 4}, 800000000, 781},
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         timing_request r = with_delay(
             request(cases[i].clock_hz, cases[i].bitrate_bps, cases[i].quanta), cases[i].delay_ns);
@@ -272,11 +255,10 @@ static void known_answers_of_the_classical_steps(void **state)
     }
 }
 
-static void a_round_trip_that_leaves_too_little_is_refused(void **state)
+TEST(a_round_trip_that_leaves_too_little_is_refused)
 {
     timing_request r = with_delay(request(8 * MHZ, 1000 * KBIT, 8), 600);
 
-    (void)state;
     assert_refused(&r,
                    "the round trip takes 5 of 8 tq: 2 tq left for the phase segments, 3 needed");
     r.round_trip_ns = 500;
@@ -289,27 +271,25 @@ static void a_round_trip_that_leaves_too_little_is_refused(void **state)
                        "3 needed");
 }
 
-static void a_delay_of_nothing_takes_one_quantum(void **state)
+TEST(a_delay_of_nothing_takes_one_quantum)
 {
     const timing_request r = with_delay(request(10 * MHZ, 1000 * KBIT, 10), 0);
 
-    (void)state;
     assert_segments(&r, (bit_timing){0, 1, 1, 4, 4, 4});
 }
 
-static void what_phase_segments_cannot_take_goes_to_the_propagation_segment(void **state)
+TEST(what_phase_segments_cannot_take_goes_to_the_propagation_segment)
 {
     const timing_request most = with_delay(request(25 * MHZ, 1000 * KBIT, 25), 40);
     const timing_request odd = with_delay(request(18 * MHZ, 1000 * KBIT, 18), 40);
     const timing_request odd_over = with_delay(request(19 * MHZ, 1000 * KBIT, 19), 40);
 
-    (void)state;
     assert_segments(&most, (bit_timing){0, 1, 8, 8, 8, 4});
     assert_segments(&odd, (bit_timing){0, 1, 1, 8, 8, 4});
     assert_segments(&odd_over, (bit_timing){0, 1, 2, 8, 8, 4});
 }
 
-static void a_wished_sample_point_decides_where_phase_segment_2_begins(void **state)
+TEST(a_wished_sample_point_decides_where_phase_segment_2_begins)
 {
     static const struct {
         uint32_t permille;
@@ -320,41 +300,37 @@ static void a_wished_sample_point_decides_where_phase_segment_2_begins(void **st
         {782, {0, 2, 9, 3, 3, 3}},  {781, {0, 2, 7, 4, 4, 4}},
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         const timing_request r = with_sample(request(16 * MHZ, 500 * KBIT, 16), cases[i].permille);
         assert_segments(&r, cases[i].t);
     }
 }
 
-static void a_delay_limits_the_wished_sample_point(void **state)
+TEST(a_delay_limits_the_wished_sample_point)
 {
     const timing_request r = with_sample(with_delay(request(16 * MHZ, 1000 * KBIT, 16), 600), 500);
     const timing_request free =
         with_sample(with_delay(request(16 * MHZ, 1000 * KBIT, 16), 60), 875);
 
-    (void)state;
     assert_segments(&r, (bit_timing){0, 1, 10, 1, 4, 1});
     assert_segments(&free, (bit_timing){0, 1, 11, 2, 2, 2});
 }
 
-static void without_a_wish_and_a_delay_the_sample_point_is_that_of_cia(void **state)
+TEST(without_a_wish_and_a_delay_the_sample_point_is_that_of_cia)
 {
     const timing_request slow = request(16 * MHZ, 500 * KBIT, 0);
     const timing_request quick = request(16 * MHZ, 800 * KBIT, 0);
     const timing_request quickest = request(16 * MHZ, 1000 * KBIT, 0);
 
-    (void)state;
     assert_segments(&slow, (bit_timing){0, 2, 11, 2, 2, 2});
     assert_segments(&quick, (bit_timing){0, 1, 11, 4, 4, 4});
     assert_segments(&quickest, (bit_timing){0, 1, 7, 4, 4, 4});
 }
 
-static void a_wished_sjw_is_taken_or_refused(void **state)
+TEST(a_wished_sjw_is_taken_or_refused)
 {
     timing_request r = with_delay(request(16 * MHZ, 500 * KBIT, 16), 500);
 
-    (void)state;
     r.sjw = 1;
     assert_segments(&r, (bit_timing){0, 2, 4, 5, 6, 1});
     r.sjw = 5;
@@ -367,13 +343,12 @@ static void a_wished_sjw_is_taken_or_refused(void **state)
                    "sjw would be 6, at most 5 and 6 are allowed, the length of the phase segments");
 }
 
-static void a_clock_that_cannot_be_divided_is_refused(void **state)
+TEST(a_clock_that_cannot_be_divided_is_refused)
 {
     const timing_request one = request(16 * MHZ, 500 * KBIT, 17);
     const timing_request all = request(33333333, 500 * KBIT, 0);
     const timing_request slow = request(1 * MHZ, 1000 * KBIT, 0);
 
-    (void)state;
     assert_refused(&one, "a clock of 16000000 Hz cannot be divided into 17 tq at 500000 bit/s");
     assert_refused(&all,
                    "a clock of 33333333 Hz cannot be divided into 8 to 25 tq at 500000 bit/s");
@@ -381,11 +356,10 @@ static void a_clock_that_cannot_be_divided_is_refused(void **state)
                    "a clock of 1000000 Hz cannot be divided into 8 to 25 tq at 1000000 bit/s");
 }
 
-static void limits_of_a_controller_count(void **state)
+TEST(limits_of_a_controller_count)
 {
     timing_request r = with_delay(request(16 * MHZ, 10 * KBIT, 16), 500);
 
-    (void)state;
     assert_segments(&r, (bit_timing){0, 100, 1, 7, 7, 4});
     r.limits = timing_controller("sja1000");
     assert_refused(&r, "brp would be 100, sja1000 has 1 to 64");
@@ -471,45 +445,16 @@ static unsigned try_all_wishes(timing_request r)
     return found;
 }
 
-static void whatever_is_found_keeps_all_rules_and_is_the_best(void **state)
+TEST(whatever_is_found_keeps_all_rules_and_is_the_best)
 {
     size_t count;
     const timing_limits *all = timing_controllers(&count);
     unsigned found = 0;
 
-    (void)state;
     for (size_t i = 0; i < count; i++)
         for (size_t c = 0; c < COUNT(clocks); c++)
             for (size_t b = 0; b < COUNT(rates); b++)
                 found += try_all_wishes((timing_request){
                     .limits = &all[i], .clock_hz = clocks[c], .bitrate_bps = rates[b]});
     assert_true(found > 50000);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(fractions_are_exact_up_to_the_largest_segments),
-        cmocka_unit_test(the_largest_classical_tolerance_is_that_of_bosch),
-        cmocka_unit_test(bit_rates_are_compared_exactly),
-        cmocka_unit_test(spans_are_rounded_up_to_quanta),
-        cmocka_unit_test(quanta_have_a_length),
-        cmocka_unit_test(controllers_have_names_of_their_own_and_possible_limits),
-        cmocka_unit_test(data_phases_are_those_of_linux),
-        cmocka_unit_test(linux_compensates_up_to_the_sample_point),
-        cmocka_unit_test(the_message_names_the_segment_and_what_is_allowed),
-        cmocka_unit_test(known_answers_of_the_classical_steps),
-        cmocka_unit_test(a_round_trip_that_leaves_too_little_is_refused),
-        cmocka_unit_test(a_delay_of_nothing_takes_one_quantum),
-        cmocka_unit_test(what_phase_segments_cannot_take_goes_to_the_propagation_segment),
-        cmocka_unit_test(a_wished_sample_point_decides_where_phase_segment_2_begins),
-        cmocka_unit_test(a_delay_limits_the_wished_sample_point),
-        cmocka_unit_test(without_a_wish_and_a_delay_the_sample_point_is_that_of_cia),
-        cmocka_unit_test(a_wished_sjw_is_taken_or_refused),
-        cmocka_unit_test(a_clock_that_cannot_be_divided_is_refused),
-        cmocka_unit_test(limits_of_a_controller_count),
-        cmocka_unit_test(whatever_is_found_keeps_all_rules_and_is_the_best),
-    };
-
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

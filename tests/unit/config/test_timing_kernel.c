@@ -3,19 +3,11 @@
  * test_timing_kernel.c - bit timings as Linux finds them. tests/tool/test_timing.py compares them
  * with can-calc-bit-timing of can-utils.
  */
+#include "cases.h"
 #include "timing/request.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #include "found_timing.h"
 
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define MHZ 1000000u
 #define KBIT 1000u
 #define RANDOM_REQUESTS 20000u
@@ -37,7 +29,7 @@ static void assert_refused(const timing_request *r, const char *expected)
     assert_not_found(timing_by_kernel, r, expected);
 }
 
-static void segments_are_those_of_linux(void **state)
+TEST(segments_are_those_of_linux)
 {
     static const struct {
         const char *controller;
@@ -55,7 +47,6 @@ static void segments_are_those_of_linux(void **state)
         {"m_can", 80 * MHZ, 500 * KBIT, {0, 1, 69, 70, 20, 10}},
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         const timing_request r =
             request(cases[i].controller, cases[i].clock_hz, cases[i].bitrate_bps);
@@ -63,11 +54,10 @@ static void segments_are_those_of_linux(void **state)
     }
 }
 
-static void a_wished_sample_point_is_not_exceeded(void **state)
+TEST(a_wished_sample_point_is_not_exceeded)
 {
     timing_request r = request("sja1000", 8 * MHZ, 500 * KBIT);
 
-    (void)state;
     r.sample_permille = 800;
     assert_segments(&r, (bit_timing){0, 1, 5, 6, 4, 2});
     r.sample_permille = 900;
@@ -79,11 +69,10 @@ static void a_wished_sample_point_is_not_exceeded(void **state)
                        "sample point up to 10.0 %");
 }
 
-static void linux_5_19_began_to_take_the_smallest_prescaler(void **state)
+TEST(linux_5_19_began_to_take_the_smallest_prescaler)
 {
     timing_request r = request("mscan", 66660000, 1000 * KBIT);
 
-    (void)state;
     r.sjw = 1;
     assert_segments(&r, (bit_timing){0, 3, 7, 8, 6, 1});
     r.linux_version = 519;
@@ -92,22 +81,20 @@ static void linux_5_19_began_to_take_the_smallest_prescaler(void **state)
     assert_segments(&r, (bit_timing){0, 6, 3, 4, 3, 1});
 }
 
-static void linux_6_3_began_to_take_a_larger_sjw(void **state)
+TEST(linux_6_3_began_to_take_a_larger_sjw)
 {
     timing_request r = request("mscan", 32 * MHZ, 20 * KBIT);
 
-    (void)state;
     r.linux_version = 603;
     assert_segments(&r, (bit_timing){0, 64, 8, 8, 8, 4});
     r.linux_version = 602;
     assert_segments(&r, (bit_timing){0, 64, 8, 8, 8, 1});
 }
 
-static void a_wished_sjw_was_shortened_before_linux_6_3_and_is_refused_since(void **state)
+TEST(a_wished_sjw_was_shortened_before_linux_6_3_and_is_refused_since)
 {
     timing_request r = request("sja1000", 8 * MHZ, 500 * KBIT);
 
-    (void)state;
     r.sjw = 3;
     assert_refused(&r,
                    "sjw would be 3, at most 7 and 2 are allowed, the length of the phase segments");
@@ -119,21 +106,19 @@ static void a_wished_sjw_was_shortened_before_linux_6_3_and_is_refused_since(voi
 }
 
 /* 5.03 %: a tenth of a percent hides it, a hundredth does not. */
-static void linux_6_19_began_to_count_hundredths_of_a_percent(void **state)
+TEST(linux_6_19_began_to_count_hundredths_of_a_percent)
 {
     timing_request r = request("sja1000", 5971500, 1895000);
 
-    (void)state;
     assert_refused(&r, "the nearest bit rate is 5.03 % off, 5 % are allowed");
     r.linux_version = 618;
     assert_segments(&r, (bit_timing){0, 1, 0, 1, 1, 1});
 }
 
-static void what_is_not_possible_is_refused(void **state)
+TEST(what_is_not_possible_is_refused)
 {
     timing_request r = request("mscan", 32 * MHZ, 10 * KBIT);
 
-    (void)state;
     assert_refused(&r, "mscan has no segments for 10000 bit/s at a clock of 32000000 Hz with a "
                        "sample point up to 87.5 %");
     r = request("mcp251x", 16 * MHZ, 10 * KBIT);
@@ -175,12 +160,11 @@ static timing_request random_request(uint64_t *seed)
     };
 }
 
-static void whatever_is_found_is_within_the_limits_and_near_the_bit_rate(void **state)
+TEST(whatever_is_found_is_within_the_limits_and_near_the_bit_rate)
 {
     uint64_t seed = SEED;
     unsigned found = 0;
 
-    (void)state;
     for (unsigned i = 0; i < RANDOM_REQUESTS; i++) {
         const timing_request r = random_request(&seed);
         char problem[TIMING_PROBLEM_MAX] = "";
@@ -199,20 +183,4 @@ static void whatever_is_found_is_within_the_limits_and_near_the_bit_rate(void **
         assert_true(timing_sample_point_ppb(&t) / MHZ <= wish);
     }
     assert_true(found > RANDOM_REQUESTS / 4);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(segments_are_those_of_linux),
-        cmocka_unit_test(a_wished_sample_point_is_not_exceeded),
-        cmocka_unit_test(linux_5_19_began_to_take_the_smallest_prescaler),
-        cmocka_unit_test(linux_6_3_began_to_take_a_larger_sjw),
-        cmocka_unit_test(a_wished_sjw_was_shortened_before_linux_6_3_and_is_refused_since),
-        cmocka_unit_test(linux_6_19_began_to_count_hundredths_of_a_percent),
-        cmocka_unit_test(what_is_not_possible_is_refused),
-        cmocka_unit_test(whatever_is_found_is_within_the_limits_and_near_the_bit_rate),
-    };
-
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,15 +2,9 @@
  *
  * test_timing_pairs.c - what two nodes leave each other by T10: clocks, line, resynchronisations.
  */
+#include "cases.h"
 #include "timing/pairs.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <string.h>
-
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define MHZ 1000000u
 #define PPM_IN_PPB 1000u
 #define WORST 3u /* nodes of the last test */
@@ -39,14 +33,13 @@ static uint32_t need_of(bit_timing a, int32_t ppm_a, bit_timing b, int32_t ppm_b
 
 /* ---- Clocks ---------------------------------------------------------------------------------- */
 
-static void a_pair_needs_half_of_the_difference_of_its_clocks(void **state)
+TEST(a_pair_needs_half_of_the_difference_of_its_clocks)
 {
     const bit_timing ten_tq = {80 * MHZ, 16, 6, 1, 2, 1};
     const bit_timing fifteen_tq = {16 * MHZ, 2, 4, 4, 6, 4};
     const bit_timing long_bit = {1000 * MHZ, 1024, 256, 256, 128, 1};
     const bit_timing longer_bit = {1000 * MHZ, 1024, 256, 255, 128, 1};
 
-    (void)state;
     assert_int_equal(need_of(slow_bit, 100, slow_bit, -100), 100 * PPM_IN_PPB);
     assert_int_equal(need_of(slow_bit, 0, slow_bit, 0), 0);
     assert_int_equal(need_of(slow_bit, 0, ten_tq, 0), 0); /* another prescaler, the same rate */
@@ -60,7 +53,7 @@ static void a_pair_needs_half_of_the_difference_of_its_clocks(void **state)
 
 /* Both limits of T10: 125 kbit/s in 11-2-2, SJW 2; and PS2 - 1 only counts where it is the
  * smallest. */
-static void the_sufficient_tolerance_has_a_phase_seg2_that_is_shorter(void **state)
+TEST(the_sufficient_tolerance_has_a_phase_seg2_that_is_shorter)
 {
     static const struct {
         bit_timing t;
@@ -74,34 +67,31 @@ static void the_sufficient_tolerance_has_a_phase_seg2_that_is_shorter(void **sta
         {{16 * MHZ, 2, 13, 1, 1, 1}, 2415458, 0},         /* 1 / 414 and nothing */
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         assert_int_equal(timing_tolerance_ppb(&cases[i].t), cases[i].tolerance_ppb);
         assert_int_equal(timing_sufficient_ppb(&cases[i].t), cases[i].sufficient_ppb);
     }
 }
 
-static void the_tolerance_of_a_pair_is_the_smaller_one(void **state)
+TEST(the_tolerance_of_a_pair_is_the_smaller_one)
 {
     const bit_timing small = {16 * MHZ, 16, 11, 4, 4, 4};
     const bit_timing smaller = {16 * MHZ, 16, 11, 4, 4, 1}; /* 1 / 400 */
     const timing_node a = node_of(small, 3000, 0, 0), b = node_of(smaller, -3000, 0, 0);
     const timing_pair pair = timing_pair_of(&a, &b);
 
-    (void)state;
     assert_int_equal(pair.tolerance_ppb, 2500 * PPM_IN_PPB);
     assert_int_equal(pair.sufficient_ppb, 2500 * PPM_IN_PPB);
     assert_int_equal(timing_tolerance_left_ppb(&pair), -500 * (int)PPM_IN_PPB);
     assert_int_equal(timing_sufficient_left_ppb(&pair), -500 * (int)PPM_IN_PPB);
 }
 
-static void the_limit_depends_on_whether_a_round_trip_takes_a_quantum(void **state)
+TEST(the_limit_depends_on_whether_a_round_trip_takes_a_quantum)
 {
     const bit_timing bit = {16 * MHZ, 8, 11, 2, 2, 2}; /* tq of 500 ns */
     timing_node a = node_of(bit, 0, 0, 0), b = node_of(bit, 0, 0, 499999);
     timing_pair pair = timing_pair_of(&a, &b);
 
-    (void)state;
     assert_int_equal(timing_limit_ppb(&pair), 2427184);
     b.transfer_ps++;
     pair = timing_pair_of(&a, &b);
@@ -111,13 +101,12 @@ static void the_limit_depends_on_whether_a_round_trip_takes_a_quantum(void **sta
 /* ---- The line -------------------------------------------------------------------------------- */
 
 /* 10 tq of 62.5 ns are 625 ns. Two transfers of 150 ns leave 325 ns: 162.5 ns one way. */
-static void the_longest_line_fills_prop_seg(void **state)
+TEST(the_longest_line_fills_prop_seg)
 {
     const timing_node a = node_of(fast_bit, 0, 500000, 150000);
     timing_node b = node_of(fast_bit, 0, 662500, 150000);
     timing_pair pair = timing_pair_of(&a, &b);
 
-    (void)state;
     assert_int_equal(pair.round_trip_ps, 625000);
     assert_int_equal(pair.delays_ps, 625000);
     assert_int_equal(pair.longest_ps, 162500);
@@ -135,11 +124,10 @@ static void the_longest_line_fills_prop_seg(void **state)
     assert_int_equal(timing_delays_left_ps(&pair), -850002);
 }
 
-static void the_node_with_less_time_for_delays_limits_a_pair(void **state)
+TEST(the_node_with_less_time_for_delays_limits_a_pair)
 {
     const timing_node a = node_of(fast_bit, 0, 0, 0), b = node_of(slow_bit, 0, 0, 0);
 
-    (void)state;
     assert_int_equal(timing_pair_of(&a, &b).delays_ps, 500000);
     assert_int_equal(timing_pair_of(&b, &a).delays_ps, 500000);
 }
@@ -148,7 +136,7 @@ static void the_node_with_less_time_for_delays_limits_a_pair(void **state)
 
 /* With 16 tq the phase error of ten bits is 320 x need tq. There are 14 edges up to the end of the
  * CRC, and that of ACK is 8 bits later. */
-static void edges_are_counted_that_are_off_by_a_quantum(void **state)
+TEST(edges_are_counted_that_are_off_by_a_quantum)
 {
     static const struct {
         uint32_t need_ppm;
@@ -166,7 +154,6 @@ static void edges_are_counted_that_are_off_by_a_quantum(void **state)
         {500000, 4, 15},
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         bit_timing t = slow_bit;
         t.sjw = cases[i].sjw;
@@ -177,7 +164,7 @@ static void edges_are_counted_that_are_off_by_a_quantum(void **state)
 
 /* ---- All nodes of a bus ---------------------------------------------------------------------- */
 
-static void the_worst_nodes_are_found_for_clock_and_line(void **state)
+TEST(the_worst_nodes_are_found_for_clock_and_line)
 {
     const timing_node nodes[WORST] = {
         node_of(slow_bit, 0, 0, 0),
@@ -188,7 +175,6 @@ static void the_worst_nodes_are_found_for_clock_and_line(void **state)
     const timing_worst second = timing_worst_of(nodes, WORST, 1);
     const timing_worst third = timing_worst_of(nodes, WORST, 2);
 
-    (void)state;
     assert_int_equal(first.clock, 1);
     assert_int_equal(first.line, 2);
     assert_int_equal(first.line_pair.round_trip_ps, 100000);
@@ -197,19 +183,4 @@ static void the_worst_nodes_are_found_for_clock_and_line(void **state)
     assert_int_equal(third.clock, 1);
     assert_int_equal(third.line, 0);
     assert_int_equal(third.resynchronisations, 0);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_pair_needs_half_of_the_difference_of_its_clocks),
-        cmocka_unit_test(the_sufficient_tolerance_has_a_phase_seg2_that_is_shorter),
-        cmocka_unit_test(the_tolerance_of_a_pair_is_the_smaller_one),
-        cmocka_unit_test(the_limit_depends_on_whether_a_round_trip_takes_a_quantum),
-        cmocka_unit_test(the_longest_line_fills_prop_seg),
-        cmocka_unit_test(the_node_with_less_time_for_delays_limits_a_pair),
-        cmocka_unit_test(edges_are_counted_that_are_off_by_a_quantum),
-        cmocka_unit_test(the_worst_nodes_are_found_for_clock_and_line),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

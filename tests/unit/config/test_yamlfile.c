@@ -2,16 +2,16 @@
  *
  * test_yamlfile.c - files that are hardly YAML: other line ends, no text, no end; and aliases.
  */
+#include "cases.h"
 #include "configs.h"
 #include "base/text/yamlfile.h"
 
 #define BYTES(text) text, sizeof(text) - 1
 
-static void aliases_stand_for_their_values(void **state)
+TEST(aliases_stand_for_their_values)
 {
     cfg *config = load_good(GOOD "aliases.yaml");
 
-    (void)state;
     assert_int_equal(config->nodes[1].restart_ms, 100);
     assert_int_equal(config->nodes[2].traffic[1].frame.id, 0x100);
     assert_int_equal(config->rules[1].time_end, TICKS_PER_S);
@@ -41,9 +41,8 @@ static void expect_error(const void *content, size_t length, const char *expecte
 }
 
 /* A bad file reports only errors; warnings do not take their places. */
-static void warnings_take_no_place_of_errors(void **state)
+TEST(warnings_take_no_place_of_errors)
 {
-    (void)state;
     char *text = NULL;
     size_t size = 0;
     char *path;
@@ -66,7 +65,7 @@ static void warnings_take_no_place_of_errors(void **state)
     drop_file(path);
 }
 
-static void bytes_that_are_no_text_are_refused(void **state)
+TEST(bytes_that_are_no_text_are_refused)
 {
     static const struct {
         const char *content;
@@ -81,25 +80,22 @@ static void bytes_that_are_no_text_are_refused(void **state)
         {BYTES("seed: \x01\n"), ":1:7: control characters"},
         {BYTES("\xFF\xFEs\0e\0"), ":1:4: NUL bytes"},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++)
         expect_error(cases[i].content, cases[i].length, cases[i].expected);
 }
 
-static void marks_and_line_ends_of_other_systems_are_accepted(void **state)
+TEST(marks_and_line_ends_of_other_systems_are_accepted)
 {
     static const char content[] = "\xEF\xBB\xBF"
                                   "bus: { bitrate: 500000 }\r\nnodes: [{ name: a }]\r\n";
-    (void)state;
     assert_null(errors_of_content(content, sizeof content - 1));
 }
 
-static void what_is_no_file_is_refused(void **state)
+TEST(what_is_no_file_is_refused)
 {
     char *missing = errors_of("tests/config/none.yaml");
     char *directory = errors_of("tests/config");
 
-    (void)state;
     assert_string_equal(missing,
                         "tests/config/none.yaml: No such file or directory\n");
     assert_string_equal(directory, "tests/config: cannot read: Is a directory\n");
@@ -120,7 +116,7 @@ static void expect_huge_error(const char *pattern, size_t length, const char *ex
     free(content);
 }
 
-static void huge_files_end_soon(void **state)
+TEST(huge_files_end_soon)
 {
     static const struct {
         const char *pattern;
@@ -135,19 +131,17 @@ static void huge_files_end_soon(void **state)
         {"a: b\n", ":100000:4: a file has at most 200000 values"},
         {"- &a x\n", ":1001:3: a file has at most 1000 anchors"},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++)
         expect_huge_error(cases[i].pattern, YAML_FILE_MAX, cases[i].expected);
     expect_huge_error("#", YAML_FILE_MAX + 1, ": the file is larger than 4 MiB");
 }
 
-static void errors_without_end_are_cut(void **state)
+TEST(errors_without_end_are_cut)
 {
     char content[400 * 8];
     size_t length = 0;
     unsigned lines = 0;
 
-    (void)state;
     for (int i = 0; i < 400; i++)
         length += (size_t)sprintf(content + length, "k%d: 1\n", i);
     char *errors = errors_of_content(content, length);
@@ -160,30 +154,14 @@ static void errors_without_end_are_cut(void **state)
 }
 
 /* A list of lists of lists: 9^40 values when expanded. */
-static void aliases_are_not_expanded(void **state)
+TEST(aliases_are_not_expanded)
 {
     char content[4096];
     size_t length = (size_t)sprintf(content, "a0: &a0 [x]\n");
 
-    (void)state;
     for (int i = 1; i < 40; i++)
         length += (size_t)sprintf(content + length,
                                   "a%d: &a%d [*a%d, *a%d, *a%d, *a%d, *a%d, *a%d, *a%d]\n", i, i,
                                   i - 1, i - 1, i - 1, i - 1, i - 1, i - 1, i - 1);
     expect_error(content, length, ":1:1: configuration: unknown key 'a0'");
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(warnings_take_no_place_of_errors),
-        cmocka_unit_test(aliases_stand_for_their_values),
-        cmocka_unit_test(bytes_that_are_no_text_are_refused),
-        cmocka_unit_test(marks_and_line_ends_of_other_systems_are_accepted),
-        cmocka_unit_test(what_is_no_file_is_refused),
-        cmocka_unit_test(huge_files_end_soon),
-        cmocka_unit_test(errors_without_end_are_cut),
-        cmocka_unit_test(aliases_are_not_expanded),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,18 +2,14 @@
  *
  * test_alarm.c - the timer of the engine rings when it is to, and is set only when that changes.
  */
+#include "cases.h"
 #include "base/alarm.h"
 
 #include <poll.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <sys/syscall.h>
 #include <sys/timerfd.h>
 #include <time.h>
 #include <unistd.h>
-
-#include <cmocka.h>
 
 #define WAIT_MS 60000 /* for what has to come */
 #define NS_PER_S INT64_C(1000000000)
@@ -40,9 +36,8 @@ static bool rings(const wake_alarm *a, int wait_ms)
     return poll(&p, 1, wait_ms) == 1;
 }
 
-static void what_it_is_set_to_is_not_set_again(void **state)
+TEST(what_it_is_set_to_is_not_set_again)
 {
-    (void)state;
     wake_alarm a;
     const int64_t later = now_ns() + 3600 * NS_PER_S;
     assert_true(alarm_open(&a));
@@ -64,9 +59,8 @@ static void what_it_is_set_to_is_not_set_again(void **state)
 }
 
 /* An alarm that has rung can be set to the same moment again. */
-static void it_rings_each_time(void **state)
+TEST(it_rings_each_time)
 {
-    (void)state;
     wake_alarm a;
     const int64_t past = now_ns() - 1;
     assert_true(alarm_open(&a));
@@ -87,9 +81,8 @@ static void it_rings_each_time(void **state)
 }
 
 /* A moment that has come, but was not taken, is gone when another one is set. */
-static void another_moment_replaces_one_that_has_come(void **state)
+TEST(another_moment_replaces_one_that_has_come)
 {
-    (void)state;
     wake_alarm a;
     assert_true(alarm_open(&a));
     alarm_set(&a, 1);
@@ -98,14 +91,4 @@ static void another_moment_replaces_one_that_has_come(void **state)
     assert_false(alarm_take(&a));
     alarm_close(&a);
     assert_int_equal(a.fd, -1);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(what_it_is_set_to_is_not_set_again),
-        cmocka_unit_test(it_rings_each_time),
-        cmocka_unit_test(another_moment_replaces_one_that_has_come),
-    };
-    return cmocka_run_group_tests_name("alarm", tests, NULL, NULL);
 }

@@ -2,6 +2,7 @@
  *
  * test_aside.c - what is done beside the bus: done, given up, left alone, and files read ahead.
  */
+#include "cases.h"
 #include "base/file/aside.h"
 #include "engine/reloader.h"
 #include "trace/ahead.h"
@@ -9,18 +10,10 @@
 #include <dlfcn.h>
 #include <pthread.h>
 #include <semaphore.h>
-#include <setjmp.h>
-#include <stdarg.h>
 #include <stdatomic.h>
-#include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <time.h>
 #include <unistd.h>
 #include <yaml.h>
-
-#include <cmocka.h>
 
 #define PATIENCE_S 60
 #define ALONE_MAX 100
@@ -208,7 +201,9 @@ static void wait_untold(const world *w)
     ev_set_invoke_pending_cb(w->loop, ev_invoke_pending);
 }
 
-static void what_is_done_is_told_in_the_loop(void **state)
+#define CASE(test) TEST_WITH(test, set_up, tear_down)
+
+CASE(what_is_done_is_told_in_the_loop)
 {
     world *w = *state;
     (void)sem_post(&w->goes_on);
@@ -219,7 +214,7 @@ static void what_is_done_is_told_in_the_loop(void **state)
     assert_int_equal(aside_left(), 0);
 }
 
-static void what_takes_too_long_is_given_up_and_thrown_away(void **state)
+CASE(what_takes_too_long_is_given_up_and_thrown_away)
 {
     world *w = *state;
     begin(w, SOON_S);
@@ -233,7 +228,7 @@ static void what_takes_too_long_is_given_up_and_thrown_away(void **state)
     assert_int_equal(w->done, 0);
 }
 
-static void what_is_late_tells_whether_it_works(void **state)
+CASE(what_is_late_tells_whether_it_works)
 {
     world *w = *state;
     sem_t works;
@@ -248,7 +243,7 @@ static void what_is_late_tells_whether_it_works(void **state)
     (void)sem_destroy(&works);
 }
 
-static void what_is_left_alone_tells_nothing(void **state)
+CASE(what_is_left_alone_tells_nothing)
 {
     world *w = *state;
     aside_leave(begin(w, NEVER_S));
@@ -301,7 +296,7 @@ static void on_over(void *user, uint64_t round, char *errors)
 static const reloader_calls reload_calls = {
     .begins = on_begins, .take = on_take, .over = on_over};
 
-static void reloads_come_in_rounds(void **state)
+CASE(reloads_come_in_rounds)
 {
     world *w = *state;
     char file[] = "/tmp/test_aside.XXXXXX";
@@ -340,7 +335,7 @@ static void reloads_come_in_rounds(void **state)
 }
 
 /* The remedy for a disk that hangs does not help against too much work. */
-static void a_reload_that_is_given_up_says_what_helps(void **state)
+CASE(a_reload_that_is_given_up_says_what_helps)
 {
     static const struct {
         int busy_s;
@@ -406,10 +401,9 @@ static trace_result take(trace_ahead *a, trace_record *record)
     return result;
 }
 
-static void all_entries_come_in_their_order(void **state)
+CASE(all_entries_come_in_their_order)
 {
     char file[32];
-    (void)state;
     trace_record record;
     trace_ahead *a = trace_ahead_start(open_lines(file, LINES), false);
     for (unsigned i = 0; i < LINES; i++) {
@@ -422,10 +416,9 @@ static void all_entries_come_in_their_order(void **state)
     trace_ahead_close(a);
 }
 
-static void a_small_file_comes_again_and_again(void **state)
+CASE(a_small_file_comes_again_and_again)
 {
     char file[32];
-    (void)state;
     trace_record record;
     trace_ahead *a = trace_ahead_start(open_lines(file, 3), true);
     trace_ahead_fill(a);
@@ -437,11 +430,10 @@ static void a_small_file_comes_again_and_again(void **state)
     trace_ahead_close(a); /* its thread waits for room */
 }
 
-static void it_can_be_closed_at_any_time(void **state)
+CASE(it_can_be_closed_at_any_time)
 {
     char file[32];
     trace_record record;
-    (void)state;
     for (unsigned i = 0; i < 50; i++) {
         trace_ahead *a = trace_ahead_start(open_lines(file, i * 100), i % 2 == 0);
         if (i % 3 == 0)
@@ -450,22 +442,4 @@ static void it_can_be_closed_at_any_time(void **state)
             (void)take(a, &record);
         trace_ahead_close(a);
     }
-}
-
-#define CASE(f) cmocka_unit_test_setup_teardown(f, set_up, tear_down)
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        CASE(what_is_done_is_told_in_the_loop),
-        CASE(what_takes_too_long_is_given_up_and_thrown_away),
-        CASE(what_is_late_tells_whether_it_works),
-        CASE(what_is_left_alone_tells_nothing),
-        CASE(reloads_come_in_rounds),
-        CASE(a_reload_that_is_given_up_says_what_helps),
-        CASE(all_entries_come_in_their_order),
-        CASE(a_small_file_comes_again_and_again),
-        CASE(it_can_be_closed_at_any_time),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

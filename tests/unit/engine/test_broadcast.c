@@ -11,9 +11,8 @@
 static const struct can_frame first = {.can_id = 0x123, .len = 1, .data = {1}};
 static const struct can_frame second = {.can_id = 0x123, .len = 2, .data = {2, 7}};
 
-static void jobs_are_due_at_each_interval(void **state)
+TEST(jobs_are_due_at_each_interval)
 {
-    (void)state;
     broadcast b = {.jobs = NULL};
     struct can_frame frame;
     int64_t late_ns;
@@ -38,9 +37,8 @@ static void jobs_are_due_at_each_interval(void **state)
     broadcast_free(&b);
 }
 
-static void the_job_that_waits_longest_is_first(void **state)
+TEST(the_job_that_waits_longest_is_first)
 {
-    (void)state;
     broadcast b = {.jobs = NULL};
     int64_t late_ns;
     for (unsigned i = 0; i < BROADCAST_MAX; i++) {
@@ -56,9 +54,8 @@ static void the_job_that_waits_longest_is_first(void **state)
     broadcast_free(&b);
 }
 
-static void subscriptions_choose_by_content(void **state)
+TEST(subscriptions_choose_by_content)
 {
-    (void)state;
     broadcast b = {.jobs = NULL};
     const uint8_t mask[CAN_MAX_DLEN] = {0xF0, 0x01};
     assert_true(broadcast_subscribe(&b, 0x123, mask, 0));
@@ -76,9 +73,8 @@ static void subscriptions_choose_by_content(void **state)
     broadcast_free(&b);
 }
 
-static void the_last_frame_of_an_interval_comes_at_its_end(void **state)
+TEST(the_last_frame_of_an_interval_comes_at_its_end)
 {
-    (void)state;
     broadcast b = {.jobs = NULL};
     struct can_frame frame;
     int64_t realtime_ns = 0;
@@ -97,15 +93,4 @@ static void the_last_frame_of_an_interval_comes_at_its_end(void **state)
     assert_true(broadcast_held(&b, &frame, &realtime_ns, 700 * MS));
     assert_true(broadcast_passes(&b, &first, 5, 800 * MS));
     broadcast_free(&b);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(jobs_are_due_at_each_interval),
-        cmocka_unit_test(the_job_that_waits_longest_is_first),
-        cmocka_unit_test(subscriptions_choose_by_content),
-        cmocka_unit_test(the_last_frame_of_an_interval_comes_at_its_end),
-    };
-    return cmocka_run_group_tests_name("broadcast", tests, NULL, NULL);
 }

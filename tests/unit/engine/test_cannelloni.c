@@ -28,9 +28,8 @@ static const frame_case frame_cases[] = {
     {0x123, 0, true, CANFD_ESI, {0}, 6, {0, 0, 1, 0x23, 0x80, 2}},
 };
 
-static void frames_have_their_bytes(void **state)
+TEST(frames_have_their_bytes)
 {
-    (void)state;
     for (size_t i = 0; i < sizeof frame_cases / sizeof frame_cases[0]; i++) {
         const frame_case *c = &frame_cases[i];
         struct canfd_frame frame = {.can_id = c->id, .len = c->len, .flags = c->flags}, back;
@@ -48,9 +47,8 @@ static void frames_have_their_bytes(void **state)
     }
 }
 
-static void the_longest_frame_fits(void **state)
+TEST(the_longest_frame_fits)
 {
-    (void)state;
     struct canfd_frame frame = {.can_id = 0x1FFFFFFF | CAN_EFF_FLAG, .len = CANFD_MAX_DLEN}, back;
     uint8_t bytes[CANNELLONI_FRAME_MAX];
     size_t size;
@@ -61,9 +59,8 @@ static void the_longest_frame_fits(void **state)
     assert_int_equal(cannelloni_take_frame(&back, &size, bytes, sizeof bytes), -1);
 }
 
-static void packets_are_checked_as_a_whole(void **state)
+TEST(packets_are_checked_as_a_whole)
 {
-    (void)state;
     uint8_t bytes[CANNELLONI_HEAD_BYTES + 12] = {0};
     cannelloni_put_head(bytes, 0xFE, 0x0102);
     assert_memory_equal(bytes, ((uint8_t[]){2, 0, 0xFE, 1, 2}), CANNELLONI_HEAD_BYTES);
@@ -90,9 +87,8 @@ static cannelloni_place follow(cannelloni_sequence *s, uint8_t number, uint8_t c
     return cannelloni_follow(s, bytes, sizeof bytes, ns, missing);
 }
 
-static void gaps_are_counted(void **state)
+TEST(gaps_are_counted)
 {
-    (void)state;
     cannelloni_sequence s = {.begun = false};
     unsigned missing;
     for (unsigned i = 0; i < 1000; i++) {
@@ -106,9 +102,8 @@ static void gaps_are_counted(void **state)
     assert_int_equal(missing, 127);
 }
 
-static void late_packets_and_copies_are_told_apart(void **state)
+TEST(late_packets_and_copies_are_told_apart)
 {
-    (void)state;
     cannelloni_sequence s = {.begun = false};
     unsigned missing;
     for (unsigned i = 0; i < 40; i++)
@@ -125,9 +120,8 @@ static void late_packets_and_copies_are_told_apart(void **state)
     assert_int_equal(missing, 0);
 }
 
-static void a_peer_begins_again(void **state)
+TEST(a_peer_begins_again)
 {
-    (void)state;
     unsigned missing;
     static const struct {
         uint8_t number, content;
@@ -150,9 +144,8 @@ static void a_peer_begins_again(void **state)
 }
 
 /* The bytes are on the heap, so that sanitizers see a read behind them. */
-static void any_bytes_are_read_within_their_bounds(void **state)
+TEST(any_bytes_are_read_within_their_bounds)
 {
-    (void)state;
     uint32_t random = 1;
     for (unsigned round = 0; round < 20000; round++) {
         struct canfd_frame frame;
@@ -171,18 +164,4 @@ static void any_bytes_are_read_within_their_bounds(void **state)
         assert_true(frames >= -1 && (frames < 0 || frames * 5 + 5 <= (int)count));
         free(exact);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(frames_have_their_bytes),
-        cmocka_unit_test(the_longest_frame_fits),
-        cmocka_unit_test(packets_are_checked_as_a_whole),
-        cmocka_unit_test(gaps_are_counted),
-        cmocka_unit_test(late_packets_and_copies_are_told_apart),
-        cmocka_unit_test(a_peer_begins_again),
-        cmocka_unit_test(any_bytes_are_read_within_their_bounds),
-    };
-    return cmocka_run_group_tests_name("cannelloni", tests, NULL, NULL);
 }

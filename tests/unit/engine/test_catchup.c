@@ -2,22 +2,16 @@
  *
  * test_catchup.c - when a bus that has fallen behind skips time, and how much.
  */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
 
-#include <cmocka.h>
-
+#include "cases.h"
 #include "canwire.h"
 #include "engine/catchup.h"
 
 #define S UINT64_C(80000000) /* ticks */
 #define NS_PER_S INT64_C(1000000000)
 
-static void only_what_is_over_the_limit_is_skipped(void **state)
+TEST(only_what_is_over_the_limit_is_skipped)
 {
-    (void)state;
     static const struct {
         uint64_t due, now, limit, skipped;
     } cases[] = {
@@ -38,9 +32,8 @@ static void only_what_is_over_the_limit_is_skipped(void **state)
                          cases[i].skipped);
 }
 
-static void a_machine_that_was_suspended_is_known_once(void **state)
+TEST(a_machine_that_was_suspended_is_known_once)
 {
-    (void)state;
     catchup c = {.skips = 0};
     catchup_begin(&c, 7 * NS_PER_S, 5 * NS_PER_S);
     assert_int_equal(catchup_suspended(&c, 8 * NS_PER_S, 6 * NS_PER_S), 0);
@@ -54,9 +47,8 @@ static void a_machine_that_was_suspended_is_known_once(void **state)
     assert_int_equal(catchup_suspended(&c, 3613 * NS_PER_S + 10000000, 11 * NS_PER_S), 10000000);
 }
 
-static void all_that_is_skipped_is_counted_and_logged_in_time(void **state)
+TEST(all_that_is_skipped_is_counted_and_logged_in_time)
 {
-    (void)state;
     catchup c = {.skips = 0};
     catchup_log(&c, 1);
     assert_false(c.logged);
@@ -74,14 +66,4 @@ static void all_that_is_skipped_is_counted_and_logged_in_time(void **state)
     catchup_note(&c, 1);
     catchup_log(&c, INT64_MAX); /* at the end, whenever that is */
     assert_int_equal(c.logged_ns, UINT64_C(4000000001));
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(only_what_is_over_the_limit_is_skipped),
-        cmocka_unit_test(a_machine_that_was_suspended_is_known_once),
-        cmocka_unit_test(all_that_is_skipped_is_counted_and_logged_in_time),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -59,9 +59,8 @@ static void write_one(rig *r, port *p, unsigned node)
     rig_send(r, node, &frame, 0);
 }
 
-static void balance_through_exchanges_of_ports(void **state)
+TEST(balance_through_exchanges_of_ports)
 {
-    (void)state;
     static const uint8_t swapped[CW_NODES_MAX] = {1, 0, [2 ... CW_NODES_MAX - 1] = CW_NO_NODE};
     port a = {.stats.written = 0};
     port b = {.stats.written = 0};
@@ -104,9 +103,8 @@ static void balance_through_exchanges_of_ports(void **state)
     rig_free(r);
 }
 
-static void a_port_that_is_gone_and_one_that_never_was(void **state)
+TEST(a_port_that_is_gone_and_one_that_never_was)
 {
-    (void)state;
     const cw_frame frame = rig_frame(0x123, 0, 0);
     port a = {.stats.written = 0};
     conserve c = {.nodes[0].released = 0};
@@ -135,9 +133,8 @@ static void a_port_that_is_gone_and_one_that_never_was(void **state)
     rig_free(r);
 }
 
-static void every_node_that_does_not_balance_is_counted(void **state)
+TEST(every_node_that_does_not_balance_is_counted)
 {
-    (void)state;
     cfg_node nodes[] = {{.name = (char[]){"a"}}, {.name = (char[]){"b"}}, {.name = (char[]){"c"}}};
     const cfg config = {.node_count = 3, .nodes = nodes};
     port *ports[3] = {NULL};
@@ -149,14 +146,4 @@ static void every_node_that_does_not_balance_is_counted(void **state)
     c.nodes[2].unheard = 1;
     assert_int_equal(conserve_check(&c, &config, r->bus, ports), 2);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(balance_through_exchanges_of_ports),
-        cmocka_unit_test(a_port_that_is_gone_and_one_that_never_was),
-        cmocka_unit_test(every_node_that_does_not_balance_is_counted),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,6 +3,7 @@
  * test_control.c - live events at the control socket: who watches, what is lost, what is written at
  * the end.
  */
+#include "cases.h"
 #include "control_rig.h"
 
 #include <fcntl.h>
@@ -18,7 +19,7 @@ static void send_frame(rig *r)
     engine_update(&r->engine);
 }
 
-static void watchers_see_what_they_asked_for(void **state)
+CASE(watchers_see_what_they_asked_for)
 {
     rig *r = *state;
     int all = connect_client(r), some = connect_client(r), none = connect_client(r);
@@ -42,7 +43,7 @@ static void watchers_see_what_they_asked_for(void **state)
     close(none);
 }
 
-static void injected_rules_have_their_names_in_events(void **state)
+CASE(injected_rules_have_their_names_in_events)
 {
     rig *r = *state;
     int fd = connect_client(r);
@@ -56,7 +57,7 @@ static void injected_rules_have_their_names_in_events(void **state)
 }
 
 /* Events come all or are counted, and in the end their sum is right. */
-static void slow_watchers_lose_events_and_are_told(void **state)
+CASE(slow_watchers_lose_events_and_are_told)
 {
     rig *r = *state;
     int fd = connect_client(r);
@@ -95,7 +96,7 @@ static void *read_to_the_end(void *user)
 }
 
 /* The server stops while lines wait for a client that reads and for one that does not. */
-static void what_waits_at_the_end_is_still_written(void **state)
+CASE(what_waits_at_the_end_is_still_written)
 {
     rig *r = *state;
     int reader = connect_client(r), sleeper = connect_client(r);
@@ -125,7 +126,7 @@ static int64_t now_us(void)
 }
 
 /* The bus must have its turn between any two requests of a client. */
-static void a_heap_of_requests_leaves_time_for_the_bus(void **state)
+CASE(a_heap_of_requests_leaves_time_for_the_bus)
 {
     const rig *r = *state;
     int fds[16];
@@ -156,16 +157,4 @@ static void a_heap_of_requests_leaves_time_for_the_bus(void **state)
     print_message("longest turn %lld us\n", (long long)longest_us);
     for (unsigned i = 0; i < 16; i++)
         close(fds[i]);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        CASE(watchers_see_what_they_asked_for),
-        CASE(injected_rules_have_their_names_in_events),
-        CASE(slow_watchers_lose_events_and_are_told),
-        CASE(what_waits_at_the_end_is_still_written),
-        CASE(a_heap_of_requests_leaves_time_for_the_bus),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,15 +3,10 @@
  * test_due.c - an engine that sleeps until what is due sees each frame in time, and wakes up for
  * nothing else.
  */
+#include "cases.h"
 #include "run/due.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
-
-#include <cmocka.h>
 
 /* A bus of a configuration that goes from one moment that is due to the next. */
 typedef struct sleeper {
@@ -92,9 +87,8 @@ static void run(sleeper *s, uint64_t until)
     }
 }
 
-static void a_frame_on_an_idle_bus_costs_no_wake_up_before_its_end(void **state)
+TEST(a_frame_on_an_idle_bus_costs_no_wake_up_before_its_end)
 {
-    (void)state;
     sleeper s = begin("bus: { bitrate: 500000 }\n"
                       "nodes:\n"
                       "  - name: a\n"
@@ -107,9 +101,8 @@ static void a_frame_on_an_idle_bus_costs_no_wake_up_before_its_end(void **state)
 }
 
 /* Frames that come up together, behind each other, in the middle of bits and amid others. */
-static void no_frame_is_seen_late(void **state)
+TEST(no_frame_is_seen_late)
 {
-    (void)state;
     sleeper s = begin("bus: { bitrate: 500000 }\n"
                       "nodes:\n"
                       "  - name: a\n"
@@ -131,9 +124,8 @@ static void no_frame_is_seen_late(void **state)
 }
 
 /* M15: a frame in loopback leaves the bus to others, and theirs may be shorter. */
-static void a_frame_beside_one_in_loopback_is_not_seen_late(void **state)
+TEST(a_frame_beside_one_in_loopback_is_not_seen_late)
 {
-    (void)state;
     sleeper s = begin("bus: { bitrate: 500000 }\n"
                       "nodes:\n"
                       "  - name: a\n"
@@ -148,9 +140,8 @@ static void a_frame_beside_one_in_loopback_is_not_seen_late(void **state)
 }
 
 /* M6: b is in time for the end of the intermission, in which a frame waits, and wins. */
-static void a_frame_that_overtakes_in_an_intermission_is_not_seen_late(void **state)
+TEST(a_frame_that_overtakes_in_an_intermission_is_not_seen_late)
 {
-    (void)state;
     sleeper s = begin("bus: { bitrate: 500000 }\n"
                       "nodes:\n"
                       "  - name: a\n"
@@ -164,9 +155,8 @@ static void a_frame_that_overtakes_in_an_intermission_is_not_seen_late(void **st
 }
 
 /* M6: b comes in the SOF of a, wins, and is received a bit earlier than with a SOF of its own. */
-static void a_frame_that_joins_a_start_is_not_seen_late(void **state)
+TEST(a_frame_that_joins_a_start_is_not_seen_late)
 {
-    (void)state;
     sleeper s = begin("bus: { bitrate: 500000 }\n"
                       "nodes:\n"
                       "  - name: a\n"
@@ -179,9 +169,8 @@ static void a_frame_that_joins_a_start_is_not_seen_late(void **state)
 }
 
 /* A drop is reported at once. */
-static void a_release_that_is_dropped_is_due_at_its_tick(void **state)
+TEST(a_release_that_is_dropped_is_due_at_its_tick)
 {
-    (void)state;
     sleeper s = begin("bus: { bitrate: 500000 }\n"
                       "nodes:\n"
                       "  - name: a\n"
@@ -195,9 +184,8 @@ static void a_release_that_is_dropped_is_due_at_its_tick(void **state)
 }
 
 /* The effect of rules on it is not known beforehand. */
-static void where_rules_are_a_release_is_due_at_its_tick(void **state)
+TEST(where_rules_are_a_release_is_due_at_its_tick)
 {
-    (void)state;
     sleeper s = begin("bus: { bitrate: 500000 }\n"
                       "nodes:\n"
                       "  - name: a\n"
@@ -208,18 +196,4 @@ static void where_rules_are_a_release_is_due_at_its_tick(void **state)
     run(&s, CW_CLOCK_HZ);
     assert_int_equal(s.drops, 1);
     end(&s);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_frame_on_an_idle_bus_costs_no_wake_up_before_its_end),
-        cmocka_unit_test(no_frame_is_seen_late),
-        cmocka_unit_test(a_frame_beside_one_in_loopback_is_not_seen_late),
-        cmocka_unit_test(a_frame_that_overtakes_in_an_intermission_is_not_seen_late),
-        cmocka_unit_test(a_frame_that_joins_a_start_is_not_seen_late),
-        cmocka_unit_test(a_release_that_is_dropped_is_due_at_its_tick),
-        cmocka_unit_test(where_rules_are_a_release_is_due_at_its_tick),
-    };
-    return cmocka_run_group_tests_name("due", tests, NULL, NULL);
 }

@@ -5,6 +5,7 @@
  * The clock is ours. Frames count as of now: the kernel's time stamps, of its own clock, are in the
  * future.
  */
+#include "cases.h"
 #include "engine_rig.h"
 
 #include <linux/can.h>
@@ -72,9 +73,8 @@ static void write_frames(const rig *r)
 }
 
 /* A wake-up comes late and finds the flood: the time until then has had its traffic. */
-static void a_flood_does_not_put_off_traffic(void **state)
+TEST(a_flood_does_not_put_off_traffic)
 {
-    (void)state;
     rig r;
     start_rig(&r);
     write_frames(&r);
@@ -84,12 +84,4 @@ static void a_flood_does_not_put_off_traffic(void **state)
     engine_update(r.base.engine);
     assert_true(r.sent >= 2 * LATE_MS / EVERY_MS);
     end_rig(&r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_flood_does_not_put_off_traffic),
-    };
-    return cmocka_run_group_tests_name("floods", tests, NULL, NULL);
 }

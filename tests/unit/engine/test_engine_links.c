@@ -3,6 +3,7 @@
  * test_engine_links.c - nodes join and leave the bus by the reports of rtnetlink about interfaces.
  * Kernel, ports and bus are minimal fakes.
  */
+#include "cases.h"
 #include "config/node/portname.h"
 #include "engine/core.h"
 #include "engine/share.h"
@@ -11,16 +12,8 @@
 #include <errno.h>
 #include <linux/rtnetlink.h>
 #include <net/if.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
-
-#include <cmocka.h>
 
 #define LINKS 3u
 #define NODES 4u
@@ -317,9 +310,8 @@ static void assert_links(const engine *e, const char *expected)
 
 /* ---- Tests ----------------------------------------------------------------------------------- */
 
-static void who_is_not_in_the_list_leaves_and_comes_back(void **state)
+TEST(who_is_not_in_the_list_leaves_and_comes_back)
 {
-    (void)state;
     engine *e = start();
     answer_list(LINKS, NLMSG_DONE, 0);
     read_answers(e);
@@ -338,9 +330,8 @@ static void who_is_not_in_the_list_leaves_and_comes_back(void **state)
 }
 
 /* The list has no changes, so only its end advances the bus to the present. */
-static void a_reload_that_is_over_in_the_end_of_a_list(void **state)
+TEST(a_reload_that_is_over_in_the_end_of_a_list)
 {
-    (void)state;
     engine *e = start();
     bus.reloads = 2;
     for (unsigned lists = 0; lists < 3; lists++) {
@@ -355,9 +346,8 @@ static void a_reload_that_is_over_in_the_end_of_a_list(void **state)
 }
 
 /* The list that the reload asks for shows changes up to then. */
-static void an_interface_that_goes_during_such_a_reload(void **state)
+TEST(an_interface_that_goes_during_such_a_reload)
 {
-    (void)state;
     engine *e = start();
     bus.reloads = 1;
     kernel.links[0] = NULL;
@@ -378,9 +368,8 @@ static void ring(engine *e)
 }
 
 /* A list can end without reporting all interfaces. */
-static void a_list_that_fails_is_asked_for_again(void **state)
+TEST(a_list_that_fails_is_asked_for_again)
 {
-    (void)state;
     static const struct {
         unsigned links;
         uint16_t type;
@@ -403,9 +392,8 @@ static void a_list_that_fails_is_asked_for_again(void **state)
     }
 }
 
-static void a_list_that_cannot_be_asked_for(void **state)
+TEST(a_list_that_cannot_be_asked_for)
 {
-    (void)state;
     engine *e = start();
     answer_list(LINKS, NLMSG_DONE, 0);
     read_answers(e);
@@ -423,9 +411,8 @@ static void a_list_that_cannot_be_asked_for(void **state)
 }
 
 /* Messages after a failed list do not belong to another one. */
-static void an_end_without_a_list(void **state)
+TEST(an_end_without_a_list)
 {
-    (void)state;
     engine *e = start();
     answer_list(0, NLMSG_ERROR, -ENOMEM);
     answer_end(NLMSG_DONE, 0);
@@ -441,9 +428,8 @@ static void an_end_without_a_list(void **state)
 }
 
 /* The list was one of the nodes before the reload. */
-static void a_reload_in_the_end_of_a_list_that_cannot_ask_for_another(void **state)
+TEST(a_reload_in_the_end_of_a_list_that_cannot_ask_for_another)
 {
-    (void)state;
     engine *e = start();
     bus.reloads = 1;
     kernel.send_error = ENOBUFS;
@@ -460,9 +446,8 @@ static void a_reload_in_the_end_of_a_list_that_cannot_ask_for_another(void **sta
 }
 
 /* Also of a port that is opened later. */
-static void too_little_room_is_told(void **state)
+TEST(too_little_room_is_told)
 {
-    (void)state;
     engine *e = start();
     kernel.links[1] = NULL;
     answer_list(LINKS, NLMSG_DONE, 0);
@@ -475,19 +460,4 @@ static void too_little_room_is_told(void **state)
     assert_links(e, "UUU-");
     assert_true(e->links.reported_small);
     end(e);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(who_is_not_in_the_list_leaves_and_comes_back),
-        cmocka_unit_test(a_reload_that_is_over_in_the_end_of_a_list),
-        cmocka_unit_test(an_interface_that_goes_during_such_a_reload),
-        cmocka_unit_test(a_list_that_fails_is_asked_for_again),
-        cmocka_unit_test(a_list_that_cannot_be_asked_for),
-        cmocka_unit_test(an_end_without_a_list),
-        cmocka_unit_test(a_reload_in_the_end_of_a_list_that_cannot_ask_for_another),
-        cmocka_unit_test(too_little_room_is_told),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -4,6 +4,7 @@
  *
  * The clock is ours and moves only when a test moves it, so that no frame ends by itself.
  */
+#include "cases.h"
 #include "engine_rig.h"
 
 #define BIT_NS INT64_C(200000) /* at 5000 bit/s */
@@ -61,9 +62,8 @@ static void reload_to(rig *r, unsigned nodes, const char *rules)
 }
 
 /* The bus changes to the last one of those that meet within a frame. */
-static void a_reload_takes_the_place_of_one_under_way(void **state)
+TEST(a_reload_takes_the_place_of_one_under_way)
 {
-    (void)state;
     rig r;
     start_rig(&r, "");
     pass_bits(&r, 20);
@@ -81,9 +81,8 @@ static void a_reload_takes_the_place_of_one_under_way(void **state)
 }
 
 /* One that takes the place of another has no more time than that had. */
-static void a_new_reload_does_not_put_off_the_end(void **state)
+TEST(a_new_reload_does_not_put_off_the_end)
 {
-    (void)state;
     rig r;
     start_rig(&r, jam);
     pass_bits(&r, 40);
@@ -97,13 +96,4 @@ static void a_new_reload_does_not_put_off_the_end(void **state)
     assert_int_equal(r.base.changes, 1);
     assert_int_equal(live_config(r.base.live)->node_count, 2 + 2);
     end_rig(&r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_reload_takes_the_place_of_one_under_way),
-        cmocka_unit_test(a_new_reload_does_not_put_off_the_end),
-    };
-    return cmocka_run_group_tests_name("reloads within a frame", tests, NULL, NULL);
 }

@@ -5,6 +5,7 @@
  * The clock is ours. It jumps between the wake-ups, and within some of them, so that they end with
  * frames in the inbox whose time has not come.
  */
+#include "cases.h"
 #include "engine_rig.h"
 
 #include <inttypes.h>
@@ -160,23 +161,12 @@ static void check_traffic(bool crowded)
     assert_true(changes > SEEDS);
 }
 
-static void traffic_comes_once_in_order_at_its_times(void **state)
+TEST(traffic_comes_once_in_order_at_its_times)
 {
-    (void)state;
     check_traffic(false);
 }
 
-static void frames_that_the_queue_cannot_hold_wait(void **state)
+TEST(frames_that_the_queue_cannot_hold_wait)
 {
-    (void)state;
     check_traffic(true);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(traffic_comes_once_in_order_at_its_times),
-        cmocka_unit_test(frames_that_the_queue_cannot_hold_wait),
-    };
-    return cmocka_run_group_tests_name("recordings over wake-ups and reloads", tests, NULL, NULL);
 }

@@ -6,6 +6,7 @@
  * the time. Nothing here depends on the machine: what is bounded is the work of the bus
  * (cw_bus_work()).
  */
+#include "cases.h"
 #include "engine_rig.h"
 
 #define STEP_NS INT64_C(5000000) /* that a look takes: ten are the time of a wake-up */
@@ -114,9 +115,8 @@ static const char *const floods[] = {
     "load: 100%",
 };
 
-static void rules_that_send_faster_than_the_bus(void **state)
+TEST(rules_that_send_faster_than_the_bus)
 {
-    (void)state;
     for (unsigned i = 0; i < sizeof floods / sizeof floods[0]; i++) {
         rig r;
         start_rig(&r, "", floods[i]);
@@ -127,9 +127,8 @@ static void rules_that_send_faster_than_the_bus(void **state)
 }
 
 /* Frames that a bus cannot send are dropped and counted, each of them, and take no memory. */
-static void what_is_too_much_is_counted(void **state)
+TEST(what_is_too_much_is_counted)
 {
-    (void)state;
     rig r;
     start_rig(&r, "", floods[0]);
     wake_often(&r, floods[0]);
@@ -150,9 +149,8 @@ static void what_is_too_much_is_counted(void **state)
 }
 
 /* A request: the bus is brought up to now before and after. */
-static void requests_do_not_wait_for_the_bus(void **state)
+TEST(requests_do_not_wait_for_the_bus)
 {
-    (void)state;
     rig r;
     start_rig(&r, "", floods[0]);
     for (unsigned i = 0; i < 10; i++) {
@@ -167,9 +165,8 @@ static void requests_do_not_wait_for_the_bus(void **state)
 }
 
 /* With recordings of bits each one is looked at by itself. */
-static void bits_are_shown_in_turns(void **state)
+TEST(bits_are_shown_in_turns)
 {
-    (void)state;
     rig r;
     start_rig(&r, "", floods[0]);
     engine_observe_bits(r.base.engine, count_bits, &r);
@@ -183,9 +180,8 @@ static void bits_are_shown_in_turns(void **state)
 }
 
 /* Traffic of nodes fills the inbox of a bus that is behind. */
-static void traffic_of_nodes_waits_too(void **state)
+TEST(traffic_of_nodes_waits_too)
 {
-    (void)state;
     rig r;
     start_rig(&r, ", traffic: [ { send: 124#, every: 1us }, { send: 125#, every: 2us } ]",
               floods[0]);
@@ -194,9 +190,8 @@ static void traffic_of_nodes_waits_too(void **state)
 }
 
 /* It stops, though the frame on the wire does not end before long. */
-static void the_end_comes_in_time(void **state)
+TEST(the_end_comes_in_time)
 {
-    (void)state;
     rig r;
     start_rig(&r, "", floods[0]);
     wake_often(&r, "before the end");
@@ -206,17 +201,4 @@ static void the_end_comes_in_time(void **state)
     assert_true(ev_run(r.base.loop, EVRUN_ONCE)); /* its timer is due */
     assert_in_bounds("stopped");
     end_rig(&r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(rules_that_send_faster_than_the_bus),
-        cmocka_unit_test(what_is_too_much_is_counted),
-        cmocka_unit_test(requests_do_not_wait_for_the_bus),
-        cmocka_unit_test(bits_are_shown_in_turns),
-        cmocka_unit_test(traffic_of_nodes_waits_too),
-        cmocka_unit_test(the_end_comes_in_time),
-    };
-    return cmocka_run_group_tests_name("engine work", tests, NULL, NULL);
 }

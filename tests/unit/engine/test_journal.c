@@ -3,6 +3,7 @@
  * test_journal.c - a journal is written: into its file, beside old ones, with no room and with room
  * again.
  */
+#include "cases.h"
 #include "disk.h"
 #include "journal_rig.h"
 
@@ -13,9 +14,8 @@
 
 /* ---- Its file -------------------------------------------------------------------------------- */
 
-static void a_journal_that_is_there_is_kept(void **state)
+TEST(a_journal_that_is_there_is_kept)
 {
-    (void)state;
     host h;
     write_file("journal", "of last night\n");
     host_begin(&h, 1);
@@ -26,10 +26,9 @@ static void a_journal_that_is_there_is_kept(void **state)
     free(h.events.text);
 }
 
-static void a_journal_that_cannot_begin_says_why(void **state)
+TEST(a_journal_that_cannot_begin_says_why)
 {
     char error[JOURNAL_ERROR_MAX];
-    (void)state;
     cfg *config = load_config(0);
     assert_null(journal_start(folder, 2, config, error));
     assert_non_null(strstr(error, "no regular file"));
@@ -67,12 +66,11 @@ static int journal_without_room(void)
     return lost == 0 || journal_lost(full) != lost + 10;
 }
 
-static void a_full_disk_breaks_a_journal(void **state)
+TEST(a_full_disk_breaks_a_journal)
 {
     char *events;
     char *messages;
     int status;
-    (void)state;
     fflush(stdout);
     pid_t child = fork();
     if (child == 0)
@@ -164,9 +162,8 @@ static int journal_with_room_again(bool by_itself, rlim_t room)
 /* Bytes at first: for some lines, for the header alone, for nothing. */
 static const rlim_t rooms[] = {4000, 200, 100};
 
-static void a_journal_is_taken_up_again(void **state)
+TEST(a_journal_is_taken_up_again)
 {
-    (void)state;
     for (unsigned i = 0; i < 6; i++) {
         char *events;
         char *messages;
@@ -195,13 +192,12 @@ static void a_journal_is_taken_up_again(void **state)
 }
 
 /* It says where it is broken, and ends there. */
-static void too_much_at_once_breaks_a_journal(void **state)
+TEST(too_much_at_once_breaks_a_journal)
 {
     enum { SIZE = 9 << 20 };
     char *text = malloc(SIZE);
     char *events;
     char *messages;
-    (void)state;
     memset(text, ' ', SIZE);
     host h;
     host_begin(&h, 1);
@@ -226,14 +222,13 @@ static void too_much_at_once_breaks_a_journal(void **state)
 }
 
 /* The largest that a configuration can be. */
-static void a_large_configuration_goes_into_it(void **state)
+TEST(a_large_configuration_goes_into_it)
 {
     enum { SIZE = 4000000 };
     char *text = malloc(SIZE + 1);
     char error[JOURNAL_ERROR_MAX];
     char *events;
     char *messages;
-    (void)state;
     memset(text, '\n', SIZE);
     memcpy(text, configs[1], strlen(configs[1]));
     text[SIZE] = '\0';
@@ -255,15 +250,4 @@ static void a_large_configuration_goes_into_it(void **state)
     free(messages);
 }
 
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_journal_that_is_there_is_kept),
-        cmocka_unit_test(a_journal_that_cannot_begin_says_why),
-        cmocka_unit_test(a_journal_is_taken_up_again),
-        cmocka_unit_test(a_full_disk_breaks_a_journal),
-        cmocka_unit_test(too_much_at_once_breaks_a_journal),
-        cmocka_unit_test(a_large_configuration_goes_into_it),
-    };
-    return cmocka_run_group_tests(tests, make_folder, remove_folder);
-}
+TESTS_WITH(make_folder, remove_folder)

@@ -2,6 +2,7 @@
  *
  * test_journal_check.c - damage of a journal is found, with its line.
  */
+#include "cases.h"
 #include "journal_rig.h"
 #include "run/journal_seal.h"
 
@@ -19,11 +20,10 @@ static void check_place(const char *messages, const char *text, size_t damaged)
 }
 
 /* One bit of each byte, another from byte to byte. */
-static void a_flipped_bit_of_each_byte_is_found_with_its_line(void **state)
+TEST(a_flipped_bit_of_each_byte_is_found_with_its_line)
 {
     size_t size;
     char *messages;
-    (void)state;
     char *text = make_small_journal(&size);
     assert_true(check_text(text, size, &messages));
     assert_string_equal(messages, "");
@@ -40,11 +40,10 @@ static void a_flipped_bit_of_each_byte_is_found_with_its_line(void **state)
     free(text);
 }
 
-static void each_cut_is_found(void **state)
+TEST(each_cut_is_found)
 {
     size_t size;
     char *messages;
-    (void)state;
     char *text = make_small_journal(&size);
     for (size_t i = 0; i < size; i++) {
         if (check_text(text, i, &messages))
@@ -56,11 +55,10 @@ static void each_cut_is_found(void **state)
 }
 
 /* Whole lines can be lost, too, and come again. */
-static void each_missing_or_repeated_line_is_found(void **state)
+TEST(each_missing_or_repeated_line_is_found)
 {
     size_t size;
     char *messages;
-    (void)state;
     char *text = make_small_journal(&size);
     char *other = malloc(2 * size);
     unsigned lines = 0;
@@ -83,20 +81,10 @@ static void each_missing_or_repeated_line_is_found(void **state)
     free(text);
 }
 
-static void the_checksum_is_that_of_zlib(void **state)
+TEST(the_checksum_is_that_of_zlib)
 {
-    (void)state;
     assert_int_equal(journal_crc32(0, "123456789", 9), 0xCBF43926);
     assert_int_equal(journal_crc32(journal_crc32(0, "1234", 4), "56789", 5), 0xCBF43926);
 }
 
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_flipped_bit_of_each_byte_is_found_with_its_line),
-        cmocka_unit_test(each_cut_is_found),
-        cmocka_unit_test(each_missing_or_repeated_line_is_found),
-        cmocka_unit_test(the_checksum_is_that_of_zlib),
-    };
-    return cmocka_run_group_tests(tests, make_folder, remove_folder);
-}
+TESTS_WITH(make_folder, remove_folder)

@@ -2,6 +2,7 @@
  *
  * test_journal_keep.c - which journals of before are kept.
  */
+#include "cases.h"
 #include "journal_rig.h"
 #include "run/journal_keep.h"
 
@@ -20,9 +21,8 @@ static const keeping keepings[] = {
     {3, "----", "----"},  {2, "xabA", "x-A-"}, {2, "A-x-", "Ax--"}, {2, "xxxx", "xxxx"},
 };
 
-static void the_first_without_end_and_the_newest_are_kept(void **state)
+TEST(the_first_without_end_and_the_newest_are_kept)
 {
-    (void)state;
     for (size_t k = 0; k < COUNT(keepings); k++) {
         const keeping *now = &keepings[k];
         char after[5] = "----";
@@ -55,9 +55,8 @@ static void the_first_without_end_and_the_newest_are_kept(void **state)
     }
 }
 
-static void in_a_loop_of_crashes_the_first_is_kept_and_the_disk_bounded(void **state)
+TEST(in_a_loop_of_crashes_the_first_is_kept_and_the_disk_bounded)
 {
-    (void)state;
     for (unsigned i = 0; i < 1000; i++) {
         char text[200];
         assert_int_equal(journal_make_room(path_of("journal"), 3), 0);
@@ -76,11 +75,4 @@ static void in_a_loop_of_crashes_the_first_is_kept_and_the_disk_bounded(void **s
         write_numbered(i, NULL);
 }
 
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_first_without_end_and_the_newest_are_kept),
-        cmocka_unit_test(in_a_loop_of_crashes_the_first_is_kept_and_the_disk_bounded),
-    };
-    return cmocka_run_group_tests(tests, make_folder, remove_folder);
-}
+TESTS_WITH(make_folder, remove_folder)

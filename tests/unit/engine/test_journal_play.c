@@ -6,6 +6,7 @@
  * The first run is that of a host that does everything that there is at random; it stands for
  * canwired.
  */
+#include "cases.h"
 #include "journal_rig.h"
 
 #define STEPS 1500u
@@ -208,10 +209,9 @@ static void check_same(const char *again, const char *first, unsigned seed)
                  first + same);
 }
 
-static void the_same_inputs_give_the_same_events(void **state)
+TEST(the_same_inputs_give_the_same_events)
 {
     unsigned done[INPUT_COUNT] = {0};
-    (void)state;
     for (unsigned seed = 1; seed <= 30; seed++) {
         host h;
         char *events;
@@ -235,9 +235,8 @@ static void the_same_inputs_give_the_same_events(void **state)
 }
 
 /* Up to the last line that is complete, whatever byte it ends at. */
-static void a_journal_that_is_cut_off_is_played_as_far_as_it_goes(void **state)
+TEST(a_journal_that_is_cut_off_is_played_as_far_as_it_goes)
 {
-    (void)state;
     host h;
     host_begin(&h, 77);
     host_run(&h);
@@ -260,12 +259,11 @@ static void a_journal_that_is_cut_off_is_played_as_far_as_it_goes(void **state)
     free(h.events.text);
 }
 
-static void a_damaged_journal_is_played_up_to_the_damage(void **state)
+TEST(a_damaged_journal_is_played_up_to_the_damage)
 {
     size_t size;
     char *events;
     char *messages;
-    (void)state;
     char *text = make_small_journal(&size);
     *strstr(text, "\"end\"") ^= 1;
     write_file("journal", text);
@@ -278,12 +276,4 @@ static void a_damaged_journal_is_played_up_to_the_damage(void **state)
     free(text);
 }
 
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_same_inputs_give_the_same_events),
-        cmocka_unit_test(a_journal_that_is_cut_off_is_played_as_far_as_it_goes),
-        cmocka_unit_test(a_damaged_journal_is_played_up_to_the_damage),
-    };
-    return cmocka_run_group_tests(tests, make_folder, remove_folder);
-}
+TESTS_WITH(make_folder, remove_folder)

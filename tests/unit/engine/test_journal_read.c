@@ -2,6 +2,7 @@
  *
  * test_journal_read.c - journals that are wrong are refused, with the place of what is wrong.
  */
+#include "cases.h"
 #include "journal_rig.h"
 
 #define HEADER "{\"canwire-journal\":1,\"canwire\":\"x\"}\n"
@@ -101,9 +102,8 @@ static const bad_journal bad_journals[] = {
      ":3:19: this run is another one than that of the journal: frames is 0 and was 1"},
 };
 
-static void bad_journals_are_refused_with_their_place(void **state)
+TEST(bad_journals_are_refused_with_their_place)
 {
-    (void)state;
     for (size_t i = 0; i < COUNT(bad_journals); i++) {
         const bad_journal *bad = &bad_journals[i];
         char *events;
@@ -120,11 +120,10 @@ static void bad_journals_are_refused_with_their_place(void **state)
     }
 }
 
-static void a_broken_journal_says_so(void **state)
+TEST(a_broken_journal_says_so)
 {
     char *events;
     char *messages;
-    (void)state;
     write_file("journal",
                HEADER CONFIG "{\"at\":0,\"fire\":\"r\"}\n{\"at\":1600,\"broken\":true}\n");
     assert_int_equal(play(&events, &messages), JOURNAL_INCOMPLETE);
@@ -134,11 +133,10 @@ static void a_broken_journal_says_so(void **state)
     free(messages);
 }
 
-static void a_good_journal_has_nothing_to_say(void **state)
+TEST(a_good_journal_has_nothing_to_say)
 {
     char *events;
     char *messages;
-    (void)state;
     write_file("journal", HEADER CONFIG END);
     assert_int_equal(play(&events, &messages), JOURNAL_PLAYED);
     assert_string_equal(messages, "");
@@ -147,12 +145,4 @@ static void a_good_journal_has_nothing_to_say(void **state)
     free(messages);
 }
 
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(bad_journals_are_refused_with_their_place),
-        cmocka_unit_test(a_broken_journal_says_so),
-        cmocka_unit_test(a_good_journal_has_nothing_to_say),
-    };
-    return cmocka_run_group_tests(tests, make_folder, remove_folder);
-}
+TESTS_WITH(make_folder, remove_folder)

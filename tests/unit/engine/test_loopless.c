@@ -2,20 +2,13 @@
  *
  * test_loopless.c - frames sent without loopback, by what the kernel counts.
  */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include <cmocka.h>
-
+#include "cases.h"
 #include "port/kind.h"
 #include "port/netdev.h"
 
 /* As Linux 6.1 writes it, with a name that is as long as can be. */
-static void counters_are_read_by_name(void **state)
+TEST(counters_are_read_by_name)
 {
     static char text[] =
         "Inter-|   Receive                                   |  Transmit\n"
@@ -32,7 +25,6 @@ static void counters_are_read_by_name(void **state)
         {"vx0", 1, 2},
     };
     netdev_counters n;
-    (void)state;
     FILE *in = fmemopen(text, strlen(text), "r");
     assert_non_null(in);
     for (unsigned i = 0; i < sizeof wanted / sizeof wanted[0]; i++) {
@@ -44,11 +36,10 @@ static void counters_are_read_by_name(void **state)
     fclose(in);
 }
 
-static void the_kernel_has_counters(void **state)
+TEST(the_kernel_has_counters)
 {
     netdev_counters n;
     bool lo = false;
-    (void)state;
     FILE *in = netdev_open();
     assert_non_null(in);
     while (netdev_next(&n, in))
@@ -63,7 +54,7 @@ static void close_nothing(port *p)
 }
 
 /* Only certain frames count: none from before, and none that may still be looped back. */
-static void only_what_is_certain_counts(void **state)
+TEST(only_what_is_certain_counts)
 {
     static const port_kind kind = {.close = close_nothing};
     static const struct {
@@ -82,7 +73,6 @@ static void only_what_is_certain_counts(void **state)
         {110, 110, true, 10},
     };
     port_stats stats;
-    (void)state;
     port *p = port_new(&kind, sizeof *p);
     assert_non_null(p);
     for (unsigned i = 0; i < sizeof looks / sizeof looks[0]; i++) {
@@ -91,14 +81,4 @@ static void only_what_is_certain_counts(void **state)
         assert_int_equal(stats.loopless, looks[i].wanted);
     }
     port_close(p);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(counters_are_read_by_name),
-        cmocka_unit_test(the_kernel_has_counters),
-        cmocka_unit_test(only_what_is_certain_counts),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

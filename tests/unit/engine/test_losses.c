@@ -2,21 +2,12 @@
  *
  * test_losses.c - what canwired logs about losses: each reason has a text of its own.
  */
+#include "cases.h"
 #include "serve/losses.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
-
 /* A reason that is new has to get its text. */
-static void each_loss_has_a_text_of_its_own(void **state)
+TEST(each_loss_has_a_text_of_its_own)
 {
-    (void)state;
     for (unsigned kind = 0; kind < LOSS_KINDS; kind++) {
         const char *text = losses_text((loss_kind)kind, 2);
         assert_non_null(text);
@@ -25,9 +16,8 @@ static void each_loss_has_a_text_of_its_own(void **state)
     }
 }
 
-static void a_drop_on_the_way_to_the_host_is_told_apart(void **state)
+TEST(a_drop_on_the_way_to_the_host_is_told_apart)
 {
-    (void)state;
     for (unsigned why = 0; why < CW_DROP_COUNT; why++) {
         const char *onto = losses_text((loss_kind)why, 2);
         const char *host = losses_text((loss_kind)(LOSS_RECEIVED + why), 2);
@@ -37,9 +27,8 @@ static void a_drop_on_the_way_to_the_host_is_told_apart(void **state)
 }
 
 /* A bus-off loop has 3600 losses an hour. */
-static void what_goes_on_is_told_ever_more_seldom(void **state)
+TEST(what_goes_on_is_told_ever_more_seldom)
 {
-    (void)state;
     losses_node node = {.kinds = 0};
     const unsigned first[] = {1, 2, 4};
     unsigned lines = 0, longest = 0, since = 0;
@@ -61,9 +50,8 @@ static void what_goes_on_is_told_ever_more_seldom(void **state)
     assert_true(losses_due(&node, 1)); /* after a minute without */
 }
 
-static void a_loss_is_news_for_some_time(void **state)
+TEST(a_loss_is_news_for_some_time)
 {
-    (void)state;
     static losses all;
     cfg_node node = {.name = (char[]){"a"}};
     const cfg config = {.nodes = &node, .node_count = 1};
@@ -76,15 +64,4 @@ static void a_loss_is_news_for_some_time(void **state)
         assert_int_equal(json_array_size(lately), second < LOSSES_LATELY_S); /* no one-shot */
         json_decref(status);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(each_loss_has_a_text_of_its_own),
-        cmocka_unit_test(a_drop_on_the_way_to_the_host_is_told_apart),
-        cmocka_unit_test(what_goes_on_is_told_ever_more_seldom),
-        cmocka_unit_test(a_loss_is_news_for_some_time),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,37 +2,29 @@
  *
  * test_pacing.c - when the daemon wakes up, and how much of a processor `spin` takes.
  */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
 
-#include <cmocka.h>
-
+#include "cases.h"
 #include "engine/pacing.h"
 
 #define MS INT64_C(1000000)
 #define S (1000 * MS)
 
-static void precise_wakes_up_when_it_is_due(void **state)
+TEST(precise_wakes_up_when_it_is_due)
 {
-    (void)state;
     assert_int_equal(pacing_wake_ns(CFG_PACING_PRECISE, 123456789, false), 123456789);
     assert_int_equal(pacing_wake_ns(CFG_PACING_PRECISE, 123456789, true), 123456789);
 }
 
-static void tick_wakes_up_at_the_next_millisecond(void **state)
+TEST(tick_wakes_up_at_the_next_millisecond)
 {
-    (void)state;
     assert_int_equal(pacing_wake_ns(CFG_PACING_TICK, 5 * MS + 1, true), 6 * MS);
     assert_int_equal(pacing_wake_ns(CFG_PACING_TICK, 6 * MS, true), 6 * MS);
     assert_int_equal(pacing_next_tick_ns(6 * MS), 7 * MS);
     assert_int_equal(pacing_next_tick_ns(7 * MS - 1), 7 * MS);
 }
 
-static void spin_wakes_up_before_it_is_due_while_it_may(void **state)
+TEST(spin_wakes_up_before_it_is_due_while_it_may)
 {
-    (void)state;
     assert_int_equal(pacing_wake_ns(CFG_PACING_SPIN, 5 * MS, true), 5 * MS - 50000);
     assert_int_equal(pacing_wake_ns(CFG_PACING_SPIN, 5 * MS, false), 5 * MS);
 }
@@ -54,18 +46,16 @@ static unsigned run_with_load(int64_t other_work_ns)
     return (unsigned)(ran_ns * 10000 / (10 * S));
 }
 
-static void spin_stays_below_nine_tenths_of_a_processor(void **state)
+TEST(spin_stays_below_nine_tenths_of_a_processor)
 {
-    (void)state;
     assert_in_range(run_with_load(0), 8400, 8700);
     assert_in_range(run_with_load(10000), 8400, 8700);
     assert_in_range(run_with_load(50000), 8400, 8700);
     assert_in_range(run_with_load(450000), 9000, 9050); /* work alone is 90 %: nothing to burn */
 }
 
-static void a_new_window_begins_with_nothing_spent(void **state)
+TEST(a_new_window_begins_with_nothing_spent)
 {
-    (void)state;
     pacing_duty duty = {.window_ns = 0};
     assert_true(pacing_may_spin(&duty, S, 0));
     assert_true(pacing_may_spin(&duty, S, PACING_ADVANCE_NS - PACING_SPIN_NS));
@@ -75,16 +65,4 @@ static void a_new_window_begins_with_nothing_spent(void **state)
     assert_false(pacing_may_spin(&duty, S + 99 * MS, 90 * MS));
     assert_true(pacing_may_spin(&duty, S + 100 * MS, 90 * MS)); /* the next one */
     assert_false(pacing_may_spin(&duty, S + 101 * MS, 92 * MS));
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(precise_wakes_up_when_it_is_due),
-        cmocka_unit_test(tick_wakes_up_at_the_next_millisecond),
-        cmocka_unit_test(spin_wakes_up_before_it_is_due_while_it_may),
-        cmocka_unit_test(spin_stays_below_nine_tenths_of_a_processor),
-        cmocka_unit_test(a_new_window_begins_with_nothing_spent),
-    };
-    return cmocka_run_group_tests_name("pacing", tests, NULL, NULL);
 }

@@ -155,9 +155,8 @@ static port_stats stats_of(port *p)
 /* ---- Filters --------------------------------------------------------------------------------- */
 
 /* As can_rcv_list_find() and the receive lists of Linux have it. */
-static void filters_let_pass_what_the_kernels_do(void **state)
+TEST(filters_let_pass_what_the_kernels_do)
 {
-    (void)state;
     static const struct {
         canid_t id, mask, frame;
         bool passes;
@@ -214,9 +213,8 @@ static void expect_taken(underway *u, const cw_event *event, uint32_t number)
 }
 
 /* Three equal frames: a queue that was full drops the last; the others leave in their order. */
-static void equal_frames_are_told_apart_by_their_hand_in(void **state)
+TEST(equal_frames_are_told_apart_by_their_hand_in)
 {
-    (void)state;
     underway u = {.frames = NULL};
     for (unsigned i = 0; i < 3; i++) {
         const port_frame frame = frame_of(0x100, i);
@@ -234,9 +232,8 @@ static void equal_frames_are_told_apart_by_their_hand_in(void **state)
     underway_free(&u);
 }
 
-static void a_frame_that_a_rule_has_changed_is_known_by_its_hand_in(void **state)
+TEST(a_frame_that_a_rule_has_changed_is_known_by_its_hand_in)
 {
-    (void)state;
     underway u = {.frames = NULL};
     const port_frame first = frame_of(0x100, 1), second = frame_of(0x200, 2);
     const port_frame changed = frame_of(0x300, 0);
@@ -250,9 +247,8 @@ static void a_frame_that_a_rule_has_changed_is_known_by_its_hand_in(void **state
     underway_free(&u);
 }
 
-static void the_controller_sets_the_esi(void **state)
+TEST(the_controller_sets_the_esi)
 {
-    (void)state;
     underway u = {.frames = NULL};
     port_frame fd = frame_of(0x100, 4);
     fd.frame.flags = CW_FRAME_FD | CW_FRAME_BRS;
@@ -263,9 +259,8 @@ static void the_controller_sets_the_esi(void **state)
     underway_free(&u);
 }
 
-static void the_oldest_gives_way_when_there_are_too_many(void **state)
+TEST(the_oldest_gives_way_when_there_are_too_many)
 {
-    (void)state;
     underway u = {.frames = NULL};
     unsigned count = 0;
     for (port_frame frame = frame_of(0x100, 0); underway_add(&u, &frame, count); count++)
@@ -278,9 +273,11 @@ static void the_oldest_gives_way_when_there_are_too_many(void **state)
     underway_free(&u);
 }
 
+#define ON_PORT(test) TEST_WITH(test, set_up, tear_down)
+
 /* ---- Sharing --------------------------------------------------------------------------------- */
 
-static void frames_come_in_the_order_in_which_they_were_sent(void **state)
+ON_PORT(frames_come_in_the_order_in_which_they_were_sent)
 {
     fixture *f = *state;
     port_frame frames[3 * PORT_BATCH];
@@ -299,7 +296,7 @@ static void frames_come_in_the_order_in_which_they_were_sent(void **state)
 }
 
 /* While frames wait, one program cannot keep the others waiting behind all of its frames. */
-static void programs_take_turns_when_frames_have_to_wait(void **state)
+ON_PORT(programs_take_turns_when_frames_have_to_wait)
 {
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
@@ -322,7 +319,7 @@ static void programs_take_turns_when_frames_have_to_wait(void **state)
     close(polite);
 }
 
-static void a_client_is_told_what_it_has_lost(void **state)
+ON_PORT(a_client_is_told_what_it_has_lost)
 {
     fixture *f = *state;
     const cw_frame frame = rig_frame(0x123, 0, 8);
@@ -345,7 +342,7 @@ static void a_client_is_told_what_it_has_lost(void **state)
     close(deaf);
 }
 
-static void times_are_those_of_the_bus(void **state)
+ON_PORT(times_are_those_of_the_bus)
 {
     fixture *f = *state;
     const cw_frame frame = rig_frame(0x123, 0, 8);
@@ -369,7 +366,7 @@ static void hand_in(fixture *f, int sender, unsigned number)
     port_handed_in(f->port, &frames[0]);
 }
 
-static void both_ways_of_echo_reach_the_others_once(void **state)
+ON_PORT(both_ways_of_echo_reach_the_others_once)
 {
     fixture *f = *state;
     message m;
@@ -394,7 +391,7 @@ static void both_ways_of_echo_reach_the_others_once(void **state)
     close(other);
 }
 
-static void who_has_gone_gets_nothing_back(void **state)
+ON_PORT(who_has_gone_gets_nothing_back)
 {
     fixture *f = *state;
     message m;
@@ -416,7 +413,7 @@ static void who_has_gone_gets_nothing_back(void **state)
 
 /* ---- Doors ----------------------------------------------------------------------------------- */
 
-static void a_door_lets_in_those_who_say_hello_in_their_order(void **state)
+TEST_WITH(a_door_lets_in_those_who_say_hello_in_their_order, set_up_door, tear_down)
 {
     fixture *f = *state;
     message m;
@@ -449,26 +446,4 @@ static void a_door_lets_in_those_who_say_hello_in_their_order(void **state)
     port_close(admitted);
     close(second);
     close(silent);
-}
-
-#define ON_PORT(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(filters_let_pass_what_the_kernels_do),
-        cmocka_unit_test(equal_frames_are_told_apart_by_their_hand_in),
-        cmocka_unit_test(a_frame_that_a_rule_has_changed_is_known_by_its_hand_in),
-        cmocka_unit_test(the_controller_sets_the_esi),
-        cmocka_unit_test(the_oldest_gives_way_when_there_are_too_many),
-        ON_PORT(frames_come_in_the_order_in_which_they_were_sent),
-        ON_PORT(programs_take_turns_when_frames_have_to_wait),
-        ON_PORT(a_client_is_told_what_it_has_lost),
-        ON_PORT(times_are_those_of_the_bus),
-        ON_PORT(both_ways_of_echo_reach_the_others_once),
-        ON_PORT(who_has_gone_gets_nothing_back),
-        cmocka_unit_test_setup_teardown(a_door_lets_in_those_who_say_hello_in_their_order,
-                                        set_up_door, tear_down),
-    };
-    return cmocka_run_group_tests_name("port_clients", tests, NULL, NULL);
 }

@@ -11,9 +11,6 @@
 #include <errno.h>
 #include <linux/can.h>
 #include <linux/can/error.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -99,9 +96,11 @@ static port_stats stats_of(port *p)
     return s;
 }
 
+#define ON_PORT(test) TEST_WITH(test, set_up, tear_down)
+
 /* ---- Tests ----------------------------------------------------------------------------------- */
 
-static void gathered_frames_go_in_one_call_in_order(void **state)
+ON_PORT(gathered_frames_go_in_one_call_in_order)
 {
     fixture *f = *state;
     const errframe error = {.can_id = CAN_ERR_FLAG | CAN_ERR_BUSOFF};
@@ -124,7 +123,7 @@ static void gathered_frames_go_in_one_call_in_order(void **state)
     assert_numbered(f->ecu, 0x200, 1);
 }
 
-static void many_frames_do_not_wait_for_the_flush(void **state)
+ON_PORT(many_frames_do_not_wait_for_the_flush)
 {
     fixture *f = *state;
     port_gather(f->port);
@@ -137,7 +136,7 @@ static void many_frames_do_not_wait_for_the_flush(void **state)
     assert_int_equal(stats_of(f->port).written, MANY);
 }
 
-static void a_kernel_that_takes_some_or_none_loses_nothing(void **state)
+ON_PORT(a_kernel_that_takes_some_or_none_loses_nothing)
 {
     fixture *f = *state;
     port_gather(f->port);
@@ -155,7 +154,7 @@ static void a_kernel_that_takes_some_or_none_loses_nothing(void **state)
     assert_int_equal(stats_of(f->port).write_failed, 0);
 }
 
-static void gathered_frames_without_room_count_as_failed(void **state)
+ON_PORT(gathered_frames_without_room_count_as_failed)
 {
     fixture *f = *state;
     const cw_frame frame = rig_frame(0x123, 0, 8);
@@ -171,7 +170,7 @@ static void gathered_frames_without_room_count_as_failed(void **state)
     assert_int_equal(stats_of(f->port).write_failed, 1 + 3);
 }
 
-static void gathered_frames_for_an_ecu_that_has_gone_are_unheard(void **state)
+ON_PORT(gathered_frames_for_an_ecu_that_has_gone_are_unheard)
 {
     fixture *f = *state;
     port_gather(f->port);
@@ -183,7 +182,7 @@ static void gathered_frames_for_an_ecu_that_has_gone_are_unheard(void **state)
     assert_int_equal(stats_of(f->port).written + stats_of(f->port).write_failed, 0);
 }
 
-static void whoever_asks_for_counts_has_all_of_them(void **state)
+ON_PORT(whoever_asks_for_counts_has_all_of_them)
 {
     fixture *f = *state;
     port_gather(f->port);
@@ -194,19 +193,4 @@ static void whoever_asks_for_counts_has_all_of_them(void **state)
     assert_nothing_waits(f->ecu);
     port_flush(f->port);
     assert_numbered(f->ecu, 0x102, 1);
-}
-
-#define ON_PORT(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        ON_PORT(gathered_frames_go_in_one_call_in_order),
-        ON_PORT(many_frames_do_not_wait_for_the_flush),
-        ON_PORT(a_kernel_that_takes_some_or_none_loses_nothing),
-        ON_PORT(gathered_frames_without_room_count_as_failed),
-        ON_PORT(gathered_frames_for_an_ecu_that_has_gone_are_unheard),
-        ON_PORT(whoever_asks_for_counts_has_all_of_them),
-    };
-    return cmocka_run_group_tests_name("port_gather", tests, NULL, NULL);
 }

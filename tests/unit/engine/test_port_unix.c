@@ -138,7 +138,9 @@ int accept4(int fd, struct sockaddr *address, socklen_t *size, int flags)
     return (int)syscall(SYS_accept4, fd, address, size, flags);
 }
 
-static void a_port_at_which_nothing_waits_accepts_nothing(void **state)
+#define ON_PORT(test) TEST_WITH(test, set_up, tear_down)
+
+ON_PORT(a_port_at_which_nothing_waits_accepts_nothing)
 {
     fixture *f = *state;
     accepts = 0;
@@ -174,9 +176,8 @@ typedef struct name_case {
     int fd;
 } name_case;
 
-static void names_tell_the_kind_of_a_port(void **state)
+TEST(names_tell_the_kind_of_a_port)
 {
-    (void)state;
     static const name_case cases[] = {
         {"vcan0", PORTNAME_INTERFACE, NULL, -1},
         {"unix", PORTNAME_INTERFACE, NULL, -1},
@@ -216,7 +217,7 @@ static void names_tell_the_kind_of_a_port(void **state)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-static void frames_come_with_the_time_at_which_they_were_sent(void **state)
+ON_PORT(frames_come_with_the_time_at_which_they_were_sent)
 {
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
@@ -242,7 +243,7 @@ static void frames_come_with_the_time_at_which_they_were_sent(void **state)
     close(ecu);
 }
 
-static void frames_go_to_the_ecu_and_error_frames_too(void **state)
+ON_PORT(frames_go_to_the_ecu_and_error_frames_too)
 {
     fixture *f = *state;
     struct can_frame out;
@@ -266,7 +267,7 @@ static void frames_go_to_the_ecu_and_error_frames_too(void **state)
 
 /* len8_dlc counts where it can be the DLC of eight bytes; the bus does not get to know what a
  * program left behind the data. */
-static void only_what_counts_in_a_frame_is_taken(void **state)
+ON_PORT(only_what_counts_in_a_frame_is_taken)
 {
     static const struct {
         uint32_t can_id;
@@ -294,7 +295,7 @@ static void only_what_counts_in_a_frame_is_taken(void **state)
 }
 
 /* An empty message is none that ends the connection. */
-static void messages_that_are_no_frames_are_counted(void **state)
+ON_PORT(messages_that_are_no_frames_are_counted)
 {
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
@@ -323,7 +324,7 @@ static void write_fd(int fd, uint32_t can_id, unsigned length, unsigned flags)
 
 /* An ECU cannot choose the ESI. Older programs do not set CANFD_FDF: the size tells. A remote frame
  * is left to the bus, which has none of these. */
-static void fd_frames_are_read_with_their_flags(void **state)
+ON_PORT(fd_frames_are_read_with_their_flags)
 {
     static const struct {
         uint32_t can_id;
@@ -359,7 +360,7 @@ static void fd_frames_are_read_with_their_flags(void **state)
     close(ecu);
 }
 
-static void lengths_that_no_dlc_has_are_rounded_up_with_zeros_and_counted(void **state)
+ON_PORT(lengths_that_no_dlc_has_are_rounded_up_with_zeros_and_counted)
 {
     static const unsigned lengths[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
     fixture *f = *state;
@@ -390,7 +391,7 @@ static void read_fd(int ecu, struct canfd_frame *out)
 }
 
 /* Classical frames and error frames stay as they are for an ECU that takes FD frames. */
-static void fd_frames_go_to_an_ecu_that_has_sent_one(void **state)
+ON_PORT(fd_frames_go_to_an_ecu_that_has_sent_one)
 {
     fixture *f = *state;
     struct canfd_frame out;
@@ -426,7 +427,7 @@ static void fd_frames_go_to_an_ecu_that_has_sent_one(void **state)
 
 /* The begin of 72 bytes would look like a frame to a program that reads 16. A new ECU starts anew.
  * One that only listens sends an error frame of 72 bytes. */
-static void an_ecu_that_has_sent_no_fd_frame_gets_none(void **state)
+ON_PORT(an_ecu_that_has_sent_no_fd_frame_gets_none)
 {
     fixture *f = *state;
     struct canfd_frame out;
@@ -455,7 +456,7 @@ static void an_ecu_that_has_sent_no_fd_frame_gets_none(void **state)
 
 /* ---- ECUs come and go ------------------------------------------------------------------------ */
 
-static void nobody_hears_while_no_ecu_is_connected(void **state)
+ON_PORT(nobody_hears_while_no_ecu_is_connected)
 {
     fixture *f = *state;
     const cw_frame frame = rig_frame(0x123, 0, 1);
@@ -468,7 +469,7 @@ static void nobody_hears_while_no_ecu_is_connected(void **state)
     assert_int_equal(s.written + s.write_failed + s.errors_failed, 0);
 }
 
-static void what_an_ecu_sent_before_it_went_still_counts(void **state)
+ON_PORT(what_an_ecu_sent_before_it_went_still_counts)
 {
     fixture *f = *state;
     port_frame frames[2 * PORT_BATCH];
@@ -488,7 +489,7 @@ static void what_an_ecu_sent_before_it_went_still_counts(void **state)
 }
 
 /* It has unread frames: the kernel reports that in its own way. */
-static void an_ecu_may_go_without_having_read(void **state)
+ON_PORT(an_ecu_may_go_without_having_read)
 {
     fixture *f = *state;
     const cw_frame frame = rig_frame(0x123, 0, 1);
@@ -506,7 +507,7 @@ static void an_ecu_may_go_without_having_read(void **state)
 }
 
 /* That it has not read all must not hide what it sent. */
-static void what_an_ecu_sent_counts_also_when_it_has_not_read(void **state)
+ON_PORT(what_an_ecu_sent_counts_also_when_it_has_not_read)
 {
     fixture *f = *state;
     port_frame frames[2 * PORT_BATCH];
@@ -523,7 +524,7 @@ static void what_an_ecu_sent_counts_also_when_it_has_not_read(void **state)
 }
 
 /* It came, wrote and went before anybody looked: the next one need not wait for that. */
-static void an_ecu_that_has_gone_unseen_leaves_its_place(void **state)
+ON_PORT(an_ecu_that_has_gone_unseen_leaves_its_place)
 {
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
@@ -549,7 +550,7 @@ static unsigned count_descriptors(void)
 
 /* The descriptors were not requested, and would fill the table of a daemon that ignores them. Newer
  * kernels can refuse them. */
-static void descriptors_that_an_ecu_sends_along_are_not_taken(void **state)
+ON_PORT(descriptors_that_an_ecu_sends_along_are_not_taken)
 {
     enum { PASSED = 30 };
     fixture *f = *state;
@@ -581,7 +582,7 @@ static void descriptors_that_an_ecu_sends_along_are_not_taken(void **state)
     close(ecu);
 }
 
-static void a_second_ecu_is_refused_until_the_first_has_gone(void **state)
+ON_PORT(a_second_ecu_is_refused_until_the_first_has_gone)
 {
     fixture *f = *state;
     char byte;
@@ -601,7 +602,7 @@ static void a_second_ecu_is_refused_until_the_first_has_gone(void **state)
 }
 
 /* Once when it begins and once when it ends; who has gone is no failure. */
-static void reads_that_fail_are_counted_and_told(void **state)
+ON_PORT(reads_that_fail_are_counted_and_told)
 {
     static const int refusals[] = {ENOMEM, EINTR, EAGAIN, ECONNRESET};
     fixture *f = *state;
@@ -631,7 +632,7 @@ static void reads_that_fail_are_counted_and_told(void **state)
     }
 }
 
-static void what_a_slow_ecu_has_no_room_for_is_counted(void **state)
+ON_PORT(what_a_slow_ecu_has_no_room_for_is_counted)
 {
     fixture *f = *state;
     const cw_frame frame = rig_frame(0x123, 0, 8);
@@ -650,7 +651,7 @@ static void what_a_slow_ecu_has_no_room_for_is_counted(void **state)
 }
 
 /* A connection that cannot be accepted must not keep the loop awake, and is accepted later. */
-static void running_out_of_descriptors_is_got_over(void **state)
+ON_PORT(running_out_of_descriptors_is_got_over)
 {
     fixture *f = *state;
     struct rlimit limit, none;
@@ -675,7 +676,7 @@ static void running_out_of_descriptors_is_got_over(void **state)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-static void the_socket_is_for_user_and_group_alone(void **state)
+ON_PORT(the_socket_is_for_user_and_group_alone)
 {
     fixture *f = *state;
     struct stat s;
@@ -684,7 +685,7 @@ static void the_socket_is_for_user_and_group_alone(void **state)
     assert_int_equal(s.st_mode & 0777, 0660);
 }
 
-static void a_path_in_use_cannot_be_opened_a_stale_one_can(void **state)
+ON_PORT(a_path_in_use_cannot_be_opened_a_stale_one_can)
 {
     fixture *f = *state;
     char error[PORT_ERROR_TEXT_MAX] = "";
@@ -705,9 +706,8 @@ typedef struct open_case {
     const char *error;
 } open_case;
 
-static void what_cannot_be_opened_says_why(void **state)
+TEST(what_cannot_be_opened_says_why)
 {
-    (void)state;
     static const open_case cases[] = {
         {"unix:/nowhere/at/all", "the directory does not exist"},
         {"unix:/dev/null", "no socket"},
@@ -729,9 +729,8 @@ static port *open_fd(int fd, char error[PORT_ERROR_TEXT_MAX])
 }
 
 /* Sockets of the daemon itself do not count: they are closed on exec. */
-static void only_inherited_connected_sockets_are_taken(void **state)
+TEST(only_inherited_connected_sockets_are_taken)
 {
-    (void)state;
     static const int types[] = {SOCK_STREAM, SOCK_DGRAM, SOCK_SEQPACKET | SOCK_CLOEXEC};
     char error[PORT_ERROR_TEXT_MAX];
     int pair[2];
@@ -749,9 +748,8 @@ static void only_inherited_connected_sockets_are_taken(void **state)
     close(file);
 }
 
-static void an_inherited_socket_is_a_port_until_its_ecu_goes(void **state)
+TEST(an_inherited_socket_is_a_port_until_its_ecu_goes)
 {
-    (void)state;
     char error[PORT_ERROR_TEXT_MAX];
     port_frame frames[PORT_BATCH];
     int pair[2];
@@ -877,7 +875,7 @@ static void exchange_frames(const char *folder, const char *pacing)
     end_exchange(&x);
 }
 
-static void ecus_exchange_frames_through_the_engine(void **state)
+ON_PORT(ecus_exchange_frames_through_the_engine)
 {
     fixture *f = *state;
     for (unsigned i = 0; i < sizeof pacings / sizeof pacings[0]; i++)
@@ -886,7 +884,7 @@ static void ecus_exchange_frames_through_the_engine(void **state)
 
 /* A frame starts at the time of its writing, whenever the engine wakes up. Two frames written 3 ms
  * apart are so on the bus, also when the engine reads both at once. */
-static void pacing_does_not_shift_the_bus(void **state)
+ON_PORT(pacing_does_not_shift_the_bus)
 {
     fixture *f = *state;
     for (unsigned i = 0; i < sizeof pacings / sizeof pacings[0]; i++) {
@@ -902,40 +900,4 @@ static void pacing_does_not_shift_the_bus(void **state)
         assert_true(apart_ns > 2 * CLOCKS_NS); /* not when the engine saw them, which was at once */
         end_exchange(&x);
     }
-}
-
-#define ON_PORT(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(names_tell_the_kind_of_a_port),
-        ON_PORT(a_port_at_which_nothing_waits_accepts_nothing),
-        ON_PORT(frames_come_with_the_time_at_which_they_were_sent),
-        ON_PORT(frames_go_to_the_ecu_and_error_frames_too),
-        ON_PORT(only_what_counts_in_a_frame_is_taken),
-        ON_PORT(messages_that_are_no_frames_are_counted),
-        ON_PORT(fd_frames_are_read_with_their_flags),
-        ON_PORT(lengths_that_no_dlc_has_are_rounded_up_with_zeros_and_counted),
-        ON_PORT(fd_frames_go_to_an_ecu_that_has_sent_one),
-        ON_PORT(an_ecu_that_has_sent_no_fd_frame_gets_none),
-        ON_PORT(nobody_hears_while_no_ecu_is_connected),
-        ON_PORT(what_an_ecu_sent_before_it_went_still_counts),
-        ON_PORT(an_ecu_may_go_without_having_read),
-        ON_PORT(what_an_ecu_sent_counts_also_when_it_has_not_read),
-        ON_PORT(an_ecu_that_has_gone_unseen_leaves_its_place),
-        ON_PORT(descriptors_that_an_ecu_sends_along_are_not_taken),
-        ON_PORT(a_second_ecu_is_refused_until_the_first_has_gone),
-        ON_PORT(reads_that_fail_are_counted_and_told),
-        ON_PORT(what_a_slow_ecu_has_no_room_for_is_counted),
-        ON_PORT(running_out_of_descriptors_is_got_over),
-        ON_PORT(the_socket_is_for_user_and_group_alone),
-        ON_PORT(a_path_in_use_cannot_be_opened_a_stale_one_can),
-        cmocka_unit_test(what_cannot_be_opened_says_why),
-        cmocka_unit_test(only_inherited_connected_sockets_are_taken),
-        cmocka_unit_test(an_inherited_socket_is_a_port_until_its_ecu_goes),
-        ON_PORT(ecus_exchange_frames_through_the_engine),
-        ON_PORT(pacing_does_not_shift_the_bus),
-    };
-    return cmocka_run_group_tests_name("port_unix", tests, NULL, NULL);
 }

@@ -5,22 +5,14 @@
  * Their threads get write() and close() of this file, which can hang; so can the wait for them,
  * which then has no time to pass.
  */
+#include "cases.h"
 #include "serve/recordings.h"
 
 #include <errno.h>
 #include <pthread.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
-
-#include <cmocka.h>
 
 #define RECORDS 3
 #define WAITS_MAX 64
@@ -145,9 +137,10 @@ static recordings *begin(struct ev_loop *loop)
     return all;
 }
 
-static void all_end_before_one_is_waited_for(void **state)
+#define IN_FOLDER(test) TEST_WITH(test, set_up, remove_all)
+
+IN_FOLDER(all_end_before_one_is_waited_for)
 {
-    (void)state;
     struct ev_loop *loop = ev_loop_new(0);
     recordings_stop(begin(loop));
     assert_int_equal(waits.timeouts, 0);
@@ -162,9 +155,8 @@ static void all_end_before_one_is_waited_for(void **state)
     ev_loop_destroy(loop);
 }
 
-static void a_disk_that_hangs_is_waited_for_once_and_not_for_each(void **state)
+IN_FOLDER(a_disk_that_hangs_is_waited_for_once_and_not_for_each)
 {
-    (void)state;
     struct ev_loop *loop = ev_loop_new(0);
     disk.hangs = true; /* and the threads with it: they are left behind */
     recordings_stop(begin(loop));
@@ -172,15 +164,4 @@ static void a_disk_that_hangs_is_waited_for_once_and_not_for_each(void **state)
     for (unsigned i = 1; i < waits.count; i++)
         assert_memory_equal(&waits.until[i], &waits.until[0], sizeof waits.until[0]);
     ev_loop_destroy(loop);
-}
-
-#define IN_FOLDER(test) cmocka_unit_test_setup_teardown(test, set_up, remove_all)
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        IN_FOLDER(all_end_before_one_is_waited_for),
-        IN_FOLDER(a_disk_that_hangs_is_waited_for_once_and_not_for_each),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

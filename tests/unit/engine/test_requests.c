@@ -3,6 +3,7 @@
  * test_requests.c - requests at the control socket: status, rules, settings, reload, and what is
  * not understood.
  */
+#include "cases.h"
 #include "base/text/yamlfile.h"
 #include "control_rig.h"
 #include "serve/requests.h"
@@ -70,7 +71,7 @@ static void put_bus_off(engine *e, unsigned node)
     assert_int_equal(cw_bus_clear_rule(e->bus, index), CW_OK);
 }
 
-static void id_goes_back(void **state)
+CASE(id_goes_back)
 {
     const rig *r = *state;
     int fd = connect_client(r);
@@ -87,7 +88,7 @@ static void id_goes_back(void **state)
     close(fd);
 }
 
-static void status_tells_of_bus_and_nodes(void **state)
+CASE(status_tells_of_bus_and_nodes)
 {
     rig *r = *state;
     const cw_frame frame = {.id = 0x123, .dlc = 2};
@@ -123,7 +124,7 @@ static void print_status(char out[TEXT_MAX], const json_t *reply)
 }
 
 /* Checks the output of `canwire status`, in the layout of iproute2. */
-static void status_prints_as_ip_does(void **state)
+CASE(status_prints_as_ip_does)
 {
     rig *r = *state;
     char printed[TEXT_MAX] = "";
@@ -155,9 +156,8 @@ static void status_prints_as_ip_does(void **state)
 }
 
 /* Missing members must not end the tool. */
-static void status_prints_what_is_no_status(void **state)
+CASE(status_prints_what_is_no_status)
 {
-    (void)state;
     char printed[TEXT_MAX] = "";
     json_t *odd = json_loads("{\"bus\":7,\"nodes\":[{},3,null]}", 0, NULL);
     FILE *out = fmemopen(printed, sizeof printed, "w");
@@ -173,7 +173,7 @@ static const char manual_rule[] =
     "do: {counters: b, tec: 100}}\\n"
     "- {name: then, when: {after: {rule: by-hand, delay: 1bit}}, do: {bus-off: a}}\"}";
 
-static void rules_are_injected_fired_and_cleared(void **state)
+CASE(rules_are_injected_fired_and_cleared)
 {
     rig *r = *state;
     int fd = connect_client(r);
@@ -207,7 +207,7 @@ static void rules_are_injected_fired_and_cleared(void **state)
     close(fd);
 }
 
-static void bad_rules_are_refused_with_their_place(void **state)
+CASE(bad_rules_are_refused_with_their_place)
 {
     rig *r = *state;
     int fd = connect_client(r);
@@ -226,7 +226,7 @@ static void bad_rules_are_refused_with_their_place(void **state)
     close(fd);
 }
 
-static void a_full_bus_takes_no_rules(void **state)
+CASE(a_full_bus_takes_no_rules)
 {
     rig *r = *state;
     int fd = connect_client(r);
@@ -247,7 +247,7 @@ static void a_full_bus_takes_no_rules(void **state)
     close(fd);
 }
 
-static void nodes_are_restarted(void **state)
+CASE(nodes_are_restarted)
 {
     rig *r = *state;
     int fd = connect_client(r);
@@ -261,7 +261,7 @@ static void nodes_are_restarted(void **state)
     close(fd);
 }
 
-static void settings_are_changed(void **state)
+CASE(settings_are_changed)
 {
     rig *r = *state;
     int fd = connect_client(r);
@@ -289,7 +289,7 @@ static void settings_are_changed(void **state)
     close(fd);
 }
 
-static void reload_tells_errors(void **state)
+CASE(reload_tells_errors)
 {
     rig *r = *state;
     int fd = connect_client(r);
@@ -304,7 +304,7 @@ static void reload_tells_errors(void **state)
 }
 
 /* Each gets the outcome of the round in which its reload was, and all others go on meanwhile. */
-static void a_reload_that_takes_long_holds_up_nobody_else(void **state)
+CASE(a_reload_that_takes_long_holds_up_nobody_else)
 {
     rig *r = *state;
     int first = connect_client(r);
@@ -391,7 +391,7 @@ static const refusal refusals[] = {
     {"{\"a\":99999999999999999999}", "too big integer", true},
 };
 
-static void what_is_not_understood_is_refused(void **state)
+CASE(what_is_not_understood_is_refused)
 {
     const rig *r = *state;
     int fd = connect_client(r);
@@ -419,7 +419,7 @@ static char *make_request(const char *head, char filler, const char *tail, size_
     return line;
 }
 
-static void only_inject_may_be_long(void **state)
+CASE(only_inject_may_be_long)
 {
     const rig *r = *state;
     int fd = connect_client(r);
@@ -438,7 +438,7 @@ static void only_inject_may_be_long(void **state)
     close(fd);
 }
 
-static void deep_and_wide_requests_are_refused(void **state)
+CASE(deep_and_wide_requests_are_refused)
 {
     const rig *r = *state;
     int fd = connect_client(r);
@@ -456,7 +456,7 @@ static void deep_and_wide_requests_are_refused(void **state)
 
 /* A text of rules is read while the bus waits: not again and again, and not more than rules need.
  */
-static void a_text_of_rules_makes_little_work(void **state)
+CASE(a_text_of_rules_makes_little_work)
 {
     const rig *r = *state;
     static const char *const heads[] = {"- [", "- '"};
@@ -490,7 +490,7 @@ static char *add_times(char *at, unsigned count, const char *format)
 }
 
 /* A part that many rules share is read for each of them, but not when it is wrong. */
-static void aliases_of_what_is_wrong_make_little_work(void **state)
+CASE(aliases_of_what_is_wrong_make_little_work)
 {
     static const struct {
         unsigned keys;
@@ -523,7 +523,7 @@ static void aliases_of_what_is_wrong_make_little_work(void **state)
 }
 
 /* Nor is a long text that many name. */
-static void a_text_with_an_anchor_is_short(void **state)
+CASE(a_text_with_an_anchor_is_short)
 {
     const rig *r = *state;
     int fd = connect_client(r);
@@ -549,7 +549,7 @@ static int set_up_scheduled(void **state)
                        "  - { name: b, wake-time: 2ms, wake-on: \"500:7F0\" }\n");
 }
 
-static void a_schedule_needs_its_mode(void **state)
+TEST_WITH(a_schedule_needs_its_mode, set_up_scheduled, tear_down)
 {
     const rig *r = *state;
     int fd = connect_client(r);
@@ -572,7 +572,7 @@ static void a_schedule_needs_its_mode(void **state)
 }
 
 /* Before the first reference message no basic cycle is under way. */
-static void status_tells_of_model_schedule_and_sleep(void **state)
+TEST_WITH(status_tells_of_model_schedule_and_sleep, set_up_scheduled, tear_down)
 {
     const rig *r = *state;
     char printed[TEXT_MAX] = "";
@@ -595,31 +595,4 @@ static void status_tells_of_model_schedule_and_sleep(void **state)
     assert_non_null(strstr(printed, "\n\t  wake-time 2ms wake-on 500:7F0\n"));
     assert_null(strstr(printed, "wake-filter"));
     assert_null(strstr(printed, "controller queue"));
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        CASE(id_goes_back),
-        CASE(status_tells_of_bus_and_nodes),
-        CASE(status_prints_as_ip_does),
-        CASE(status_prints_what_is_no_status),
-        CASE(rules_are_injected_fired_and_cleared),
-        CASE(bad_rules_are_refused_with_their_place),
-        CASE(a_full_bus_takes_no_rules),
-        CASE(nodes_are_restarted),
-        CASE(settings_are_changed),
-        CASE(reload_tells_errors),
-        CASE(a_reload_that_takes_long_holds_up_nobody_else),
-        CASE(what_is_not_understood_is_refused),
-        CASE(only_inject_may_be_long),
-        CASE(deep_and_wide_requests_are_refused),
-        CASE(a_text_of_rules_makes_little_work),
-        CASE(aliases_of_what_is_wrong_make_little_work),
-        CASE(a_text_with_an_anchor_is_short),
-        cmocka_unit_test_setup_teardown(a_schedule_needs_its_mode, set_up_scheduled, tear_down),
-        cmocka_unit_test_setup_teardown(status_tells_of_model_schedule_and_sleep, set_up_scheduled,
-                                        tear_down),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

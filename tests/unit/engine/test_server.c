@@ -3,6 +3,7 @@
  * test_server.c - the server of the control socket: its clients that mean harm, the places that
  * they share, the socket itself.
  */
+#include "cases.h"
 #include "control_rig.h"
 #include "serve/requests.h"
 #include "serve/server.h"
@@ -57,7 +58,7 @@ static void expect_service(const rig *r)
 
 /* ---- Clients that mean harm ------------------------------------------------------------------ */
 
-static void requests_may_come_in_pieces_and_in_heaps(void **state)
+CASE(requests_may_come_in_pieces_and_in_heaps)
 {
     const rig *r = *state;
     int fd = connect_client(r);
@@ -75,7 +76,7 @@ static void requests_may_come_in_pieces_and_in_heaps(void **state)
     close(fd);
 }
 
-static void replies_come_before_the_end(void **state)
+CASE(replies_come_before_the_end)
 {
     const rig *r = *state;
     int fd = connect_client(r);
@@ -89,7 +90,7 @@ static void replies_come_before_the_end(void **state)
     close(fd);
 }
 
-static void half_lines_hold_up_nobody(void **state)
+CASE(half_lines_hold_up_nobody)
 {
     const rig *r = *state;
     int fds[SERVER_USER_MAX - 1];
@@ -105,7 +106,7 @@ static void half_lines_hold_up_nobody(void **state)
     }
 }
 
-static void long_lines_end_the_connection(void **state)
+CASE(long_lines_end_the_connection)
 {
     const rig *r = *state;
     int fd = connect_client(r);
@@ -120,7 +121,7 @@ static void long_lines_end_the_connection(void **state)
     free(line);
 }
 
-static void noise_is_refused(void **state)
+CASE(noise_is_refused)
 {
     const rig *r = *state;
     static char noise[REQUEST_BYTES_MAX];
@@ -148,7 +149,7 @@ static void noise_is_refused(void **state)
     close(fd);
 }
 
-static void readers_who_do_not_read_are_disconnected(void **state)
+CASE(readers_who_do_not_read_are_disconnected)
 {
     const rig *r = *state;
     int fd = connect_client(r);
@@ -160,7 +161,7 @@ static void readers_who_do_not_read_are_disconnected(void **state)
     expect_service(r);
 }
 
-static void one_too_many_is_told(void **state)
+CASE(one_too_many_is_told)
 {
     const rig *r = *state;
     int fds[SERVER_USER_MAX];
@@ -180,7 +181,7 @@ static void one_too_many_is_told(void **state)
             close(fds[i]);
 }
 
-static void thousand_connections_do_no_harm(void **state)
+CASE(thousand_connections_do_no_harm)
 {
     const rig *r = *state;
     static int fds[1000];
@@ -380,7 +381,7 @@ static void hold_up(hall *h, const char *text, unsigned lines, size_t bytes)
 }
 
 /* Neither many clients nor much that one of them sends. */
-static void a_crowd_makes_little_work_at_a_time(void **state)
+CASE(a_crowd_makes_little_work_at_a_time)
 {
     hall h;
     static char heap[HEAP_BYTES];
@@ -393,7 +394,7 @@ static void a_crowd_makes_little_work_at_a_time(void **state)
     close_hall(&h);
 }
 
-static void one_user_has_a_part_of_the_places(void **state)
+CASE(one_user_has_a_part_of_the_places)
 {
     hall h;
     int fds[SERVER_USER_MAX];
@@ -432,7 +433,7 @@ static int come_to(const hall *h, uid_t user, uid_t daemon_user)
     return fd;
 }
 
-static void one_place_is_for_root_and_one_for_its_own_user(void **state)
+CASE(one_place_is_for_root_and_one_for_its_own_user)
 {
     hall h;
     int fds[SERVER_CLIENTS_MAX];
@@ -457,7 +458,7 @@ static void one_place_is_for_root_and_one_for_its_own_user(void **state)
     close_hall(&h);
 }
 
-static void who_says_nothing_makes_room(void **state)
+CASE(who_says_nothing_makes_room)
 {
     hall h;
     int fds[SERVER_USER_MAX];
@@ -527,7 +528,7 @@ static bool read_to_end(const hall *h, int fd)
     return false;
 }
 
-static void who_does_not_read_makes_room(void **state)
+CASE(who_does_not_read_makes_room)
 {
     hall h;
     int fds[SERVER_USER_MAX];
@@ -562,7 +563,7 @@ static void who_does_not_read_makes_room(void **state)
 
 /* ---- The socket itself ----------------------------------------------------------------------- */
 
-static void the_socket_is_for_the_group(void **state)
+CASE(the_socket_is_for_the_group)
 {
     const rig *r = *state;
     struct stat found;
@@ -571,14 +572,14 @@ static void the_socket_is_for_the_group(void **state)
     assert_int_equal(found.st_mode & 07777, 0660);
 }
 
-static void a_live_socket_is_not_taken(void **state)
+CASE(a_live_socket_is_not_taken)
 {
     const rig *r = *state;
     assert_null(server_start(r->loop, r->path, -1, &no_calls, NULL));
     expect_service(r);
 }
 
-static void a_stale_socket_is_replaced(void **state)
+CASE(a_stale_socket_is_replaced)
 {
     const rig *r = *state;
     char path[96];
@@ -594,7 +595,7 @@ static void a_stale_socket_is_replaced(void **state)
     assert_int_equal(access(path, F_OK), -1);
 }
 
-static void other_files_are_left_alone(void **state)
+CASE(other_files_are_left_alone)
 {
     const rig *r = *state;
     char path[96];
@@ -612,7 +613,7 @@ static void other_files_are_left_alone(void **state)
 }
 
 /* A socket that another program made at the same path stays. */
-static void only_the_own_socket_is_removed(void **state)
+CASE(only_the_own_socket_is_removed)
 {
     const rig *r = *state;
     char path[96];
@@ -632,29 +633,4 @@ static void only_the_own_socket_is_removed(void **state)
     server_stop(second);
     assert_int_equal(access(path, F_OK), -1);
     close(other);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        CASE(requests_may_come_in_pieces_and_in_heaps),
-        CASE(replies_come_before_the_end),
-        CASE(half_lines_hold_up_nobody),
-        CASE(long_lines_end_the_connection),
-        CASE(noise_is_refused),
-        CASE(readers_who_do_not_read_are_disconnected),
-        CASE(one_too_many_is_told),
-        CASE(a_crowd_makes_little_work_at_a_time),
-        CASE(one_user_has_a_part_of_the_places),
-        CASE(one_place_is_for_root_and_one_for_its_own_user),
-        CASE(who_says_nothing_makes_room),
-        CASE(who_does_not_read_makes_room),
-        CASE(thousand_connections_do_no_harm),
-        CASE(the_socket_is_for_the_group),
-        CASE(a_live_socket_is_not_taken),
-        CASE(a_stale_socket_is_replaced),
-        CASE(other_files_are_left_alone),
-        CASE(only_the_own_socket_is_removed),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,14 +2,8 @@
  *
  * test_sink.c - what the status line says of sinks: first those in trouble, and how many it omits.
  */
+#include "cases.h"
 #include "base/file/sink.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-
-#include <cmocka.h>
 
 static const sink_info fine = {.kind = SINK_RECORD, .name = "/data/a.log", .state = "recording",
                                .good = true};
@@ -18,11 +12,10 @@ static const sink_info full = {.kind = SINK_RECORD, .name = "b.log", .state = "s
 static const sink_info nobody = {.kind = SINK_LCM, .name = "tcpq://h:1", .state = "failing",
                                  .why = "Connection refused"};
 
-static void test_those_in_trouble_come_first(void **state)
+TEST(test_those_in_trouble_come_first)
 {
     char text[200];
     sink_list all = {.count = 0};
-    (void)state;
     sinks_add(&all, &fine);
     sinks_add(&all, &full);
     sinks_add(&all, &nobody);
@@ -32,11 +25,10 @@ static void test_those_in_trouble_come_first(void **state)
                               ", record a.log recording");
 }
 
-static void test_those_without_room_are_counted(void **state)
+TEST(test_those_without_room_are_counted)
 {
     char text[100];
     sink_list all = {.count = 0};
-    (void)state;
     for (size_t i = 0; i < 2; i++) {
         sinks_add(&all, &full);
         sinks_add(&all, &nobody);
@@ -48,21 +40,10 @@ static void test_those_without_room_are_counted(void **state)
     assert_string_equal(text, ", 4 more (4 bad)");
 }
 
-static void test_none_is_no_text(void **state)
+TEST(test_none_is_no_text)
 {
     char text[4] = "abc";
     const sink_list none = {.count = 0};
-    (void)state;
     assert_int_equal(sinks_print(text, sizeof text, &none), 0);
     assert_string_equal(text, "");
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_those_in_trouble_come_first),
-        cmocka_unit_test(test_those_without_room_are_counted),
-        cmocka_unit_test(test_none_is_no_text),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -80,9 +80,8 @@ static port *open_port(int *peer)
 }
 
 /* The frames that filled a packet are lost, and the next one is not heard. */
-static void a_peer_that_goes_is_found_where_room_is_made(void **state)
+TEST(a_peer_that_goes_is_found_where_room_is_made)
 {
-    (void)state;
     int peer;
     port *p = open_port(&peer);
     const cw_frame frame = rig_frame(0x123, 0, 0);
@@ -106,12 +105,4 @@ static void a_peer_that_goes_is_found_where_room_is_made(void **state)
     assert_int_equal(info_of(p).packets_read, read_before + 1);
     assert_int_equal(stats_of(p).read, FRAMES);
     port_close(p);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_peer_that_goes_is_found_where_room_is_made),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,15 +2,8 @@
  *
  * test_turns.c - the order in which programs run in virtual time.
  */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <string.h>
 
-#include <cmocka.h>
-
+#include "cases.h"
 #include "engine/turns.h"
 
 /* Adds a program, whose parent is `parent` (0: none that counts). */
@@ -26,9 +19,8 @@ static void wait_until(turns *t, unsigned place, int64_t until_ns)
     turns_wait(t, place, until_ns, 0);
 }
 
-static void turns_are_by_node_then_words_then_coming(void **state)
+TEST(turns_are_by_node_then_words_then_coming)
 {
-    (void)state;
     turns t = {.count = 0};
     const unsigned last = add(&t, 1, "a", 10, 0), third = add(&t, 0, "b", 11, 0),
                    first = add(&t, 0, "a", 12, 0), second = add(&t, 0, "a", 13, 0);
@@ -43,9 +35,8 @@ static void turns_are_by_node_then_words_then_coming(void **state)
     assert_int_equal(turns_next_ns(&t), 5);
 }
 
-static void who_is_ready_again_at_the_same_moment_comes_behind_the_others(void **state)
+TEST(who_is_ready_again_at_the_same_moment_comes_behind_the_others)
 {
-    (void)state;
     turns t = {.count = 0};
     const unsigned a = add(&t, 0, "a", 1, 0), b = add(&t, 1, "b", 2, 0);
     for (unsigned i = 0; i < 3; i++) {
@@ -60,9 +51,8 @@ static void who_is_ready_again_at_the_same_moment_comes_behind_the_others(void *
     assert_int_equal(turns_begin(&t, 8), a);
 }
 
-static void messages_wake_those_who_want_them(void **state)
+TEST(messages_wake_those_who_want_them)
 {
-    (void)state;
     turns t = {.count = 0};
     const unsigned a = add(&t, 0, "a", 1, 0), b = add(&t, 1, "b", 2, 0);
     turns_wait(&t, a, TIMING_NEVER, TIMING_MESSAGES);
@@ -78,9 +68,8 @@ static void messages_wake_those_who_want_them(void **state)
     assert_int_equal(turns_begin(&t, 0), a);
 }
 
-static void children_may_have_the_sockets_of_their_parents(void **state)
+TEST(children_may_have_the_sockets_of_their_parents)
 {
-    (void)state;
     turns t = {.count = 0};
     const unsigned parent = add(&t, 0, "a", 1, 0), child = add(&t, 0, "a", 2, 1);
     wait_until(&t, parent, TIMING_NEVER);
@@ -89,9 +78,8 @@ static void children_may_have_the_sockets_of_their_parents(void **state)
     assert_int_equal(turns_begin(&t, 0), child);
 }
 
-static void time_holds_while_a_child_has_not_joined(void **state)
+TEST(time_holds_while_a_child_has_not_joined)
 {
-    (void)state;
     turns t = {.count = 0};
     const unsigned parent = add(&t, 0, "sh", 1, 0);
     assert_int_equal(turns_begin(&t, 0), parent);
@@ -106,9 +94,8 @@ static void time_holds_while_a_child_has_not_joined(void **state)
     assert_int_equal(turns_begin(&t, 0), parent);
 }
 
-static void a_turn_that_has_begun_cannot_be_cancelled(void **state)
+TEST(a_turn_that_has_begun_cannot_be_cancelled)
 {
-    (void)state;
     turns t = {.count = 0};
     const unsigned a = add(&t, 0, "a", 1, 0);
     assert_int_equal(turns_begin(&t, 0), a);
@@ -119,27 +106,12 @@ static void a_turn_that_has_begun_cannot_be_cancelled(void **state)
     assert_int_equal(turns_begin(&t, 0), a);
 }
 
-static void there_is_room_for_64_programs(void **state)
+TEST(there_is_room_for_64_programs)
 {
-    (void)state;
     turns t = {.count = 0};
     for (unsigned i = 0; i < TURNS_MAX; i++)
         assert_int_equal(add(&t, 0, "a", (int)i + 1, 0), i);
     assert_int_equal(add(&t, 0, "a", 99, 0), TURNS_NONE);
     turns_remove(&t, 5);
     assert_int_equal(add(&t, 0, "a", 99, 0), 5);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(turns_are_by_node_then_words_then_coming),
-        cmocka_unit_test(who_is_ready_again_at_the_same_moment_comes_behind_the_others),
-        cmocka_unit_test(messages_wake_those_who_want_them),
-        cmocka_unit_test(children_may_have_the_sockets_of_their_parents),
-        cmocka_unit_test(time_holds_while_a_child_has_not_joined),
-        cmocka_unit_test(a_turn_that_has_begun_cannot_be_cancelled),
-        cmocka_unit_test(there_is_room_for_64_programs),
-    };
-    return cmocka_run_group_tests_name("turns", tests, NULL, NULL);
 }

@@ -176,7 +176,7 @@ static void send_frame(heard *h, uint32_t number)
 
 /* ---- Tests ----------------------------------------------------------------------------------- */
 
-static void it_says_who_it_is(void **state)
+TEST_WITH(it_says_who_it_is, set_up, tear_down)
 {
     heard *h = *state;
     unsigned char data[256];
@@ -207,7 +207,7 @@ static void it_says_who_it_is(void **state)
     expect_nothing(h);
 }
 
-static void a_driver_that_goes_has_not_come(void **state)
+TEST_WITH(a_driver_that_goes_has_not_come, set_up, tear_down)
 {
     heard *h = *state;
     static const unsigned char loaded[] = {0x43, 2, 5, 0, 0, 0, 16, 0};
@@ -221,14 +221,13 @@ static void a_driver_that_goes_has_not_come(void **state)
 }
 
 /* The driver makes its interface when it has its answer. All goes through one socket here. */
-static void the_sign_of_a_driver_comes_before_its_answer(void **state)
+TEST(the_sign_of_a_driver_comes_before_its_answer)
 {
     static const usb_identity who = {.serial = "engine.can0"};
     static const unsigned char claim[HEAD_BYTES + 16] = {
         [3] = 1, [7] = 1, [27] = 16, [40] = 0x43, [41] = 2, [42] = 5, [46] = 16, [49] = 1};
     unsigned char got[256];
     int ends[2];
-    (void)state;
     assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM, 0, ends), 0);
     assert_int_equal(write(ends[0], claim, sizeof claim), sizeof claim);
     assert_int_equal(shutdown(ends[0], SHUT_WR), 0);
@@ -239,7 +238,7 @@ static void the_sign_of_a_driver_comes_before_its_answer(void **state)
     assert_int_equal(close(ends[0]), 0);
 }
 
-static void the_node_gets_the_timing_when_it_goes_on(void **state)
+TEST_WITH(the_node_gets_the_timing_when_it_goes_on, set_up, tear_down)
 {
     heard *h = *state;
     command(h, 1, timing, sizeof timing);
@@ -261,7 +260,7 @@ static void the_node_gets_the_timing_when_it_goes_on(void **state)
     assert_null(strstr(h->settings, "dbrp"));
 }
 
-static void a_frame_is_answered_when_the_bus_has_sent_it(void **state)
+TEST_WITH(a_frame_is_answered_when_the_bus_has_sent_it, set_up, tear_down)
 {
     heard *h = *state;
     send_frame(h, 10);
@@ -283,7 +282,7 @@ static void a_frame_is_answered_when_the_bus_has_sent_it(void **state)
     expect(h, 3, 13, -EPROTO, 0);
 }
 
-static void after_ten_failures_the_driver_gets_its_queue_back(void **state)
+TEST_WITH(after_ten_failures_the_driver_gets_its_queue_back, set_up, tear_down)
 {
     heard *h = *state;
     go_on(h);
@@ -300,7 +299,7 @@ static void after_ten_failures_the_driver_gets_its_queue_back(void **state)
     expect(h, 3, 30, -EPROTO, 0);
 }
 
-static void a_request_can_be_taken_back(void **state)
+TEST_WITH(a_request_can_be_taken_back, set_up, tear_down)
 {
     heard *h = *state;
     go_on(h);
@@ -318,7 +317,7 @@ static void a_request_can_be_taken_back(void **state)
     expect_nothing(h);
 }
 
-static void one_shot_is_a_mode_of_the_frames(void **state)
+TEST_WITH(one_shot_is_a_mode_of_the_frames, set_up, tear_down)
 {
     heard *h = *state;
     unsigned char once[sizeof frame_123];
@@ -332,7 +331,7 @@ static void one_shot_is_a_mode_of_the_frames(void **state)
     assert_int_equal(h->orders, 2);
 }
 
-static void frames_share_a_request_to_read(void **state)
+TEST_WITH(frames_share_a_request_to_read, set_up, tear_down)
 {
     heard *h = *state;
     unsigned char data[2048];
@@ -356,7 +355,7 @@ static void frames_share_a_request_to_read(void **state)
     assert_int_equal(take(h, data).length, 36);
 }
 
-static void what_comes_together_waits_for_the_end_of_a_frame_at_most(void **state)
+TEST_WITH(what_comes_together_waits_for_the_end_of_a_frame_at_most, set_up, tear_down)
 {
     heard *h = *state;
     const struct can_frame frame = {.can_id = 0x456, .len = 3, .data = {1, 2, 3}};
@@ -381,7 +380,7 @@ static void what_comes_together_waits_for_the_end_of_a_frame_at_most(void **stat
     expect_nothing(h);
 }
 
-static void states_come_with_their_counters(void **state)
+TEST_WITH(states_come_with_their_counters, set_up, tear_down)
 {
     heard *h = *state;
     unsigned char data[2048];
@@ -405,7 +404,7 @@ static void states_come_with_their_counters(void **state)
 }
 
 /* The second order to go on is the driver's restart. It has forgotten its frames by then. */
-static void a_restart_ends_what_was_under_way(void **state)
+TEST_WITH(a_restart_ends_what_was_under_way, set_up, tear_down)
 {
     heard *h = *state;
     go_on(h);
@@ -416,7 +415,7 @@ static void a_restart_ends_what_was_under_way(void **state)
     assert_int_equal(h->order, MESSAGE_RESTART);
 }
 
-static void error_frames_without_what_the_driver_makes(void **state)
+TEST_WITH(error_frames_without_what_the_driver_makes, set_up, tear_down)
 {
     heard *h = *state;
     unsigned char data[2048];
@@ -433,7 +432,7 @@ static void error_frames_without_what_the_driver_makes(void **state)
 }
 
 /* canwired has come back: the node gets all of it again. */
-static void a_new_connection_gets_all_again(void **state)
+TEST_WITH(a_new_connection_gets_all_again, set_up, tear_down)
 {
     heard *h = *state;
     go_on(h);
@@ -444,7 +443,7 @@ static void a_new_connection_gets_all_again(void **state)
     assert_int_equal(h->number, 10);
 }
 
-static void broken_requests_end_it(void **state)
+TEST_WITH(broken_requests_end_it, set_up, tear_down)
 {
     heard *h = *state;
     static const unsigned char broken[] = {255, 0, 0, 0x10, 1, 2, 3, 4, 5, 6, 7, 8,
@@ -459,7 +458,7 @@ static void broken_requests_end_it(void **state)
 }
 
 /* Requests of the kernel with content that no driver sends; sanitizers look on. */
-static void any_content_is_survived(void **state)
+TEST_WITH(any_content_is_survived, set_up, tear_down)
 {
     heard *h = *state;
     uint32_t random = 1;
@@ -487,32 +486,4 @@ static void any_content_is_survived(void **state)
         buffer_take(&h->device.out, buffer_length(&h->device.out));
     }
     assert_true(h->frames > 0 && h->orders > 0);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(a_driver_that_goes_has_not_come, set_up, tear_down),
-        cmocka_unit_test(the_sign_of_a_driver_comes_before_its_answer),
-        cmocka_unit_test_setup_teardown(it_says_who_it_is, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(the_node_gets_the_timing_when_it_goes_on, set_up,
-                                        tear_down),
-        cmocka_unit_test_setup_teardown(a_frame_is_answered_when_the_bus_has_sent_it, set_up,
-                                        tear_down),
-        cmocka_unit_test_setup_teardown(after_ten_failures_the_driver_gets_its_queue_back, set_up,
-                                        tear_down),
-        cmocka_unit_test_setup_teardown(a_request_can_be_taken_back, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(one_shot_is_a_mode_of_the_frames, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(frames_share_a_request_to_read, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(what_comes_together_waits_for_the_end_of_a_frame_at_most,
-                                        set_up, tear_down),
-        cmocka_unit_test_setup_teardown(states_come_with_their_counters, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(a_restart_ends_what_was_under_way, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(error_frames_without_what_the_driver_makes, set_up,
-                                        tear_down),
-        cmocka_unit_test_setup_teardown(a_new_connection_gets_all_again, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(broken_requests_end_it, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(any_content_is_survived, set_up, tear_down),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -6,15 +6,15 @@
  * tests/scenarios has each action and each condition. The tests here and in the other files about
  * fault rules cover effects that a scenario cannot show.
  */
+#include "cases.h"
 #include "rules.h"
 
 #include "state/state.h"
 
 /* ---- Rules that come and go ------------------------------------------------------------------ */
 
-static void a_rule_added_at_run_time_acts_from_then_on(void **state)
+TEST(a_rule_added_at_run_time_acts_from_then_on)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->config.rule_room = 2;
@@ -36,9 +36,8 @@ static void a_rule_added_at_run_time_acts_from_then_on(void **state)
 }
 
 /* The index is used again; nothing of the old rule is left. */
-static void a_cleared_rule_is_gone(void **state)
+TEST(a_cleared_rule_is_gone)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->config.rule_room = 2;
@@ -70,9 +69,8 @@ static void a_cleared_rule_is_gone(void **state)
 }
 
 /* A lasting rule of each kind is stopped: its effect has ended, the rule stays. */
-static void a_stopped_rule_can_act_again(void **state)
+TEST(a_stopped_rule_can_act_again)
 {
-    (void)state;
     static const cw_action actions[] = {CW_ACTION_STUCK, CW_ACTION_NOISE, CW_ACTION_NO_ACK,
                                         CW_ACTION_DISCONNECT, CW_ACTION_PARTITION};
     const cw_frame frame = rig_frame(0x123, 0, 0);
@@ -103,9 +101,8 @@ static void a_stopped_rule_can_act_again(void **state)
 }
 
 /* A follower that stands before the rule comes after it no more, either. */
-static void a_rule_before_the_cleared_one_is_left_alone(void **state)
+TEST(a_rule_before_the_cleared_one_is_left_alone)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_rule *follower = rig_rule(r, probe("follower", CW_TRIGGER_ARMED));
     follower->has_after = true;
@@ -128,9 +125,8 @@ static void a_rule_before_the_cleared_one_is_left_alone(void **state)
 #define SET(...) RULE(TIME, SET, .nodes = NODE(1) | NODE(2), .settings = {__VA_ARGS__})
 
 /* On a bus of three nodes with room for four rules. */
-static void bad_rules_are_refused(void **state)
+TEST(bad_rules_are_refused)
 {
-    (void)state;
     static const cw_rule bad[] = {
         /* no such kind, node or rule */
         {.trigger = CW_TRIGGER_TIME, .action = CW_ACTION_STUCK}, /* no name */
@@ -197,9 +193,8 @@ static void bad_rules_are_refused(void **state)
 }
 
 /* The bus treats each action as its row in the table of actions says. */
-static void each_action_is_what_its_row_says(void **state)
+TEST(each_action_is_what_its_row_says)
 {
-    (void)state;
     rig *r = rig_new(2);
     r->config.rule_room = 1;
     rig_start(r);
@@ -232,9 +227,8 @@ static void each_action_is_what_its_row_says(void **state)
 }
 
 /* Limits that are still good. */
-static void rules_at_the_limits_are_good(void **state)
+TEST(rules_at_the_limits_are_good)
 {
-    (void)state;
     rig *r = rig_new(CW_NODES_MAX);
     static const cw_rule good[] = {
         RULE(TIME, COUNTERS, .tec = 263, .rec = 255, .nodes = UINT64_MAX),
@@ -259,9 +253,8 @@ static void rules_at_the_limits_are_good(void **state)
 
 /* ---- By hand --------------------------------------------------------------------------------- */
 
-static void a_manual_rule_acts_when_fired(void **state)
+TEST(a_manual_rule_acts_when_fired)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_rule rule = probe("by hand", CW_TRIGGER_ARMED);
     rule.manual = true;
@@ -287,9 +280,8 @@ static void a_manual_rule_acts_when_fired(void **state)
 }
 
 /* With a condition on frames each firing is good for one match. */
-static void a_manual_rule_on_frames_takes_one_match(void **state)
+TEST(a_manual_rule_on_frames_takes_one_match)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     cw_rule rule = probe("by hand", CW_TRIGGER_FRAME);
@@ -309,9 +301,8 @@ static void a_manual_rule_on_frames_takes_one_match(void **state)
 }
 
 /* Armings take place at their times, in any order of their rules. */
-static void armings_take_place_in_time_order(void **state)
+TEST(armings_take_place_in_time_order)
 {
-    (void)state;
     static const unsigned expected[] = {30, 50, 110, 130};
     rig *r = rig_new(2);
     cw_rule *first = rig_rule(r, probe("first", CW_TRIGGER_ARMED));
@@ -339,9 +330,8 @@ static void armings_take_place_in_time_order(void **state)
 }
 
 /* Armings under way are bounded; cw_bus_fire_rule() refuses further ones. */
-static void armings_are_bounded(void **state)
+TEST(armings_are_bounded)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_rule rule = probe("by hand", CW_TRIGGER_ARMED);
     rule.manual = true;
@@ -357,9 +347,8 @@ static void armings_are_bounded(void **state)
 }
 
 /* Rules that arm each other without delay go round once in a bit, and time goes on. */
-static void a_ring_of_rules_goes_round_once_in_a_bit(void **state)
+TEST(a_ring_of_rules_goes_round_once_in_a_bit)
 {
-    (void)state;
     enum { LENGTH = 5 };
     static const char *const names[LENGTH] = {"a", "b", "c", "d", "e"};
     rig *r = rig_new(1);
@@ -381,9 +370,8 @@ static void a_ring_of_rules_goes_round_once_in_a_bit(void **state)
 /* ---- Alone ----------------------------------------------------------------------------------- */
 
 /* An action that begins with a frame and lasts for a time ends in time, without any other rule. */
-static void what_begins_with_a_frame_ends_in_time(void **state)
+TEST(what_begins_with_a_frame_ends_in_time)
 {
-    (void)state;
     static const cw_action actions[] = {CW_ACTION_STUCK, CW_ACTION_NOISE, CW_ACTION_NO_ACK,
                                         CW_ACTION_DISCONNECT, CW_ACTION_PARTITION, CW_ACTION_BABBLE,
                                         CW_ACTION_LOAD};
@@ -412,9 +400,8 @@ static void what_begins_with_a_frame_ends_in_time(void **state)
 }
 
 /* A rule on errors needs no other rule about. */
-static void a_rule_on_errors_alone(void **state)
+TEST(a_rule_on_errors_alone)
 {
-    (void)state;
     rig *r = rig_new(1);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     cw_rule *rule = rig_rule(r, new_rule("once", CW_TRIGGER_ERROR, CW_ACTION_SET));
@@ -431,9 +418,8 @@ static void a_rule_on_errors_alone(void **state)
 }
 
 /* Each match is a hit or a miss; but the hits of noise are the bits that it flips. */
-static void misses_are_matches_that_were_passed_over(void **state)
+TEST(misses_are_matches_that_were_passed_over)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 8);
     cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
@@ -471,9 +457,8 @@ static void misses_are_matches_that_were_passed_over(void **state)
 /* ---- Traffic that is no fault ---------------------------------------------------------------- */
 
 /* Its hits are neither reported nor counted; all else is as with a rule that is not quiet. */
-static void a_quiet_rule_is_not_told(void **state)
+TEST(a_quiet_rule_is_not_told)
 {
-    (void)state;
     for (int quiet = 0; quiet < 2; quiet++) {
         rig *r = rig_new(2);
         const cw_frame question = rig_frame(0x123, CW_FRAME_REMOTE, 0);
@@ -490,27 +475,4 @@ static void a_quiet_rule_is_not_told(void **state)
         assert_int_equal(rig_stats(r, 1).made_by_rules, 1);
         rig_free(r);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_rule_added_at_run_time_acts_from_then_on),
-        cmocka_unit_test(a_cleared_rule_is_gone),
-        cmocka_unit_test(a_stopped_rule_can_act_again),
-        cmocka_unit_test(a_rule_before_the_cleared_one_is_left_alone),
-        cmocka_unit_test(bad_rules_are_refused),
-        cmocka_unit_test(each_action_is_what_its_row_says),
-        cmocka_unit_test(rules_at_the_limits_are_good),
-        cmocka_unit_test(a_manual_rule_acts_when_fired),
-        cmocka_unit_test(a_manual_rule_on_frames_takes_one_match),
-        cmocka_unit_test(armings_take_place_in_time_order),
-        cmocka_unit_test(armings_are_bounded),
-        cmocka_unit_test(a_ring_of_rules_goes_round_once_in_a_bit),
-        cmocka_unit_test(what_begins_with_a_frame_ends_in_time),
-        cmocka_unit_test(a_rule_on_errors_alone),
-        cmocka_unit_test(misses_are_matches_that_were_passed_over),
-        cmocka_unit_test(a_quiet_rule_is_not_told),
-    };
-    return cmocka_run_group_tests_name("fault", tests, NULL, NULL);
 }

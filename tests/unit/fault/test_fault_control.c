@@ -2,13 +2,13 @@
  *
  * test_fault_control.c - what fault rules do to controllers, at odd moments.
  */
+#include "cases.h"
 #include "rules.h"
 #include "times.h"
 
 /* A command at the very tick at which a frame ends: the frame counts, once. */
-static void commands_at_the_end_of_a_frame(void **state)
+TEST(commands_at_the_end_of_a_frame)
 {
-    (void)state;
     static const cw_action actions[] = {CW_ACTION_SET, CW_ACTION_BUS_OFF, CW_ACTION_ERROR_FLAG,
                                         CW_ACTION_DISCONNECT, CW_ACTION_SOFTWARE_RESET,
                                         CW_ACTION_HARDWARE_RESET};
@@ -46,9 +46,8 @@ static void commands_at_the_end_of_a_frame(void **state)
 
 /* A node that is disconnected while bus-off is not back on the bus when its recovery has
  * finished. */
-static void recovery_does_not_reconnect(void **state)
+TEST(recovery_does_not_reconnect)
 {
-    (void)state;
     rig *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     cw_rule *off = rig_rule(r, new_rule("off", CW_TRIGGER_TIME, CW_ACTION_BUS_OFF));
@@ -72,9 +71,8 @@ static void recovery_does_not_reconnect(void **state)
 }
 
 /* Neither do they when the node has been bus-off for no time, so that no state is reported. */
-static void counters_do_not_reconnect(void **state)
+TEST(counters_do_not_reconnect)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT))->nodes = NODE(1);
@@ -95,9 +93,8 @@ static void counters_do_not_reconnect(void **state)
 
 /* O1 a: an error after two overload frames gives no right to a third one, in whatever way the nodes
  * are simulated. */
-static void two_overload_frames_are_all_before_the_next_frame(void **state)
+TEST(two_overload_frames_are_all_before_the_next_frame)
 {
-    (void)state;
     for (unsigned stepping = 0; stepping < 2; stepping++) {
         rig *r = rig_new(4);
         const cw_frame frame = rig_frame(0x123, 0, 0);
@@ -126,9 +123,8 @@ static void two_overload_frames_are_all_before_the_next_frame(void **state)
 }
 
 /* A state that changes with a clean frame is no reason to look at its bits again. */
-static void a_state_changes_while_a_node_is_away(void **state)
+TEST(a_state_changes_while_a_node_is_away)
 {
-    (void)state;
     cw_bus_stats stats[2];
     for (unsigned stepping = 0; stepping < 2; stepping++) {
         rig *r = rig_new(3);
@@ -165,9 +161,8 @@ static cw_rule *reset_at(rig *r, bool hardware, unsigned node, uint64_t bit)
 }
 
 /* Frames that wait, on either side of the controller, are dropped and counted. */
-static void a_reset_loses_no_frame_silently(void **state)
+TEST(a_reset_loses_no_frame_silently)
 {
-    (void)state;
     for (unsigned hardware = 0; hardware < 2; hardware++) {
         rig *r = rig_new(2);
         const cw_frame frame = rig_frame(0x123, 0, 0);
@@ -190,9 +185,8 @@ static void a_reset_loses_no_frame_silently(void **state)
 }
 
 /* A reset brings no node back that is cut off. The wait begins when it is back. */
-static void a_reset_does_not_reconnect(void **state)
+TEST(a_reset_does_not_reconnect)
 {
-    (void)state;
     for (unsigned hardware = 0; hardware < 2; hardware++) {
         rig *r = rig_new(2);
         const cw_frame frame = rig_frame(0x123, 0, 0);
@@ -225,9 +219,8 @@ static unsigned bits_to_idle(cw_mac *mac)
 
 /* A dominant bit costs a group of 11, disconnection and a change of modes all of them. Bus-off has
  * a wait of its own (R12). A hardware reset ends the wait. */
-static void a_software_reset_waits_for_128_groups(void **state)
+TEST(a_software_reset_waits_for_128_groups)
 {
-    (void)state;
     for (unsigned with = 0; with < 6; with++) {
         cw_mac mac;
         cw_mac_report report;
@@ -254,19 +247,4 @@ static void a_software_reset_waits_for_128_groups(void **state)
         cw_mac_reconnect(&mac);
         assert_int_equal(bits_to_idle(&mac), JOIN); /* it is over */
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(commands_at_the_end_of_a_frame),
-        cmocka_unit_test(recovery_does_not_reconnect),
-        cmocka_unit_test(counters_do_not_reconnect),
-        cmocka_unit_test(two_overload_frames_are_all_before_the_next_frame),
-        cmocka_unit_test(a_state_changes_while_a_node_is_away),
-        cmocka_unit_test(a_reset_loses_no_frame_silently),
-        cmocka_unit_test(a_reset_does_not_reconnect),
-        cmocka_unit_test(a_software_reset_waits_for_128_groups),
-    };
-    return cmocka_run_group_tests_name("fault_control", tests, NULL, NULL);
 }

@@ -3,6 +3,7 @@
  * test_fault_host.c - what fault rules do to frames between a host and its controller; none is
  * lost.
  */
+#include "cases.h"
 #include "rules.h"
 
 #include "state/state.h"
@@ -34,17 +35,15 @@ static void check_frames_of_a_cleared_rule(uint8_t node)
     rig_free(r);
 }
 
-static void frames_of_a_cleared_rule_are_sent(void **state)
+TEST(frames_of_a_cleared_rule_are_sent)
 {
-    (void)state;
     check_frames_of_a_cleared_rule(0);
     check_frames_of_a_cleared_rule(1);
 }
 
 /* Or a babbling idiot would try again, and drop a frame, in each bit. */
-static void rules_send_no_frame_that_their_node_does_not_know(void **state)
+TEST(rules_send_no_frame_that_their_node_does_not_know)
 {
-    (void)state;
     static const cw_action actions[] = {CW_ACTION_BABBLE, CW_ACTION_SEND};
     static const unsigned kinds[] = {CW_PROTOCOL_2_0A, CW_PROTOCOL_2_0B_PASSIVE};
     for (unsigned i = 0; i < 4; i++) {
@@ -63,9 +62,8 @@ static void rules_send_no_frame_that_their_node_does_not_know(void **state)
 }
 
 /* Frames that a rule holds back go on their way when it is cleared. */
-static void held_frames_go_on_when_the_rule_is_cleared(void **state)
+TEST(held_frames_go_on_when_the_rule_is_cleared)
 {
-    (void)state;
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (unsigned side = CW_SIDE_TX; side <= CW_SIDE_RX; side++) {
         rig *r = rig_new(2);
@@ -94,9 +92,8 @@ static void held_frames_go_on_when_the_rule_is_cleared(void **state)
 
 /* ---- Frames that are changed ----------------------------------------------------------------- */
 
-static void a_change_reaches_all_bytes(void **state)
+TEST(a_change_reaches_all_bytes)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_frame frame = rig_frame(0x123, 0, 8);
     cw_rule *rule = rig_rule(r, new_rule("change", CW_TRIGGER_FRAME, CW_ACTION_CHANGE));
@@ -174,9 +171,8 @@ static void host_rules(rig *r, cw_side side)
     }
 }
 
-static void no_frame_is_lost_at_the_host_side(void **state)
+TEST(no_frame_is_lost_at_the_host_side)
 {
-    (void)state;
     for (unsigned side = CW_SIDE_TX; side <= CW_SIDE_RX; side++) {
         rig *r = rig_new(2);
         rig_random random = {.state = 42};
@@ -202,9 +198,8 @@ static void no_frame_is_lost_at_the_host_side(void **state)
 }
 
 /* There is room for CW_HELD_FRAMES; a further frame is not held back. */
-static void frames_held_back_are_bounded(void **state)
+TEST(frames_held_back_are_bounded)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->nodes[0].queue = 1000;
@@ -222,9 +217,8 @@ static void frames_held_back_are_bounded(void **state)
 }
 
 /* Frames that rules make are counted apart from those of the host. */
-static void frames_that_rules_make_are_counted_apart(void **state)
+TEST(frames_that_rules_make_are_counted_apart)
 {
-    (void)state;
     rig *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     cw_rule *once = rig_rule(r, new_rule("send", CW_TRIGGER_TIME, CW_ACTION_SEND));
@@ -253,9 +247,8 @@ static void frames_that_rules_make_are_counted_apart(void **state)
 }
 
 /* Rules that make more copies in one bit than there is room for events. */
-static void frames_that_the_event_ring_cannot_hold_are_counted(void **state)
+TEST(frames_that_the_event_ring_cannot_hold_are_counted)
 {
-    (void)state;
     const cw_frame frame = rig_frame(0x123, 0, 0);
     rig *r = rig_new(8);
     for (unsigned i = 0; i < RIG_RULES_MAX; i++) {
@@ -284,9 +277,8 @@ static void frames_that_the_event_ring_cannot_hold_are_counted(void **state)
     rig_free(r);
 }
 
-static void statistics_that_do_not_balance_are_known(void **state)
+TEST(statistics_that_do_not_balance_are_known)
 {
-    (void)state;
     static const struct {
         cw_node_stats stats;
         bool balance;
@@ -310,9 +302,8 @@ static void statistics_that_do_not_balance_are_known(void **state)
 }
 
 /* Filters look at the bits of their masks, whatever else a host may have put into an identifier. */
-static void a_bad_frame_is_met_by_exact_and_other_filters(void **state)
+TEST(a_bad_frame_is_met_by_exact_and_other_filters)
 {
-    (void)state;
     static const uint32_t masks[] = {CW_FILTER_EXTENDED | 0x7FF, CW_FILTER_EXTENDED | 0x7FE, 0x7FF};
     for (size_t i = 0; i < sizeof masks / sizeof masks[0]; i++) {
         rig *r = rig_new(2);
@@ -326,21 +317,4 @@ static void a_bad_frame_is_met_by_exact_and_other_filters(void **state)
         assert_int_equal(rig_nth(r, CW_EVENT_DROP, 0)->why, CW_DROP_FAULT);
         rig_free(r);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(frames_of_a_cleared_rule_are_sent),
-        cmocka_unit_test(held_frames_go_on_when_the_rule_is_cleared),
-        cmocka_unit_test(a_change_reaches_all_bytes),
-        cmocka_unit_test(no_frame_is_lost_at_the_host_side),
-        cmocka_unit_test(frames_held_back_are_bounded),
-        cmocka_unit_test(frames_that_rules_make_are_counted_apart),
-        cmocka_unit_test(frames_that_the_event_ring_cannot_hold_are_counted),
-        cmocka_unit_test(statistics_that_do_not_balance_are_known),
-        cmocka_unit_test(rules_send_no_frame_that_their_node_does_not_know),
-        cmocka_unit_test(a_bad_frame_is_met_by_exact_and_other_filters),
-    };
-    return cmocka_run_group_tests_name("fault_host", tests, NULL, NULL);
 }

@@ -2,6 +2,7 @@
  *
  * test_fault_level.c - what fault rules do to levels: bits at a position, stuck lines.
  */
+#include "cases.h"
 #include "model.h"
 #include "rules.h"
 #include "times.h"
@@ -35,9 +36,8 @@ static void check_position(const cw_frame *f, const flip_case *c)
 }
 
 /* 000#0000 has stuff bits from the first run on; its fields are at known unstuffed bits. */
-static void positions_of_a_base_frame(void **state)
+TEST(positions_of_a_base_frame)
 {
-    (void)state;
     static const flip_case cases[] = {
         {CW_FIELD_SOF, 0, 0, 0},     {CW_FIELD_SOF, 1, -1, -1},   {CW_FIELD_ID, 0, 1, 0},
         {CW_FIELD_ID, 10, 11, 0},    {CW_FIELD_ID, 11, -1, -1},   {CW_FIELD_RTR, 0, 12, 0},
@@ -53,9 +53,8 @@ static void positions_of_a_base_frame(void **state)
         check_position(&f, &cases[i]);
 }
 
-static void positions_of_an_extended_frame(void **state)
+TEST(positions_of_an_extended_frame)
 {
-    (void)state;
     static const flip_case cases[] = {
         {CW_FIELD_ID, 0, 1, 0},    {CW_FIELD_ID, 10, 11, 0}, {CW_FIELD_SRR, 0, 12, 0},
         {CW_FIELD_IDE, 0, 13, 0},  {CW_FIELD_ID, 11, 14, 0}, {CW_FIELD_ID, 28, 31, 0},
@@ -69,9 +68,8 @@ static void positions_of_an_extended_frame(void **state)
 }
 
 /* The end of a frame is at known bits from its end. */
-static void positions_behind_the_crc(void **state)
+TEST(positions_behind_the_crc)
 {
-    (void)state;
     cw_frame f = rig_frame(0x123, 0, 5);
     int length = (int)model_encode(&f).length;
     const flip_case cases[] = {
@@ -89,9 +87,8 @@ static void positions_behind_the_crc(void **state)
 }
 
 /* Every stuff bit of a frame, by number: it is the N-th, and no other field's. */
-static void positions_of_stuff_bits(void **state)
+TEST(positions_of_stuff_bits)
 {
-    (void)state;
     cw_frame f = {.dlc = 4};
     model m = model_encode(&f);
     unsigned stuff = 0;
@@ -108,9 +105,8 @@ static void positions_of_stuff_bits(void **state)
 
 /* The first error frame of the wire: a flip of r0 at the transmitter ends the attempt there. Its
  * flag of six bits starts at the next; the receivers' follows, for they see a stuff error. */
-static void positions_in_error_frames(void **state)
+TEST(positions_in_error_frames)
 {
-    (void)state;
     cw_frame f = rig_frame(0x123, 0, 1);
     unsigned r0 = model_encode(&f).at[14];
     static const struct {
@@ -147,9 +143,8 @@ static void positions_in_error_frames(void **state)
 
 /* A message doubled (M7): receivers answer `d` in the last EOF bit with an overload flag, and the
  * transmitter with an error flag. */
-static void positions_in_overload_and_suspend(void **state)
+TEST(positions_in_overload_and_suspend)
 {
-    (void)state;
     cw_frame f = rig_frame(0x123, 0, 1);
     unsigned length = model_encode(&f).length;
     for (unsigned index = 0; index < 6; index++) {
@@ -174,9 +169,8 @@ static void positions_in_overload_and_suspend(void **state)
     rig_free(r);
 }
 
-static void two_flips_of_one_bit_cancel(void **state)
+TEST(two_flips_of_one_bit_cancel)
 {
-    (void)state;
     for (unsigned local = 0; local < 2; local++) {
         rig *r = rig_new(2);
         cw_frame f = rig_frame(0x123, 0, 1);
@@ -193,9 +187,8 @@ static void two_flips_of_one_bit_cancel(void **state)
 }
 
 /* A wire flip and one at a node: that node alone sees the right level. */
-static void a_flip_at_a_node_undoes_one_of_the_wire(void **state)
+TEST(a_flip_at_a_node_undoes_one_of_the_wire)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 1);
     rig_flip(r, "wire", CW_FIELD_EOF, 2)->count = 1;
@@ -215,9 +208,8 @@ static void a_flip_at_a_node_undoes_one_of_the_wire(void **state)
 
 /* The first wrong bit is the receiver's last EOF bit and makes it send an overload flag (O1 c).
  * Each further one is a bit of its flag sampled recessive: a bit error with REC +8 (R5). */
-static void a_flip_of_many_bits(void **state)
+TEST(a_flip_of_many_bits)
 {
-    (void)state;
     for (unsigned bits = 1; bits <= 9; bits++) {
         rig *r = rig_new(3);
         cw_frame f = rig_frame(0x123, 0, 1);
@@ -237,9 +229,8 @@ static void a_flip_of_many_bits(void **state)
 /* ---- Levels for a time ----------------------------------------------------------------------- */
 
 /* Nor does another rule that ends bring a node back, or the transmitter of a stuck line. */
-static void a_disconnected_node_stays_away(void **state)
+TEST(a_disconnected_node_stays_away)
 {
-    (void)state;
     rig *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     cw_rule *away = rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
@@ -260,9 +251,8 @@ static void a_disconnected_node_stays_away(void **state)
 }
 
 /* A pattern starts over with each hit. */
-static void each_hit_of_a_glitch_starts_its_pattern(void **state)
+TEST(each_hit_of_a_glitch_starts_its_pattern)
 {
-    (void)state;
     rig *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
@@ -283,9 +273,8 @@ static void each_hit_of_a_glitch_starts_its_pattern(void **state)
 }
 
 /* On a partitioned bus a bit is one of its transmitter's wire. */
-static void bits_are_on_the_wire_of_their_frame(void **state)
+TEST(bits_are_on_the_wire_of_their_frame)
 {
-    (void)state;
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (unsigned sender = 0; sender < 4; sender += 2) {
         rig *r = rig_new(4);
@@ -304,9 +293,8 @@ static void bits_are_on_the_wire_of_their_frame(void **state)
 
 /* Bits go on when the frame, and so what the rule is bound to, is long over. A time that is no
  * whole number of bits is rounded up. */
-static void bits_last_as_long_as_they_are_told_to(void **state)
+TEST(bits_last_as_long_as_they_are_told_to)
 {
-    (void)state;
     static const struct {
         uint16_t bits;
         uint64_t ticks;
@@ -339,9 +327,8 @@ static void bits_last_as_long_as_they_are_told_to(void **state)
 
 /* The flag of the node with the overload ends a bit before the others': the delimiter begins with
  * the first recessive bit. */
-static void the_overload_delimiter_begins_when_the_wire_is_free(void **state)
+TEST(the_overload_delimiter_begins_when_the_wire_is_free)
 {
-    (void)state;
     const cw_frame frame = rig_frame(0x123, 0, 0);
     rig *r = rig_new(2);
     cw_rule *ask = rig_rule(r, new_rule("ask", CW_TRIGGER_TIME, CW_ACTION_OVERLOAD));
@@ -360,9 +347,8 @@ static void the_overload_delimiter_begins_when_the_wire_is_free(void **state)
 
 /* A wire that is stuck dominant and flipped in each bit is recessive, on a bus that is partitioned
  * into one part, too. */
-static void a_flipped_wire_is_that_of_the_nodes_that_exist(void **state)
+TEST(a_flipped_wire_is_that_of_the_nodes_that_exist)
 {
-    (void)state;
     for (unsigned parts = 0; parts < 2; parts++) {
         rig *r = rig_new(2);
         cw_rule *stuck = rig_rule(r, new_rule("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK));
@@ -379,9 +365,8 @@ static void a_flipped_wire_is_that_of_the_nodes_that_exist(void **state)
 }
 
 /* A level that a single node sees is not on the wire. */
-static void a_stuck_rx_is_not_on_the_wire(void **state)
+TEST(a_stuck_rx_is_not_on_the_wire)
 {
-    (void)state;
     rig *r = rig_new(2);
     r->nodes[1].modes = CW_MODE_LISTEN_ONLY; /* it signals to itself only */
     cw_rule *stuck = rig_rule(r, new_rule("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK));
@@ -396,10 +381,9 @@ static void a_stuck_rx_is_not_on_the_wire(void **state)
 }
 
 /* On each line, for good: nothing is to come, and a long time costs no more than a short one. */
-static void what_is_stuck_recessive_costs_nothing_at_rest(void **state)
+TEST(what_is_stuck_recessive_costs_nothing_at_rest)
 {
     static const cw_line lines[] = {CW_LINE_TX, CW_LINE_RX, CW_LINE_WIRE};
-    (void)state;
     for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
         rig *r = rig_new(3);
         cw_rule *stuck = rig_rule(r, new_rule("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK));
@@ -415,28 +399,4 @@ static void what_is_stuck_recessive_costs_nothing_at_rest(void **state)
         assert_in_range(cw_bus_work(r->bus) - before, 0, 100);
         rig_free(r);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(what_is_stuck_recessive_costs_nothing_at_rest),
-        cmocka_unit_test(positions_of_a_base_frame),
-        cmocka_unit_test(positions_of_an_extended_frame),
-        cmocka_unit_test(positions_behind_the_crc),
-        cmocka_unit_test(positions_of_stuff_bits),
-        cmocka_unit_test(positions_in_error_frames),
-        cmocka_unit_test(positions_in_overload_and_suspend),
-        cmocka_unit_test(two_flips_of_one_bit_cancel),
-        cmocka_unit_test(a_flip_at_a_node_undoes_one_of_the_wire),
-        cmocka_unit_test(a_flip_of_many_bits),
-        cmocka_unit_test(a_disconnected_node_stays_away),
-        cmocka_unit_test(each_hit_of_a_glitch_starts_its_pattern),
-        cmocka_unit_test(bits_are_on_the_wire_of_their_frame),
-        cmocka_unit_test(bits_last_as_long_as_they_are_told_to),
-        cmocka_unit_test(the_overload_delimiter_begins_when_the_wire_is_free),
-        cmocka_unit_test(a_flipped_wire_is_that_of_the_nodes_that_exist),
-        cmocka_unit_test(a_stuck_rx_is_not_on_the_wire),
-    };
-    return cmocka_run_group_tests_name("fault_level", tests, NULL, NULL);
 }

@@ -3,6 +3,7 @@
  * test_fault_match.c - which frames a fault rule matches, which matches it takes, and what it is
  * bound to.
  */
+#include "cases.h"
 #include "model.h"
 #include "rules.h"
 #include "times.h"
@@ -52,9 +53,8 @@ typedef struct choice {
     const char *pattern; /* of the first frames; behind them '0' when count is not 0 */
 } choice;
 
-static void matches_are_chosen_by_skip_every_and_count(void **state)
+TEST(matches_are_chosen_by_skip_every_and_count)
 {
-    (void)state;
     static const choice cases[] = {
         {0, 1, 0, "11111111111111"}, {3, 1, 0, "00011111111111"}, {0, 4, 0, "10001000100010"},
         {2, 3, 0, "00100100100100"}, {0, 1, 3, "11100000000000"}, {3, 4, 2, "00010001000000"},
@@ -90,9 +90,8 @@ typedef struct passed_over {
 
 /* Each frame has finished before a call reads anything. Matches that `skip` passes over still
  * count, and only in frames that have the bit. */
-static void matches_passed_over_are_counted_in_frames_that_have_the_bit(void **state)
+TEST(matches_passed_over_are_counted_in_frames_that_have_the_bit)
 {
-    (void)state;
     static const passed_over cases[] = {
         {CW_FIELD_CRC, 3, CW_NEVER, 10},   {CW_FIELD_ID, 10, CW_NEVER, 10},
         {CW_FIELD_ID, 28, CW_NEVER, 5},    {CW_FIELD_SRR, 0, CW_NEVER, 5},
@@ -120,9 +119,8 @@ static void matches_passed_over_are_counted_in_frames_that_have_the_bit(void **s
 }
 
 /* Filter, sender, time: half open, at the start of the bit. */
-static void matches_need_frame_sender_and_time(void **state)
+TEST(matches_need_frame_sender_and_time)
 {
-    (void)state;
     char pattern[OBSERVED_FRAMES + 1];
     rig *r = new_observed_bus(3);
     r->rules[0].filters[0] = (cw_filter){.value = 0x101, .mask = 0x7FF};
@@ -142,9 +140,8 @@ static void matches_need_frame_sender_and_time(void **state)
     rig_free(r);
 }
 
-static void an_inverted_filter_and_a_second_one(void **state)
+TEST(an_inverted_filter_and_a_second_one)
 {
-    (void)state;
     char pattern[OBSERVED_FRAMES + 1];
     rig *r = new_observed_bus(2);
     r->rules[0].filters[0] = (cw_filter){.value = 0x101, .mask = 0x7FF, .inverted = true};
@@ -161,9 +158,8 @@ static void an_inverted_filter_and_a_second_one(void **state)
 }
 
 /* Each rule draws from its own stream: another rule, before or behind it, changes nothing. */
-static void random_streams_of_rules_are_independent(void **state)
+TEST(random_streams_of_rules_are_independent)
 {
-    (void)state;
     char alone[OBSERVED_FRAMES + 1];
     char beside[OBSERVED_FRAMES + 1];
     char other[OBSERVED_FRAMES + 1];
@@ -193,9 +189,8 @@ static void random_streams_of_rules_are_independent(void **state)
 }
 
 /* Drawn only for matches that skip and every let through. */
-static void probability_is_drawn_last(void **state)
+TEST(probability_is_drawn_last)
 {
-    (void)state;
     char all[OBSERVED_FRAMES + 1];
     char some[OBSERVED_FRAMES + 1];
     rig *r = new_observed_bus(1);
@@ -215,9 +210,8 @@ static void probability_is_drawn_last(void **state)
 }
 
 /* A node that lost arbitration transmits no more: a rule for its later bits does not match. */
-static void a_rule_ends_with_lost_arbitration(void **state)
+TEST(a_rule_ends_with_lost_arbitration)
 {
-    (void)state;
     rig *r = rig_new(3);
     cw_frame high = rig_frame(0x100, 0, 1);
     cw_frame low = rig_frame(0x101, 0, 1);
@@ -262,9 +256,8 @@ static void drawn_by(const char *name, uint64_t seed, unsigned before, unsigned 
     rig_free(r);
 }
 
-static void other_rules_do_not_change_the_draws(void **state)
+TEST(other_rules_do_not_change_the_draws)
 {
-    (void)state;
     char alone[DRAWS + 1];
     char among[DRAWS + 1];
     drawn_by("x", 7, 0, 0, alone);
@@ -276,9 +269,8 @@ static void other_rules_do_not_change_the_draws(void **state)
     }
 }
 
-static void seed_and_name_decide_the_draws(void **state)
+TEST(seed_and_name_decide_the_draws)
 {
-    (void)state;
     char one[DRAWS + 1];
     char other[DRAWS + 1];
     drawn_by("x", 7, 0, 0, one);
@@ -316,9 +308,8 @@ static cw_rule *many_rules(void)
     return rules;
 }
 
-static void many_exact_identifiers_meet_their_own_frames(void **state)
+TEST(many_exact_identifiers_meet_their_own_frames)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_rule *rules = many_rules();
     r->config.rules = rules;
@@ -343,9 +334,8 @@ static void many_exact_identifiers_meet_their_own_frames(void **state)
 }
 
 /* Rules on one identifier, and others between them, act in their order. */
-static void rules_on_one_frame_act_in_their_order(void **state)
+TEST(rules_on_one_frame_act_in_their_order)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 1);
     for (unsigned i = 0; i < 6; i++) {
@@ -426,9 +416,8 @@ static void send_shaped_frames(rig *r, const bool *there)
     }
 }
 
-static void filters_of_any_shape_find_their_frames(void **state)
+TEST(filters_of_any_shape_find_their_frames)
 {
-    (void)state;
     rig *r = rig_new(2);
     bool there[SHAPES] = {false};
     r->config.rule_room = SHAPES;
@@ -456,9 +445,8 @@ static void filters_of_any_shape_find_their_frames(void **state)
 /* ---- What a rule is bound to ----------------------------------------------------------------- */
 
 /* An error in the intermission, when the queue holds another frame in the same place already. */
-static void a_rule_knows_its_frame_to_the_end(void **state)
+TEST(a_rule_knows_its_frame_to_the_end)
 {
-    (void)state;
     for (unsigned stepping = 0; stepping < 2; stepping++) {
         rig *r = rig_new(2);
         const cw_frame frame = rig_frame(0x123, 0, 0);
@@ -484,9 +472,8 @@ static void a_rule_knows_its_frame_to_the_end(void **state)
 }
 
 /* On a partitioned bus a frame is from those on the receiver's own wire. */
-static void the_sender_is_on_the_same_wire(void **state)
+TEST(the_sender_is_on_the_same_wire)
 {
-    (void)state;
     rig *r = rig_new(4);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     cw_rule *cut = rig_rule(r, new_rule("cut", CW_TRIGGER_TIME, CW_ACTION_PARTITION));
@@ -505,9 +492,8 @@ static void the_sender_is_on_the_same_wire(void **state)
 }
 
 /* The transmitter has an error in the bit in which the others take its frame. */
-static void the_sender_may_have_an_error_in_the_last_bit(void **state)
+TEST(the_sender_may_have_an_error_in_the_last_bit)
 {
-    (void)state;
     rig *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     cw_rule *flip = rig_flip(r, "flip", CW_FIELD_EOF, 5);
@@ -525,9 +511,8 @@ static void the_sender_may_have_an_error_in_the_last_bit(void **state)
 }
 
 /* A rule is bound to one transmission: not to the next one, even right behind it. */
-static void a_rule_is_bound_to_its_own_frame(void **state)
+TEST(a_rule_is_bound_to_its_own_frame)
 {
-    (void)state;
     rig *r = rig_new(2);
     cw_rule *mark = rig_rule(r, new_rule("mark", CW_TRIGGER_FRAME, CW_ACTION_FORCE));
     mark->level = CW_RECESSIVE;
@@ -545,9 +530,8 @@ static void a_rule_is_bound_to_its_own_frame(void **state)
 }
 
 /* Nor to any when it has been stopped. */
-static void a_stopped_rule_lets_go_of_the_frame(void **state)
+TEST(a_stopped_rule_lets_go_of_the_frame)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     (void)rig_flip(r, "end", CW_FIELD_EOF, 6);
@@ -563,7 +547,7 @@ static void a_stopped_rule_lets_go_of_the_frame(void **state)
 
 /* ---- Filters alone --------------------------------------------------------------------------- */
 
-static void frames_match_filters(void **state)
+TEST(frames_match_filters)
 {
     static const cw_filter base = {.value = 0x123, .mask = CW_FILTER_EXTENDED | 0x7FF};
     static const cw_filter remote = {.value = CW_FILTER_REMOTE, .mask = CW_FILTER_REMOTE};
@@ -572,7 +556,6 @@ static void frames_match_filters(void **state)
     const cw_frame data = rig_frame(0x123, 0, 1);
     const cw_frame extended = rig_frame(0x123, CW_FRAME_EXTENDED, 1);
     const cw_frame request = rig_frame(0x456, CW_FRAME_REMOTE, 1);
-    (void)state;
     assert_true(cw_frame_matches(&data, NULL, 0));
     assert_true(cw_frame_matches(&data, &base, 1));
     assert_false(cw_frame_matches(&extended, &base, 1));
@@ -580,29 +563,4 @@ static void frames_match_filters(void **state)
     assert_true(cw_frame_matches(&request, both, 2));
     assert_false(cw_frame_matches(&data, &others, 1));
     assert_true(cw_frame_matches(&request, &others, 1));
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(matches_are_chosen_by_skip_every_and_count),
-        cmocka_unit_test(matches_passed_over_are_counted_in_frames_that_have_the_bit),
-        cmocka_unit_test(matches_need_frame_sender_and_time),
-        cmocka_unit_test(an_inverted_filter_and_a_second_one),
-        cmocka_unit_test(random_streams_of_rules_are_independent),
-        cmocka_unit_test(probability_is_drawn_last),
-        cmocka_unit_test(a_rule_ends_with_lost_arbitration),
-        cmocka_unit_test(other_rules_do_not_change_the_draws),
-        cmocka_unit_test(seed_and_name_decide_the_draws),
-        cmocka_unit_test(many_exact_identifiers_meet_their_own_frames),
-        cmocka_unit_test(filters_of_any_shape_find_their_frames),
-        cmocka_unit_test(rules_on_one_frame_act_in_their_order),
-        cmocka_unit_test(a_rule_knows_its_frame_to_the_end),
-        cmocka_unit_test(the_sender_is_on_the_same_wire),
-        cmocka_unit_test(the_sender_may_have_an_error_in_the_last_bit),
-        cmocka_unit_test(a_rule_is_bound_to_its_own_frame),
-        cmocka_unit_test(a_stopped_rule_lets_go_of_the_frame),
-        cmocka_unit_test(frames_match_filters),
-    };
-    return cmocka_run_group_tests_name("fault_match", tests, NULL, NULL);
 }

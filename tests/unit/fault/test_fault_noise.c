@@ -2,14 +2,14 @@
  *
  * test_fault_noise.c - noise: bits flipped at random.
  */
+#include "cases.h"
 #include "rules.h"
 
 #include "state/state.h"
 
 /* A match that is passed over counts once, also when noise flips the very bit. */
-static void noise_and_a_position_in_one_bit(void **state)
+TEST(noise_and_a_position_in_one_bit)
 {
-    (void)state;
     cw_rule_stats stats[2];
     for (unsigned stepping = 0; stepping < 2; stepping++) {
         rig *r = rig_new(2);
@@ -31,9 +31,8 @@ static void noise_and_a_position_in_one_bit(void **state)
 }
 
 /* A follower of noise comes its delay after the end of the inverted bit. */
-static void noise_is_followed_from_the_end_of_its_bit(void **state)
+TEST(noise_is_followed_from_the_end_of_its_bit)
 {
-    (void)state;
     rig *r = rig_new(2);
     r->nodes[1].modes = CW_MODE_LISTEN_ONLY;
     cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
@@ -52,9 +51,8 @@ static void noise_is_followed_from_the_end_of_its_bit(void **state)
 }
 
 /* Noise counts its flips; it ends with its count, and takes frames as other rules do. */
-static void noise_with_count_and_skip(void **state)
+TEST(noise_with_count_and_skip)
 {
-    (void)state;
     rig *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->nodes[2].modes = CW_MODE_LISTEN_ONLY; /* whom it does not disturb */
@@ -98,9 +96,8 @@ static rig *noisy_rig(void)
 }
 
 /* However often and for how many bits rules are asked, what comes is what they have said. */
-static void questions_change_nothing(void **state)
+TEST(questions_change_nothing)
 {
-    (void)state;
     rig *asked = noisy_rig(), *left_alone = noisy_rig();
     for (unsigned i = 1; i <= 400; i++) {
         const uint64_t before = hits(asked, 0) + hits(asked, 1);
@@ -172,9 +169,8 @@ static seen_bursts run_bursts(unsigned least, unsigned most, uint64_t at, bool s
 }
 
 /* Some of the some 200 begin so early that they look like one with the burst before. */
-static void a_burst_has_its_length(void **state)
+TEST(a_burst_has_its_length)
 {
-    (void)state;
     const seen_bursts b = run_bursts(15, 15, 0, false);
     assert_in_range(b.count, 150, 250);
     assert_in_range(b.of[15], b.count - 6, b.count);
@@ -183,9 +179,8 @@ static void a_burst_has_its_length(void **state)
     assert_memory_equal(&b, &stepped, sizeof b);
 }
 
-static void lengths_are_drawn_evenly(void **state)
+TEST(lengths_are_drawn_evenly)
 {
-    (void)state;
     const seen_bursts b = run_bursts(1, 15, NODE(1), false);
     for (unsigned length = 1; length <= 15; length++)
         assert_in_range(b.of[length], b.count / 15 / 3, b.count / 15 * 2 + 4);
@@ -194,9 +189,8 @@ static void lengths_are_drawn_evenly(void **state)
     assert_memory_equal(&single, &none, sizeof none);
 }
 
-static void bursts_out_of_range_are_refused(void **state)
+TEST(bursts_out_of_range_are_refused)
 {
-    (void)state;
     static const uint16_t wrong[][2] = {{0, 5}, {5, 4}, {1, CW_BURST_MAX + 1}, {1, 0}};
     rig *r = rig_new(2);
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
@@ -210,18 +204,4 @@ static void bursts_out_of_range_are_refused(void **state)
         free(memory);
     }
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(noise_and_a_position_in_one_bit),
-        cmocka_unit_test(noise_is_followed_from_the_end_of_its_bit),
-        cmocka_unit_test(noise_with_count_and_skip),
-        cmocka_unit_test(questions_change_nothing),
-        cmocka_unit_test(a_burst_has_its_length),
-        cmocka_unit_test(lengths_are_drawn_evenly),
-        cmocka_unit_test(bursts_out_of_range_are_refused),
-    };
-    return cmocka_run_group_tests_name("fault_noise", tests, NULL, NULL);
 }

@@ -3,6 +3,7 @@
  * test_fault_step.c - fault rules on a bus that takes frames in steps: the same matches, hits and
  * events as bit by bit, however time is advanced.
  */
+#include "cases.h"
 #include "rules.h"
 
 #define ALL_RULES_MAX 64
@@ -49,9 +50,8 @@ static void assert_same_matches(const rig *fast, const rig *reference)
 
 /* Matches of past bits are visible in the middle of a frame and with a full ring of events,
  * whatever the rules let pass. */
-static void matches_count_with_their_bits(void **state)
+TEST(matches_count_with_their_bits)
 {
-    (void)state;
     static const struct {
         cw_field first;
         cw_field second;
@@ -112,9 +112,8 @@ static rig *run_joined_frames(unsigned every, bool stepping)
     return r;
 }
 
-static void a_step_that_goes_on_stops_for_bound_rules(void **state)
+TEST(a_step_that_goes_on_stops_for_bound_rules)
 {
-    (void)state;
     for (unsigned every = 1; every < 4; every++) {
         rig *fast = run_joined_frames(every, false);
         rig *reference = run_joined_frames(every, true);
@@ -316,9 +315,8 @@ static rig *run_storm(uint64_t seed, cw_rule *rules, pace how, uint16_t events)
 }
 
 /* Bit by bit, in one go, in pieces, with the smallest ring of events: the same events. */
-static void the_trace_does_not_depend_on_the_pace(void **state)
+TEST(the_trace_does_not_depend_on_the_pace)
 {
-    (void)state;
     static cw_rule rules[ALL_RULES_MAX];
     unsigned used[STORM_RULES] = {0};
     for (uint64_t seed = 1; seed <= 60; seed++) {
@@ -353,9 +351,8 @@ static bool in_order(const cw_event *a, const cw_event *b)
     return last < first || (last == first && a->kind <= b->kind);
 }
 
-static void events_are_in_order(void **state)
+TEST(events_are_in_order)
 {
-    (void)state;
     static cw_rule rules[ALL_RULES_MAX];
     char one[RIG_LINE_MAX];
     char other[RIG_LINE_MAX];
@@ -397,20 +394,7 @@ static uint64_t first_of_generator(bool stepping)
     return tick;
 }
 
-static void a_load_counts_the_bits_of_clean_frames(void **state)
+TEST(a_load_counts_the_bits_of_clean_frames)
 {
-    (void)state;
     assert_int_equal(first_of_generator(false), first_of_generator(true));
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(matches_count_with_their_bits),
-        cmocka_unit_test(a_step_that_goes_on_stops_for_bound_rules),
-        cmocka_unit_test(the_trace_does_not_depend_on_the_pace),
-        cmocka_unit_test(events_are_in_order),
-        cmocka_unit_test(a_load_counts_the_bits_of_clean_frames),
-    };
-    return cmocka_run_group_tests_name("fault_step", tests, NULL, NULL);
 }

@@ -350,9 +350,8 @@ static void assert_same_stats(const rig *a, const rig *b)
     }
 }
 
-static void rules_that_change_in_a_frame_act_as_bit_by_bit(void **state)
+TEST(rules_that_change_in_a_frame_act_as_bit_by_bit)
 {
-    (void)state;
     static void (*const stories[])(rig *r) = {
         a_new_rule_on_a_state, the_earlier_of_two_rules_goes, a_new_rule_on_a_node_that_will_lose,
         a_rule_stops_that_a_loser_has_not_met, a_rule_on_the_first_bit_by_its_number,
@@ -409,9 +408,8 @@ static void watch_levels(void (*story)(rig *r), bool lost, unsigned single_bits)
 
 /* This also holds without an observer of the lost arbitration, when its end was computed
  * beforehand. */
-static void levels_that_rules_hold_act_as_bit_by_bit(void **state)
+TEST(levels_that_rules_hold_act_as_bit_by_bit)
 {
-    (void)state;
     static void (*const stories[])(rig *r) = {
         the_winner_is_mute, a_loser_is_mute, a_listener_is_mute, nobody_can_acknowledge,
         a_line_was_dominant_for_too_long, the_wire_is_cut_at_the_first_bit, a_deaf_node,
@@ -424,13 +422,4 @@ static void levels_that_rules_hold_act_as_bit_by_bit(void **state)
         watch_levels(stories[i], false, 0);
         watch_levels(stories[i], true, 300);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(rules_that_change_in_a_frame_act_as_bit_by_bit),
-        cmocka_unit_test(levels_that_rules_hold_act_as_bit_by_bit),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,21 +2,13 @@
  *
  * test_prng.c - random streams: the published generator, by seed and name.
  */
+#include "cases.h"
 #include "canwire.h"
 #include "rule/prng.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <string.h>
-
-#include <cmocka.h>
-
 /* The same draws on every machine and in every release: splitmix64, by its published values. */
-static void the_generator_is_splitmix64(void **state)
+TEST(the_generator_is_splitmix64)
 {
-    (void)state;
     cw_prng prng = {.state = 0};
     assert_true(cw_prng_next(&prng) == UINT64_C(0xE220A8397B1DCDAF));
     assert_true(cw_prng_next(&prng) == UINT64_C(0x6E789E6AA1B965F4));
@@ -31,9 +23,8 @@ static uint64_t first_draw(uint64_t seed, const char *name)
 }
 
 /* Every byte of the name counts, up to the documented number. */
-static void a_stream_is_that_of_seed_and_name(void **state)
+TEST(a_stream_is_that_of_seed_and_name)
 {
-    (void)state;
     char long_name[CW_RULE_NAME_MAX + 2];
     memset(long_name, 'x', sizeof long_name);
     long_name[CW_RULE_NAME_MAX + 1] = '\0';
@@ -48,9 +39,8 @@ static void a_stream_is_that_of_seed_and_name(void **state)
 }
 
 /* Any number of a stream at once, the same as one after the other. */
-static void random_numbers_are_those_of_the_stream(void **state)
+TEST(random_numbers_are_those_of_the_stream)
 {
-    (void)state;
     cw_prng prng;
     cw_prng_init(&prng, 42, "engine");
     for (uint64_t n = 0; n < 100; n++) {
@@ -61,9 +51,8 @@ static void random_numbers_are_those_of_the_stream(void **state)
     }
 }
 
-static void skipped_draws_are_those_that_would_have_come(void **state)
+TEST(skipped_draws_are_those_that_would_have_come)
 {
-    (void)state;
     cw_prng drawn, skipped;
     cw_prng_init(&drawn, 42, "engine");
     cw_prng_init(&skipped, 42, "engine");
@@ -72,15 +61,4 @@ static void skipped_draws_are_those_that_would_have_come(void **state)
     cw_prng_skip(&skipped, 999);
     cw_prng_skip(&skipped, 1);
     assert_true(cw_prng_next(&skipped) == cw_prng_next(&drawn));
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_generator_is_splitmix64),
-        cmocka_unit_test(a_stream_is_that_of_seed_and_name),
-        cmocka_unit_test(random_numbers_are_those_of_the_stream),
-        cmocka_unit_test(skipped_draws_are_those_that_would_have_come),
-    };
-    return cmocka_run_group_tests_name("prng", tests, NULL, NULL);
 }

@@ -3,6 +3,7 @@
  * test_protect.c - counters and checksums in data: the known answers of AUTOSAR's specification,
  * places and limits, faults, and a counter that goes on at a reload.
  */
+#include "cases.h"
 #include "rules.h"
 
 #define P1(first, second, by_counter, length)                                                      \
@@ -60,9 +61,8 @@ static const answer answers[] = {
      16, 0, 0, 8, {0x28, 0x91, 0x00}},
 };
 
-static void the_examples_of_autosar_come_out(void **state)
+TEST(the_examples_of_autosar_come_out)
 {
-    (void)state;
     for (size_t i = 0; i < sizeof answers / sizeof answers[0]; i++) {
         const answer *a = &answers[i];
         cw_frame frame = {.flags = CW_FRAME_FD, .dlc = (uint8_t)cw_fd_dlc(a->length)};
@@ -89,9 +89,8 @@ static unsigned check_value(cw_checksum checksum, const char *text, uint8_t firs
 }
 
 /* Of "123456789", as in the catalogues of CRCs. */
-static void plain_checksums_are_what_they_say(void **state)
+TEST(plain_checksums_are_what_they_say)
 {
-    (void)state;
     const cw_checksum j1850 = {.kind = CW_CHECKSUM_CRC8, .polynomial = 0x1D, .start = 0xFF,
                                .inverted = 0xFF};
     const cw_checksum before = {.kind = CW_CHECKSUM_CRC8, .polynomial = 0x1D, .start = 0xFF,
@@ -107,9 +106,8 @@ static void plain_checksums_are_what_they_say(void **state)
 
 /* ---- Places ---------------------------------------------------------------------------------- */
 
-static void a_counter_may_lie_across_bytes(void **state)
+TEST(a_counter_may_lie_across_bytes)
 {
-    (void)state;
     const cw_protection p = {.counter = {.bit = 6, .bits = 12, .max = 0xFFF}};
     cw_frame frame = {.dlc = 3, .data = {0xFF, 0x00, 0xFF}};
     assert_true(cw_protection_fits(&p, &frame));
@@ -119,9 +117,8 @@ static void a_counter_may_lie_across_bytes(void **state)
     assert_false(cw_protection_fits(&p, &frame));
 }
 
-static void a_bus_refuses_what_makes_no_sense(void **state)
+TEST(a_bus_refuses_what_makes_no_sense)
 {
-    (void)state;
     static const cw_protection bad[] = {
         {.node = 2},
         {.id = CW_FILTER_REMOTE | 1},
@@ -171,9 +168,8 @@ static void check_sent(rig *r, const char *expected)
         assert_int_equal(rig_nth(r, CW_EVENT_TX, i)->frame.data[0], expected[i] - '0');
 }
 
-static void frames_of_the_host_are_counted_and_no_others(void **state)
+TEST(frames_of_the_host_are_counted_and_no_others)
 {
-    (void)state;
     rig *r = counting();
     const cw_frame frame = rig_frame(0x123, 0, 2), empty = rig_frame(0x123, 0, 0);
     cw_frame other = rig_frame(0x124, 0, 1), theirs = frame;
@@ -218,18 +214,16 @@ static void check_faults(cw_counter_fault fault, const char *expected)
 }
 
 /* The counter goes 1 2 3 4 0 1 2. The first frame has none before it. */
-static void faults_change_the_counter(void **state)
+TEST(faults_change_the_counter)
 {
-    (void)state;
     check_faults(CW_COUNTER_STUCK, "1122344");
     check_faults(CW_COUNTER_SKIP, "2341230");
     check_faults(CW_COUNTER_REPEAT, "1233011");
 }
 
 /* The rule would have hit the frame of another identifier before. */
-static void frames_without_a_counter_are_no_matches(void **state)
+TEST(frames_without_a_counter_are_no_matches)
 {
-    (void)state;
     rig *r = counting();
     const cw_frame frame = rig_frame(0x123, 0, 2), other = rig_frame(0x124, 0, 2);
     rig_rule(r, new_rule("counter", CW_TRIGGER_FRAME, CW_ACTION_COUNTER));
@@ -282,9 +276,8 @@ static void check_take_over(uint8_t from, uint32_t max, unsigned expected)
 }
 
 /* A checksum has no counter that could go on. */
-static void a_counter_that_joins_a_checksum_begins_at_its_start(void **state)
+TEST(a_counter_that_joins_a_checksum_begins_at_its_start)
 {
-    (void)state;
     cw_protection before = counted;
     before.counter = (cw_counter){.bits = 0};
     before.checksum = (cw_checksum){.kind = CW_CHECKSUM_XOR, .at = 1};
@@ -294,27 +287,10 @@ static void a_counter_that_joins_a_checksum_begins_at_its_start(void **state)
     check_take_over_of(&before, 0, 4, 1);
 }
 
-static void counters_go_on_on_another_bus(void **state)
+TEST(counters_go_on_on_another_bus)
 {
-    (void)state;
     check_take_over(0, 4, 3);
     check_take_over(CW_NO_NODE, 4, 1); /* another node */
     check_take_over_of(NULL, 0, 4, 1); /* the old bus had none at all */
     check_take_over(0, 2, 1);          /* it knows no 3 */
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_examples_of_autosar_come_out),
-        cmocka_unit_test(plain_checksums_are_what_they_say),
-        cmocka_unit_test(a_counter_may_lie_across_bytes),
-        cmocka_unit_test(a_bus_refuses_what_makes_no_sense),
-        cmocka_unit_test(frames_of_the_host_are_counted_and_no_others),
-        cmocka_unit_test(faults_change_the_counter),
-        cmocka_unit_test(frames_without_a_counter_are_no_matches),
-        cmocka_unit_test(counters_go_on_on_another_bus),
-        cmocka_unit_test(a_counter_that_joins_a_checksum_begins_at_its_start),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,6 +2,7 @@
  *
  * test_raw.c - frames with deviating bits, and bits that a node drives without its controller.
  */
+#include "cases.h"
 #include "rules.h"
 #include "times.h"
 
@@ -111,9 +112,8 @@ static void check(const cw_frame *f, unsigned deviations)
 
 /* F5: the CRC covers the deviating bits, stuff bits follow from them, and a receiver takes the
  * frame. */
-static void deviating_frames_are_good_ones(void **state)
+TEST(deviating_frames_are_good_ones)
 {
-    (void)state;
     rig_random random = {SEED};
     for (unsigned i = 0; i < FRAMES; i++) {
         const cw_frame f = rig_random_frame(&random);
@@ -154,9 +154,8 @@ static cw_rule *raw_bits(rig *r, const cw_frame *frame, uint64_t bit)
     return rule;
 }
 
-static void impossible_rules_are_refused(void **state)
+TEST(impossible_rules_are_refused)
 {
-    (void)state;
     for (unsigned deviations = 0; deviations < 16; deviations++) {
         rig *r = rig_new(2);
         cw_rule *rule = raw_frame(r, deviations, 0);
@@ -188,9 +187,8 @@ static uint64_t tx_end(unsigned begin, unsigned deviations)
 }
 
 /* The length tells which frame was sent. */
-static void a_cleared_rule_leaves_an_honest_frame(void **state)
+TEST(a_cleared_rule_leaves_an_honest_frame)
 {
-    (void)state;
     for (unsigned cleared = 0; cleared < 2; cleared++) {
         rig *r = rig_new(2);
         raw_frame(r, CW_DEVIATES_R0 | CW_DEVIATES_R1, 0);
@@ -207,9 +205,8 @@ static void a_cleared_rule_leaves_an_honest_frame(void **state)
 }
 
 /* On a new bus a frame under way is finished as it began; one that waits is an honest one. */
-static void a_raw_frame_is_taken_over(void **state)
+TEST(a_raw_frame_is_taken_over)
 {
-    (void)state;
     static const uint8_t same[] = {0, 1};
     for (unsigned begun = 0; begun < 2; begun++) {
         const unsigned deviations = begun ? CW_DEVIATES_R0 | CW_DEVIATES_R1 : 0;
@@ -228,9 +225,8 @@ static void a_raw_frame_is_taken_over(void **state)
 }
 
 /* Nodes get a frame that was driven without a controller, from the node that drove it. */
-static void raw_bits_of_a_frame_are_received(void **state)
+TEST(raw_bits_of_a_frame_are_received)
 {
-    (void)state;
     rig *r = rig_new(3);
     (void)raw_bits(r, &extended, 0);
     rig_start(r);
@@ -247,9 +243,8 @@ static void raw_bits_of_a_frame_are_received(void **state)
 }
 
 /* A node that is cut off drives nothing, and one that its host has taken off neither. */
-static void a_node_that_is_cut_off_drives_no_bits(void **state)
+TEST(a_node_that_is_cut_off_drives_no_bits)
 {
-    (void)state;
     for (unsigned host = 0; host < 2; host++) {
         rig *r = rig_new(3);
         (void)raw_bits(r, &extended, 20);
@@ -266,9 +261,8 @@ static void a_node_that_is_cut_off_drives_no_bits(void **state)
 
 /* The wait ends with the frame on the wire. A second hit meanwhile changes nothing. Then the node
  * integrates, and sends its own frame. */
-static void raw_bits_wait_for_an_idle_bus(void **state)
+TEST(raw_bits_wait_for_an_idle_bus)
 {
-    (void)state;
     rig *r = rig_new(3);
     const cw_frame frame = rig_frame(0x100, 0, 0), own = rig_frame(0x200, 0, 0);
     cw_rule *rule = raw_bits(r, &extended, 0);
@@ -293,18 +287,4 @@ static void raw_bits_wait_for_an_idle_bus(void **state)
     assert_int_equal(stats.hits, 2);
     assert_false(stats.active);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(deviating_frames_are_good_ones),
-        cmocka_unit_test(impossible_rules_are_refused),
-        cmocka_unit_test(a_cleared_rule_leaves_an_honest_frame),
-        cmocka_unit_test(a_raw_frame_is_taken_over),
-        cmocka_unit_test(raw_bits_of_a_frame_are_received),
-        cmocka_unit_test(a_node_that_is_cut_off_drives_no_bits),
-        cmocka_unit_test(raw_bits_wait_for_an_idle_bus),
-    };
-    return cmocka_run_group_tests_name("raw", tests, NULL, NULL);
 }

@@ -3,20 +3,14 @@
  * test_chars.c - what chars.c writes is what printf writes, and not a byte more; the other parts of
  * base that make texts, and read digits.
  */
+#include "cases.h"
 #include "base/text/chars.h"
 #include "base/text/jsontext.h"
 #include "base/text/memo.h"
 #include "base/text/number.h"
 
 #include <inttypes.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdio.h>
-#include <stdlib.h>
 
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define ROOM 64
 #define UNTOUCHED '~'
 
@@ -47,9 +41,8 @@ static void assert_written(const char written[ROOM], const char *end, const char
         assert_int_equal(written[i], UNTOUCHED);
 }
 
-static void decimals_are_those_of_printf(void **state)
+TEST(decimals_are_those_of_printf)
 {
-    (void)state;
     for (unsigned i = 0; i < NUMBERS; i++) {
         char written[ROOM], expected[ROOM];
         memset(written, UNTOUCHED, sizeof written);
@@ -58,9 +51,8 @@ static void decimals_are_those_of_printf(void **state)
     }
 }
 
-static void digits_are_the_last_ones_with_zeros_before(void **state)
+TEST(digits_are_the_last_ones_with_zeros_before)
 {
-    (void)state;
     for (unsigned i = 0; i < NUMBERS; i++) {
         unsigned count = i % (CHARS_DECIMAL_MAX + 1);
         char written[ROOM], all[ROOM];
@@ -71,9 +63,8 @@ static void digits_are_the_last_ones_with_zeros_before(void **state)
     }
 }
 
-static void hex_digits_are_those_of_printf(void **state)
+TEST(hex_digits_are_those_of_printf)
 {
-    (void)state;
     for (unsigned i = 0; i < NUMBERS; i++) {
         unsigned count = i % 9;
         char written[ROOM], all[ROOM];
@@ -83,9 +74,8 @@ static void hex_digits_are_those_of_printf(void **state)
     }
 }
 
-static void bytes_are_two_digits_each(void **state)
+TEST(bytes_are_two_digits_each)
 {
-    (void)state;
     for (unsigned value = 0; value < 256; value++) {
         const uint8_t bytes[] = {(uint8_t)value, 0x0F, (uint8_t)~value};
         char written[ROOM], expected[ROOM];
@@ -97,19 +87,17 @@ static void bytes_are_two_digits_each(void **state)
     }
 }
 
-static void texts_end_before_their_zero(void **state)
+TEST(texts_end_before_their_zero)
 {
     char written[ROOM];
-    (void)state;
     memset(written, UNTOUCHED, sizeof written);
     assert_written(written, chars_text(chars_text(chars_text(written, "ab"), ""), "c"), "abc");
 }
 
-static void a_text_that_does_not_fit_is_cut(void **state)
+TEST(a_text_that_does_not_fit_is_cut)
 {
     char text[8];
     size_t used = 0;
-    (void)state;
     used = chars_print(text, sizeof text, used, "%s", "abc");
     used = chars_print(text, sizeof text, used, "%u", 1234u);
     assert_string_equal(text, "abc1234");
@@ -120,10 +108,9 @@ static void a_text_that_does_not_fit_is_cut(void **state)
     assert_string_equal(text, "abc1234");
 }
 
-static void buffers_take_texts(void **state)
+TEST(buffers_take_texts)
 {
     buffer b = {.data = NULL};
-    (void)state;
     assert_string_equal(buffer_text(&b), "");
     buffer_put(&b, "ab");
     buffer_print(&b, "%s %u", "c", 12u);
@@ -138,10 +125,9 @@ static void buffers_take_texts(void **state)
     buffer_free(&b);
 }
 
-static void json_has_commas_and_escapes(void **state)
+TEST(json_has_commas_and_escapes)
 {
     buffer b = {.data = NULL};
-    (void)state;
     jsontext_item(&b, "{");
     jsontext_number(&b, "n", UINT64_MAX);
     jsontext_string(&b, "s", "a\"\n\xE2\x82\xAC\xFF");
@@ -157,10 +143,9 @@ static void json_has_commas_and_escapes(void **state)
     buffer_free(&b);
 }
 
-static void json_in_memory_is_the_same(void **state)
+TEST(json_in_memory_is_the_same)
 {
     char written[ROOM];
-    (void)state;
     memset(written, UNTOUCHED, sizeof written);
     char *at = AT_WORD(written, "w", "a");
     at = AT_NUMBER(at, "n", UINT64_MAX);
@@ -170,7 +155,7 @@ static void json_in_memory_is_the_same(void **state)
 }
 
 /* Digits that are read: the number, and what is behind it; no digits: none. */
-static void digits_end_where_the_number_ends(void **state)
+TEST(digits_end_where_the_number_ends)
 {
     static const struct {
         const char *text;
@@ -183,7 +168,6 @@ static void digits_end_where_the_number_ends(void **state)
         {"18446744073709551615", UINT64_MAX, "", ""},
         {"18446744073709551616", UINT64_MAX, NULL, NULL},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         const char *a = cases[i].text, *b = a;
         uint64_t number = 77;
@@ -195,10 +179,9 @@ static void digits_end_where_the_number_ends(void **state)
     }
 }
 
-static void hex_numbers_have_up_to_eight_digits(void **state)
+TEST(hex_numbers_have_up_to_eight_digits)
 {
     uint32_t value = 5;
-    (void)state;
     assert_true(text_parse_hex(&value, "fFFFFFfe", 8) && value == 0xFFFFFFFE);
     assert_true(text_parse_hex(&value, "0a9", 2) && value == 0x0A);
     assert_false(text_parse_hex(&value, "000000001", 9));
@@ -208,10 +191,9 @@ static void hex_numbers_have_up_to_eight_digits(void **state)
     assert_int_equal(value, 0x0A);
 }
 
-static void memos_grow_until_they_are_taken(void **state)
+TEST(memos_grow_until_they_are_taken)
 {
     memo m;
-    (void)state;
     assert_non_null(memo_begin(&m));
     fputs("a", m.out);
     assert_string_equal(memo_text(&m), "a");
@@ -222,10 +204,9 @@ static void memos_grow_until_they_are_taken(void **state)
     free(text);
 }
 
-static void memos_forget_what_a_rewind_leaves_behind(void **state)
+TEST(memos_forget_what_a_rewind_leaves_behind)
 {
     memo m;
-    (void)state;
     assert_non_null(memo_begin(&m));
     fputs("a long text", m.out);
     assert_string_equal(memo_text(&m), "a long text");
@@ -234,24 +215,4 @@ static void memos_forget_what_a_rewind_leaves_behind(void **state)
     fputs("short", m.out);
     assert_string_equal(memo_text(&m), "short");
     memo_end(&m);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(decimals_are_those_of_printf),
-        cmocka_unit_test(digits_are_the_last_ones_with_zeros_before),
-        cmocka_unit_test(hex_digits_are_those_of_printf),
-        cmocka_unit_test(bytes_are_two_digits_each),
-        cmocka_unit_test(texts_end_before_their_zero),
-        cmocka_unit_test(a_text_that_does_not_fit_is_cut),
-        cmocka_unit_test(buffers_take_texts),
-        cmocka_unit_test(json_has_commas_and_escapes),
-        cmocka_unit_test(json_in_memory_is_the_same),
-        cmocka_unit_test(digits_end_where_the_number_ends),
-        cmocka_unit_test(hex_numbers_have_up_to_eight_digits),
-        cmocka_unit_test(memos_grow_until_they_are_taken),
-        cmocka_unit_test(memos_forget_what_a_rewind_leaves_behind),
-    };
-    return cmocka_run_group_tests_name("chars", tests, NULL, NULL);
 }

@@ -2,17 +2,10 @@
  *
  * test_counted.c - numbers with their nouns.
  */
+#include "cases.h"
 #include "base/text/counted.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-
-#include <cmocka.h>
-
-static void nouns_have_the_number_of_their_count(void **state)
+TEST(nouns_have_the_number_of_their_count)
 {
     static const struct {
         uint64_t count;
@@ -25,15 +18,6 @@ static void nouns_have_the_number_of_their_count(void **state)
         {1, "entry", "1 entry"},          {2, "gateway", "2 gateways"},
         {UINT64_MAX, "row", "18446744073709551615 rows"},
     };
-    (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
         assert_string_equal(counted(cases[i].count, cases[i].noun).text, cases[i].expected);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(nouns_have_the_number_of_their_count),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -4,15 +4,8 @@
  *
  * The expected numbers are written out, so that they can be read beside the kernel's header.
  */
+#include "cases.h"
 #include "trace/errframe.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define ERR 0x20000000u     /* CAN_ERR_FLAG */
 #define LOSTARB 0x2u        /* lost arbitration, data[0] */
@@ -155,7 +148,7 @@ static const row rows[] = {
      BERR_MODE, {BERR, {0, 0, 0x80, 0x16, 0, 0, 136, 0}}},
 };
 
-static void check_row(void **state)
+TEST_ROWS(check_row, rows)
 {
     const row *r = *state;
     errframe with;
@@ -283,9 +276,8 @@ static void check_driver(const driver_row *r, errframe_driver driver, const errf
 }
 
 /* The errors of a bus need berr-reporting; nothing else needs a mode. */
-static void each_driver_has_its_habits(void **state)
+TEST(each_driver_has_its_habits)
 {
-    (void)state;
     for (size_t i = 0; i < sizeof driver_rows / sizeof driver_rows[0]; i++) {
         const driver_row *r = &driver_rows[i];
         check_driver(r, ERRFRAME_SJA1000, &r->sja1000);
@@ -296,9 +288,8 @@ static void each_driver_has_its_habits(void **state)
     }
 }
 
-static void no_frame_for_other_events(void **state)
+TEST(no_frame_for_other_events)
 {
-    (void)state;
     static const cw_event_kind kinds[] = {CW_EVENT_RX, CW_EVENT_TX, CW_EVENT_FAULT,
                                           CW_EVENT_OVERLOAD};
     errframe out;
@@ -311,9 +302,8 @@ static void no_frame_for_other_events(void **state)
 }
 
 /* A TEC above 255 has no place in data[6]: no counters then. */
-static void bus_error_that_ends_in_bus_off(void **state)
+TEST(bus_error_that_ends_in_bus_off)
 {
-    (void)state;
     const cw_event event = {.kind = CW_EVENT_ERROR,
                             .tec = 256,
                             .error = {.role = TX, .place = {.field = CW_FIELD_SOF}}};
@@ -323,9 +313,8 @@ static void bus_error_that_ends_in_bus_off(void **state)
     assert_int_equal(out.data[6], 0);
 }
 
-static void an_overflow_on_the_way_to_the_bus(void **state)
+TEST(an_overflow_on_the_way_to_the_bus)
 {
-    (void)state;
     const errframe e = errframe_rx_overflow();
     assert_int_equal(e.can_id, 0x20000004);
     assert_memory_equal(e.data, ((uint8_t[8]){0, 0x01}), 8);
@@ -337,9 +326,8 @@ static void an_overflow_on_the_way_to_the_bus(void **state)
 }
 
 /* Linux drivers leave CAN_STATE_SLEEPING out of error frames. */
-static void sleep_makes_no_error_frames(void **state)
+TEST(sleep_makes_no_error_frames)
 {
-    (void)state;
     const cw_event events[] = {
         {.kind = CW_EVENT_WAKE},
         {.kind = CW_EVENT_STATE, .state = CW_STATE_SLEEPING},
@@ -352,9 +340,8 @@ static void sleep_makes_no_error_frames(void **state)
             assert_false(errframe_from_event(&out, &events[i], UINT8_MAX, driver));
 }
 
-static void storm_is_limited_and_counted(void **state)
+TEST(storm_is_limited_and_counted)
 {
-    (void)state;
     const errframe minor = {.can_id = BERR};
     const errframe major = {.can_id = ERR | BUSOFF};
     errframe_limit limit = {.used = 0};
@@ -369,22 +356,4 @@ static void storm_is_limited_and_counted(void **state)
     for (unsigned i = 0; i < ERRFRAME_BURST; i++)
         assert_true(errframe_limit_pass(&limit, &minor, (uint64_t)ERRFRAME_REFILL_TICKS * 1000));
     assert_int_equal(limit.left_out, 3);
-}
-
-#define ROW_COUNT (sizeof rows / sizeof rows[0])
-
-int main(void)
-{
-    static struct CMUnitTest tests[ROW_COUNT + 6] = {
-        cmocka_unit_test(no_frame_for_other_events),
-        cmocka_unit_test(bus_error_that_ends_in_bus_off),
-        cmocka_unit_test(an_overflow_on_the_way_to_the_bus),
-        cmocka_unit_test(sleep_makes_no_error_frames),
-        cmocka_unit_test(storm_is_limited_and_counted),
-        cmocka_unit_test(each_driver_has_its_habits),
-    };
-    for (size_t i = 0; i < ROW_COUNT; i++)
-        tests[6 + i] = (struct CMUnitTest){.name = rows[i].name, .test_func = check_row,
-                                           .initial_state = (void *)(uintptr_t)&rows[i]};
-    return cmocka_run_group_tests_name("errframe", tests, NULL, NULL);
 }

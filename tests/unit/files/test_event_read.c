@@ -2,16 +2,9 @@
  *
  * test_event_read.c - lines of events become the events again that they were written from.
  */
+#include "cases.h"
 #include "record/event_read.h"
 #include "record/output.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define TICK 160160u
 #define ENGINE 0x1u
@@ -64,9 +57,8 @@ static void check(const cw_event *event)
     free(lines[1]);
 }
 
-static void test_errors_of_each_type_in_each_field(void **state)
+TEST(test_errors_of_each_type_in_each_field)
 {
-    (void)state;
     for (unsigned type = 0; type < CW_ERROR_COUNT; type++)
         for (unsigned field = 0; field < CW_FIELD_COUNT; field++) {
             const uint16_t index = field == CW_FIELD_DATA ? 511 : 3;
@@ -84,9 +76,8 @@ static void test_errors_of_each_type_in_each_field(void **state)
         }
 }
 
-static void test_the_rate_at_which_an_error_is_found(void **state)
+TEST(test_the_rate_at_which_an_error_is_found)
 {
-    (void)state;
     for (unsigned fast = 0; fast < 2; fast++) {
         const cw_event event = {.tick = TICK,
                                 .kind = CW_EVENT_ERROR,
@@ -106,9 +97,8 @@ static void test_the_rate_at_which_an_error_is_found(void **state)
     assert_true(read.fast);
 }
 
-static void test_each_state_and_each_reason_of_a_drop(void **state)
+TEST(test_each_state_and_each_reason_of_a_drop)
 {
-    (void)state;
     for (unsigned to = 0; to < CW_STATE_COUNT; to++)
         check(&(cw_event){.tick = TICK,
                           .kind = CW_EVENT_STATE,
@@ -129,9 +119,8 @@ static void test_each_state_and_each_reason_of_a_drop(void **state)
                           .why = (uint8_t)why});
 }
 
-static void test_frames_restarts_and_time_that_is_skipped(void **state)
+TEST(test_frames_restarts_and_time_that_is_skipped)
 {
-    (void)state;
     const cw_event_kind kinds[] = {CW_EVENT_RX, CW_EVENT_TX, CW_EVENT_ARBITRATION_LOST,
                                    CW_EVENT_RESTART, CW_EVENT_OVERLOAD, CW_EVENT_EXCEPTION,
                                    CW_EVENT_OVERRUN, CW_EVENT_IMPROPER};
@@ -150,9 +139,8 @@ static void test_frames_restarts_and_time_that_is_skipped(void **state)
     check(&(cw_event){.tick = TICK, .kind = CW_EVENT_SKIP, .ticks = 80000000});
 }
 
-static void test_what_is_not_understood_is_no_event(void **state)
+TEST(test_what_is_not_understood_is_no_event)
 {
-    (void)state;
     static const struct {
         const char *text;
         event_read_result result;
@@ -178,16 +166,4 @@ static void test_what_is_not_understood_is_no_event(void **state)
         uint64_t time_ns;
         assert_int_equal(read_text(&event, &time_ns, cases[i].text), cases[i].result);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_errors_of_each_type_in_each_field),
-        cmocka_unit_test(test_the_rate_at_which_an_error_is_found),
-        cmocka_unit_test(test_each_state_and_each_reason_of_a_drop),
-        cmocka_unit_test(test_frames_restarts_and_time_that_is_skipped),
-        cmocka_unit_test(test_what_is_not_understood_is_no_event),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -5,19 +5,12 @@
  * Each case is one expectation of a configuration, on a run given as events. Each has its result as
  * text.
  */
+#include "cases.h"
 #include "sim/expect.h"
 
 #include <inttypes.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 #define MS (CW_CLOCK_HZ / 1000u)
 #define A 1u /* nodes */
 #define B 2u
@@ -259,9 +252,8 @@ static const judgement judgements[] = {
      "nothing: the run ended at 100ms"},
 };
 
-static void runs_are_judged(void **state)
+TEST(runs_are_judged)
 {
-    (void)state;
     for (size_t i = 0; i < COUNT(judgements); i++) {
         const judgement *j = &judgements[i];
         cfg *config = load(j->expectation);
@@ -279,9 +271,8 @@ static void runs_are_judged(void **state)
 }
 
 /* Its sender has left the bus before its end. */
-static void a_frame_of_unknown_age_has_no_delay(void **state)
+TEST(a_frame_of_unknown_age_has_no_delay)
 {
-    (void)state;
     const cw_event events[] = {{.kind = CW_EVENT_RX,
                                 .tick = 10 * MS,
                                 .nodes = B,
@@ -302,7 +293,7 @@ static void a_frame_of_unknown_age_has_no_delay(void **state)
 }
 
 /* The rate of a frame is that of its data field: only BRS of a CAN FD frame switches it (D10). */
-static void frames_have_a_rate(void **state)
+TEST(frames_have_a_rate)
 {
     static const struct {
         uint8_t flags;
@@ -313,7 +304,6 @@ static void frames_have_a_rate(void **state)
                  {CW_FRAME_FD | CW_FRAME_ESI, false},
                  {CW_FRAME_FD | CW_FRAME_BRS, true},
                  {CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_EXTENDED | CW_FRAME_ESI, true}};
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++)
         for (unsigned data = 0; data < 2; data++) {
             const cw_event sent = {.kind = CW_EVENT_TX,
@@ -330,7 +320,7 @@ static void frames_have_a_rate(void **state)
         }
 }
 
-static void outcomes_say_how_long_they_looked(void **state)
+TEST(outcomes_say_how_long_they_looked)
 {
     static const struct {
         const char *expectation;
@@ -342,7 +332,6 @@ static void outcomes_say_how_long_they_looked(void **state)
         {"{ errors: 3, before: 1s }", 100 * MS},
         {"{ errors: 3, time: 1s..2s }", 0},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         cfg *config = load(cases[i].expectation);
         expect_report report = judge(config, run, COUNT(run));
@@ -387,9 +376,8 @@ static expect_report make_report(void)
     return report;
 }
 
-static void the_text_has_a_line_for_each(void **state)
+TEST(the_text_has_a_line_for_each)
 {
-    (void)state;
     expect_report report = make_report();
     char *text = written(expect_report_text, &report);
     assert_string_equal(text, "ok     a <b> & \"c\" \xC3\xA4: wanted x > 1, got 2\n"
@@ -400,9 +388,8 @@ static void the_text_has_a_line_for_each(void **state)
 }
 
 /* Characters that XML does not allow are replaced, and its special characters are escaped. */
-static void junit_is_good_xml(void **state)
+TEST(junit_is_good_xml)
 {
-    (void)state;
     expect_report report = make_report();
     char *text = written(write_junit, &report);
     assert_string_equal(
@@ -423,7 +410,7 @@ static void junit_is_good_xml(void **state)
 }
 
 /* To the nearest millisecond; three decimals are what all readers take. */
-static void junit_times_are_rounded(void **state)
+TEST(junit_times_are_rounded)
 {
     static const struct {
         uint64_t ticks;
@@ -439,7 +426,6 @@ static void junit_times_are_rounded(void **state)
         {CW_CLOCK_HZ - 40000, "1.000"}, /* carried */
         {61 * (uint64_t)CW_CLOCK_HZ + 40000, "61.001"},
     };
-    (void)state;
     const expect_report none = {.count = 0};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         char wanted[32];
@@ -456,27 +442,11 @@ static void junit_times_are_rounded(void **state)
     }
 }
 
-static void outcomes_without_memory_are_refused(void **state)
+TEST(outcomes_without_memory_are_refused)
 {
-    (void)state;
     expect_report report = {.count = 0};
     assert_false(expect_report_add(&report, (expect_outcome){.wanted = strdup("x")}));
     assert_false(expect_report_add(&report, (expect_outcome){.got = strdup("x")}));
     assert_int_equal(report.count, 0);
     expect_report_free(&report);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(runs_are_judged),
-        cmocka_unit_test(a_frame_of_unknown_age_has_no_delay),
-        cmocka_unit_test(frames_have_a_rate),
-        cmocka_unit_test(outcomes_say_how_long_they_looked),
-        cmocka_unit_test(the_text_has_a_line_for_each),
-        cmocka_unit_test(junit_is_good_xml),
-        cmocka_unit_test(junit_times_are_rounded),
-        cmocka_unit_test(outcomes_without_memory_are_refused),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

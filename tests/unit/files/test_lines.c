@@ -2,23 +2,15 @@
  *
  * test_lines.c - lines of a peer: their ends, their limit of time, and their limit of size.
  */
+#include "cases.h"
 #include "base/wall.h"
 #include "cli/lines.h"
 
 #include <errno.h>
 #include <poll.h>
 #include <pthread.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
-
-#include <cmocka.h>
 
 #define SHORT_NS 20000000
 #define ENOUGH_BYTES (1u << 20) /* of one who sends a byte now and then */
@@ -60,10 +52,9 @@ static void assert_none(rig *r, int64_t until, int error)
     assert_int_equal(errno, error);
 }
 
-static void lines_come_one_by_one(void **state)
+TEST(lines_come_one_by_one)
 {
     rig r;
-    (void)state;
     start(&r);
     say(&r, "one\ntwo\n\nth");
     assert_next(&r, LINES_NO_END, "one");
@@ -80,10 +71,9 @@ static void lines_come_one_by_one(void **state)
 }
 
 /* A program that was stopped for a while finds the reply that has come in the meantime. */
-static void what_is_there_is_found_after_the_end(void **state)
+TEST(what_is_there_is_found_after_the_end)
 {
     rig r;
-    (void)state;
     start(&r);
     say(&r, "late\n");
     assert_next(&r, 0, "late");
@@ -102,11 +92,10 @@ static void *send_bytes(void *user)
     return NULL;
 }
 
-static void a_byte_now_and_then_gains_no_time(void **state)
+TEST(a_byte_now_and_then_gains_no_time)
 {
     rig r;
     pthread_t sender;
-    (void)state;
     start(&r);
     assert_int_equal(pthread_create(&sender, NULL, send_bytes, &r), 0);
     for (size_t i = 0; i < 3; i++)
@@ -116,11 +105,10 @@ static void a_byte_now_and_then_gains_no_time(void **state)
     stop(&r);
 }
 
-static void a_line_has_a_limit_of_size(void **state)
+TEST(a_line_has_a_limit_of_size)
 {
     FILE *zeros = tmpfile();
     lines_reader lines = {.shown = 0};
-    (void)state;
     assert_non_null(zeros);
     assert_int_equal(ftruncate(fileno(zeros), 4 * (off_t)LINES_MAX_BYTES), 0);
     assert_null(lines_next(&lines, fileno(zeros), LINES_NO_END));
@@ -128,15 +116,4 @@ static void a_line_has_a_limit_of_size(void **state)
     assert_true(lines.bytes.size <= 2 * LINES_MAX_BYTES);
     lines_free(&lines);
     (void)fclose(zeros);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(lines_come_one_by_one),
-        cmocka_unit_test(what_is_there_is_found_after_the_end),
-        cmocka_unit_test(a_byte_now_and_then_gains_no_time),
-        cmocka_unit_test(a_line_has_a_limit_of_size),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,15 +2,10 @@
  *
  * test_output.c - events as JSON lines, candump logs and statistics, as the contract shows them.
  */
+#include "cases.h"
 #include "record/output.h"
 
 #include <jansson.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define BIT_TICKS 160u /* 500 kbit/s */
 #define EVENT_RING 256
@@ -227,9 +222,7 @@ static const line_case lines[] = {
      ""},
 };
 
-#define LINE_CASES (sizeof lines / sizeof lines[0])
-
-static void writes_the_line(void **state)
+TEST_ROWS(writes_the_line, lines)
 {
     const line_case *expected = *state;
     char *text = NULL;
@@ -244,7 +237,7 @@ static void writes_the_line(void **state)
 }
 
 /* All nodes there can be, with the longest names: more than is written at once. */
-static void many_long_lines_are_whole(void **state)
+TEST(many_long_lines_are_whole)
 {
     static cfg_node many[CW_NODES_MAX];
     static char names[CW_NODES_MAX][33];
@@ -264,7 +257,6 @@ static void many_long_lines_are_whole(void **state)
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
 
-    (void)state;
     assert_non_null(out);
     for (unsigned i = 0; i < CW_NODES_MAX; i++) {
         snprintf(names[i], sizeof names[i], "%032u", i);
@@ -370,7 +362,7 @@ static const char *string(const json_t *object, const char *key)
     return json_string_value(value);
 }
 
-static void stats_keys_are_in_order(void **state)
+TEST(stats_keys_are_in_order)
 {
     static const char *const root_keys[] = {"bus", "nodes", "rules", NULL};
     static const char *const bus_keys[] = {"name",
@@ -436,7 +428,6 @@ static void stats_keys_are_in_order(void **state)
     json_t *root = written_stats(300, BIT_TICKS);
     const json_t *node = json_array_get(json_object_get(root, "nodes"), 0);
 
-    (void)state;
     assert_keys(root, root_keys);
     assert_keys_in_order(json_object_get(root, "bus"), bus_keys);
     assert_keys_in_order(node, node_keys);
@@ -447,12 +438,11 @@ static void stats_keys_are_in_order(void **state)
     json_decref(root);
 }
 
-static void stats_of_the_bus_are_those_of_the_library(void **state)
+TEST(stats_of_the_bus_are_those_of_the_library)
 {
     json_t *root = written_stats(300, BIT_TICKS);
     const json_t *bus = json_object_get(root, "bus");
 
-    (void)state;
     assert_string_equal(string(bus, "name"), "powertrain");
     assert_int_equal(number(bus, "bitrate"), 500000);
     assert_int_equal(number(bus, "time_ns"), 600000);
@@ -469,14 +459,13 @@ static void stats_of_the_bus_are_those_of_the_library(void **state)
  * is the fourth dominant bit in a row. The sender's flag is 68 to 73. Its second bit is the sixth
  * dominant one, the receivers' stuff error, and their flag is 70 to 75. Delimiter to 83,
  * intermission to 86; the second attempt takes the 78 bits from 87 to 164: 165 bits of 2 us. */
-static void stats_of_the_nodes_are_those_of_the_library(void **state)
+TEST(stats_of_the_nodes_are_those_of_the_library)
 {
     json_t *root = written_stats(300, BIT_TICKS);
     const json_t *all = json_object_get(root, "nodes");
     const json_t *sender = json_array_get(all, 0);
     const json_t *receiver = json_array_get(all, 1);
 
-    (void)state;
     assert_int_equal(json_array_size(all), 3);
     assert_string_equal(string(sender, "name"), "engine");
     assert_string_equal(string(sender, "port"), "vcan0");
@@ -499,12 +488,11 @@ static void stats_of_the_nodes_are_those_of_the_library(void **state)
     json_decref(root);
 }
 
-static void stats_of_the_rules_are_those_of_the_library(void **state)
+TEST(stats_of_the_rules_are_those_of_the_library)
 {
     json_t *root = written_stats(300, BIT_TICKS);
     const json_t *all = json_object_get(root, "rules");
 
-    (void)state;
     assert_int_equal(json_array_size(all), 2);
     assert_string_equal(string(json_array_get(all, 0), "name"), "never");
     assert_int_equal(number(json_array_get(all, 0), "matches"), 0);
@@ -514,46 +502,20 @@ static void stats_of_the_rules_are_those_of_the_library(void **state)
     json_decref(root);
 }
 
-static void half_nanoseconds_are_truncated(void **state)
+TEST(half_nanoseconds_are_truncated)
 {
     json_t *root = written_stats(3, 1);
 
-    (void)state;
     assert_int_equal(number(json_object_get(root, "bus"), "time_ns"), 37);
     json_decref(root);
 }
 
-static void nothing_simulated_is_no_load(void **state)
+TEST(nothing_simulated_is_no_load)
 {
     json_t *root = written_stats(0, BIT_TICKS);
     const json_t *node = json_array_get(json_object_get(root, "nodes"), 0);
 
-    (void)state;
     assert_int_equal(number(json_object_get(root, "bus"), "load_permille"), 0);
     assert_int_equal(number(json_object_get(node, "delay"), "mean_ns"), 0);
     json_decref(root);
-}
-
-int main(void)
-{
-    const struct CMUnitTest stats[] = {
-        cmocka_unit_test(stats_keys_are_in_order),
-        cmocka_unit_test(stats_of_the_bus_are_those_of_the_library),
-        cmocka_unit_test(stats_of_the_nodes_are_those_of_the_library),
-        cmocka_unit_test(stats_of_the_rules_are_those_of_the_library),
-        cmocka_unit_test(half_nanoseconds_are_truncated),
-        cmocka_unit_test(nothing_simulated_is_no_load),
-    };
-    const struct CMUnitTest crowds[] = {cmocka_unit_test(many_long_lines_are_whole)};
-    struct CMUnitTest texts[LINE_CASES] = {0};
-
-    for (size_t i = 0; i < LINE_CASES; i++) {
-        texts[i].name = lines[i].name;
-        texts[i].test_func = writes_the_line;
-        texts[i].initial_state = (void *)(uintptr_t)&lines[i];
-    }
-    int failed = cmocka_run_group_tests_name("lines", texts, NULL, NULL);
-    failed += cmocka_run_group_tests_name("crowds", crowds, NULL, NULL);
-
-    return failed + cmocka_run_group_tests_name("statistics", stats, NULL, NULL);
 }

@@ -2,18 +2,12 @@
  *
  * test_output_fd.c - what CAN FD adds to the statistics, as JSON and as text for people.
  */
+#include "cases.h"
 #include "cli/sim/summary.h"
 #include "record/data_timing.h"
 #include "record/output.h"
 #include "record/rate_load.h"
 #include "serve/status.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define BIT_TICKS 160u /* 500 kbit/s */
 
@@ -71,9 +65,8 @@ static void assert_load(rate_load a, rate_load b)
     assert_int_equal(a.permille, b.permille);
 }
 
-static void loads_are_divided_by_rate(void **state)
+TEST(loads_are_divided_by_rate)
 {
-    (void)state;
     for (size_t i = 0; i < sizeof loads / sizeof loads[0]; i++) {
         const load_case *c = &loads[i];
         assert_load(rate_load_nominal(&c->before, &c->after), c->nominal);
@@ -158,7 +151,7 @@ static json_t *stats_of(const rig *r)
     return root;
 }
 
-static void a_classical_bus_tells_nothing_of_it(void **state)
+TEST(a_classical_bus_tells_nothing_of_it)
 {
     rig r = begin(CW_CLASSICAL, false);
     json_t *root = stats_of(&r);
@@ -166,7 +159,6 @@ static void a_classical_bus_tells_nothing_of_it(void **state)
     const json_t *node = json_array_get(json_object_get(root, "nodes"), 0);
     data_timing t;
 
-    (void)state;
     assert_int_equal(number(bus, "frames"), 1);
     assert_null(json_object_get(bus, "fd_frames"));
     assert_null(json_object_get(bus, "data"));
@@ -178,13 +170,12 @@ static void a_classical_bus_tells_nothing_of_it(void **state)
 }
 
 /* Before the first frame, too. */
-static void a_bus_with_a_node_that_knows_can_fd_tells_of_it(void **state)
+TEST(a_bus_with_a_node_that_knows_can_fd_tells_of_it)
 {
     rig r = begin(CW_CLASSICAL, false);
     cfg_node kinds[] = {nodes[0], {.name = b_name, .kind = CFG_KIND_FD}};
     cfg known = config;
 
-    (void)state;
     known.nodes = kinds;
     assert_true(output_has_fd(&known, r.bus));
     kinds[1].kind = CFG_KIND_FD_TOLERANT;
@@ -192,13 +183,12 @@ static void a_bus_with_a_node_that_knows_can_fd_tells_of_it(void **state)
     free(r.memory);
 }
 
-static void a_bus_without_a_data_rate_tells_its_frames(void **state)
+TEST(a_bus_without_a_data_rate_tells_its_frames)
 {
     rig r = begin(CW_FD, false);
     json_t *root = stats_of(&r);
     const json_t *bus = json_object_get(root, "bus");
 
-    (void)state;
     assert_int_equal(number(bus, "frames"), 2);
     assert_int_equal(number(bus, "fd_frames"), 1);
     assert_int_equal(number(json_object_get(bus, "nominal"), "bits"), number(bus, "busy_bits"));
@@ -209,7 +199,7 @@ static void a_bus_without_a_data_rate_tells_its_frames(void **state)
     free(r.memory);
 }
 
-static void the_statistics_of_both_rates(void **state)
+TEST(the_statistics_of_both_rates)
 {
     static const char *const types[] = {"bit", "stuff", "form", "crc", "ack"};
     rig r = begin(CW_FD, true);
@@ -221,7 +211,6 @@ static void the_statistics_of_both_rates(void **state)
     cw_bus_stats stats;
     cw_bits bits;
 
-    (void)state;
     assert_int_equal(cw_bits_encode(&bits, &fd), CW_OK);
     for (unsigned n = 0; n < bits.length; n++)
         fast += cw_bits_is_fast(&bits, n);
@@ -242,12 +231,11 @@ static void the_statistics_of_both_rates(void **state)
     free(r.memory);
 }
 
-static void the_data_phase_of_a_node(void **state)
+TEST(the_data_phase_of_a_node)
 {
     rig r = begin(CW_FD, true);
     data_timing t;
 
-    (void)state;
     assert_true(data_timing_now(&t, &config, r.bus, 1));
     assert_int_equal(timing_bitrate_bps(&t.bit), 2000000);
     assert_int_equal(timing_sample_point_ppb(&t.bit), 800000000);
@@ -273,12 +261,11 @@ static char *summary_of(const rig *r)
     return text;
 }
 
-static void the_summary_has_a_line_about_it(void **state)
+TEST(the_summary_has_a_line_about_it)
 {
     rig r = begin(CW_FD, false);
     char *text = summary_of(&r);
 
-    (void)state;
     assert_non_null(strstr(text, "\nCAN FD: 1 frame; "));
     assert_non_null(strstr(text, " data bits, load "));
     free(text);
@@ -322,7 +309,7 @@ static void assert_shows(const json_t *root, const char *const *lines)
     free(text);
 }
 
-static void the_status_has_the_lines_of_ip(void **state)
+TEST(the_status_has_the_lines_of_ip)
 {
     static const char *const lines[] = {
         "\n    fd-frames 7 nominal-bits 1200 load 12.5 % data-bits 3400 load 8.7 %\n",
@@ -337,13 +324,12 @@ static void the_status_has_the_lines_of_ip(void **state)
         NULL};
     json_t *root = json_loads(status, 0, NULL);
 
-    (void)state;
     assert_non_null(root);
     assert_shows(root, lines);
     json_decref(root);
 }
 
-static void a_node_without_compensation_has_no_tdcv(void **state)
+TEST(a_node_without_compensation_has_no_tdcv)
 {
     json_t *root = json_loads(status, 0, NULL);
     json_t *node = json_array_get(json_object_get(root, "nodes"), 0);
@@ -351,7 +337,6 @@ static void a_node_without_compensation_has_no_tdcv(void **state)
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
 
-    (void)state;
     assert_non_null(out);
     json_object_set_new(json_object_get(node, "data_timing"), "tdc-mode", json_string("off"));
     status_print(out, root);
@@ -361,20 +346,4 @@ static void a_node_without_compensation_has_no_tdcv(void **state)
     assert_null(strstr(text, "tdcv"));
     free(text);
     json_decref(root);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(loads_are_divided_by_rate),
-        cmocka_unit_test(a_classical_bus_tells_nothing_of_it),
-        cmocka_unit_test(a_bus_with_a_node_that_knows_can_fd_tells_of_it),
-        cmocka_unit_test(a_bus_without_a_data_rate_tells_its_frames),
-        cmocka_unit_test(the_statistics_of_both_rates),
-        cmocka_unit_test(the_data_phase_of_a_node),
-        cmocka_unit_test(the_summary_has_a_line_about_it),
-        cmocka_unit_test(the_status_has_the_lines_of_ip),
-        cmocka_unit_test(a_node_without_compensation_has_no_tdcv),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

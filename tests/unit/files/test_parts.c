@@ -2,17 +2,9 @@
  *
  * test_parts.c - the parts of a frame in traces and pictures: names, colours, labels and values.
  */
+#include "cases.h"
 #include "cli/svg/svg_parts.h"
 #include "trace/frametext.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define LETTERS 40
 
@@ -61,7 +53,7 @@ static char *labels_of(const char *text)
 #define CRC_21 CRC_17 "|fixed stuff|crc"
 
 /* Their CRC is in pieces of 4 bits, so it has no value. */
-static void labels_have_names_and_values(void **state)
+TEST(labels_have_names_and_values)
 {
     static const char *const cases[][2] = {
         {"000#", "sof|id 000|rtr|ide|r0|dlc 0|crc 0000" END},
@@ -76,7 +68,6 @@ static void labels_have_names_and_values(void **state)
          "data[11] AA|data[12] AA|data[13] AA|data[14] AA|data[15] AA|data[16] 55|data[17] 55|"
          "data[18] 55|data[19] 55|fixed stuff|stuff-count 6" CRC_21 END},
     };
-    (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         char *got = labels_of(cases[i][0]);
         assert_string_equal(got, cases[i][1]);
@@ -85,9 +76,8 @@ static void labels_have_names_and_values(void **state)
 }
 
 /* Each field that a bit can stand at. */
-static void each_field_has_a_colour_and_labels_that_get_shorter(void **state)
+TEST(each_field_has_a_colour_and_labels_that_get_shorter)
 {
-    (void)state;
     for (unsigned field = CW_FIELD_SOF; field < CW_FIELD_STUFF; field++) {
         char name[BIT_PART_TEXT_MAX];
         const bit_part part = {.field = (cw_field)field, .phase = CW_MAC_FRAME, .byte = 63};
@@ -103,13 +93,4 @@ static void each_field_has_a_colour_and_labels_that_get_shorter(void **state)
         assert_memory_equal(name, cw_field_name((cw_field)field),
                             strlen(cw_field_name((cw_field)field)));
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(labels_have_names_and_values),
-        cmocka_unit_test(each_field_has_a_colour_and_labels_that_get_shorter),
-    };
-    return cmocka_run_group_tests_name("parts", tests, NULL, NULL);
 }

@@ -2,6 +2,7 @@
  *
  * test_pcapng.c - captures that are written: their bytes, and what our own reader makes of them.
  */
+#include "cases.h"
 #include "record/pcapng.h"
 
 #include "base/text/number.h"
@@ -9,16 +10,8 @@
 #include "trace/errframe.h"
 #include "trace/read.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 #define TIME_NS UINT64_C(0x0123456789ABCDEF)
 
 static char engine[] = "engine";
@@ -55,9 +48,8 @@ static char *written(const cw_event *event)
 
 /* ---- Bytes ----------------------------------------------------------------------------------- */
 
-static void begins_with_a_section_and_an_interface_for_each_node(void **state)
+TEST(begins_with_a_section_and_an_interface_for_each_node)
 {
-    (void)state;
     char *text = written(NULL);
     char application[128] = "";
     for (const char *c = "canwire " CANWIRE_VERSION; *c; c++)
@@ -147,7 +139,7 @@ static const packet_case packets[] = {
     {"a drop that no driver tells", {.kind = CW_EVENT_DROP, .nodes = 1, .why = CW_DROP_FAULT}, ""},
 };
 
-static void writes_the_packet(void **state)
+TEST_ROWS(writes_the_packet, packets)
 {
     const packet_case *expected = *state;
     char *text = written(&expected->event);
@@ -200,9 +192,8 @@ static void check_all(trace_reader *reader)
     assert_int_equal(trace_next(reader, &r), TRACE_END);
 }
 
-static void our_reader_reads_what_was_written(void **state)
+TEST(our_reader_reads_what_was_written)
 {
-    (void)state;
     char file[] = "/tmp/canwire-pcapng-XXXXXX";
     char problem[TRACE_PROBLEM_MAX];
     int fd = mkstemp(file);
@@ -215,17 +206,4 @@ static void our_reader_reads_what_was_written(void **state)
     assert_non_null(reader);
     check_all(reader);
     trace_close(reader);
-}
-
-int main(void)
-{
-    struct CMUnitTest tests[COUNT(packets) + 2] = {
-        cmocka_unit_test(begins_with_a_section_and_an_interface_for_each_node),
-        cmocka_unit_test(our_reader_reads_what_was_written),
-    };
-    for (size_t i = 0; i < COUNT(packets); i++)
-        tests[i + 2] = (struct CMUnitTest){.name = packets[i].name,
-                                           .test_func = writes_the_packet,
-                                           .initial_state = (void *)(uintptr_t)&packets[i]};
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

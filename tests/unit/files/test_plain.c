@@ -2,18 +2,9 @@
  *
  * test_plain.c - foreign text that is shown: on a terminal, in XML and in HTML.
  */
+#include "cases.h"
 #include "base/text/plain.h"
 #include "base/text/xmltext.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 typedef struct example {
     const char *text;
@@ -36,9 +27,8 @@ static const example examples[] = {
      "\u200A\u2010\u2027\u202F\u2070"},
 };
 
-static void text_is_made_plain(void **state)
+TEST(text_is_made_plain)
 {
-    (void)state;
     for (size_t i = 0; i < sizeof examples / sizeof examples[0]; i++) {
         char *text = strdup(examples[i].text);
         assert_non_null(text);
@@ -50,26 +40,23 @@ static void text_is_made_plain(void **state)
 }
 
 /* A name may have them where a language needs them. */
-static void hidden_characters_are_no_control_characters(void **state)
+TEST(hidden_characters_are_no_control_characters)
 {
-    (void)state;
     assert_false(plain_is_not("a\u200Cb\u2028c\r\n"));
     assert_true(plain_is_not("a\xC2\x9B"));
     assert_true(plain_is_not("a\xE2\x82"));
 }
 
-static void lines_stay(void **state)
+TEST(lines_stay)
 {
     char text[] = "a\tb\n\x1B" "c\u202E\n";
-    (void)state;
     assert_true(plain_is_not(text));
     plain_make_lines(text, '?');
     assert_string_equal(text, "a\tb\n?c???\n");
 }
 
-static void xml_shows_each_such_character_once(void **state)
+TEST(xml_shows_each_such_character_once)
 {
-    (void)state;
     for (size_t i = 0; i < sizeof examples / sizeof examples[0]; i++) {
         char *got = NULL;
         size_t size = 0;
@@ -80,15 +67,4 @@ static void xml_shows_each_such_character_once(void **state)
         assert_string_equal(got, examples[i].xml);
         free(got);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(text_is_made_plain),
-        cmocka_unit_test(hidden_characters_are_no_control_characters),
-        cmocka_unit_test(lines_stay),
-        cmocka_unit_test(xml_shows_each_such_character_once),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

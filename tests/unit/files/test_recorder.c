@@ -6,6 +6,7 @@
  * A limit of file size stands for a full disk. A write then gets some of the bytes into the file,
  * and the next one fails.
  */
+#include "cases.h"
 #include "base/text/number.h"
 #include "base/thread.h"
 #include "disk.h"
@@ -16,16 +17,9 @@
 #include <inttypes.h>
 #include <pthread.h>
 #include <semaphore.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
-
-#include <cmocka.h>
 
 #define PATIENCE_S 60
 #define FOLDER_MAX 64
@@ -92,11 +86,12 @@ static void write_text(spool *s, const char *text)
     assert_true(spool_write(s, text, strlen(text)));
 }
 
+#define IN_FOLDER(test) TEST_WITH(test, make_folder, remove_folder)
+
 /* ---- The spool ------------------------------------------------------------------------------- */
 
-static void cuts_make_numbered_files_and_the_oldest_goes(void **state)
+IN_FOLDER(cuts_make_numbered_files_and_the_oldest_goes)
 {
-    (void)state;
     spool *s = open_spool(3);
     const char *const parts[] = {"one\n", "two\n", "three\n", "four\n"};
     for (unsigned i = 0; i < 4; i++) {
@@ -111,9 +106,8 @@ static void cuts_make_numbered_files_and_the_oldest_goes(void **state)
     assert_content(3, NULL);
 }
 
-static void a_file_that_is_there_is_rotated_and_with_one_file_replaced(void **state)
+IN_FOLDER(a_file_that_is_there_is_rotated_and_with_one_file_replaced)
 {
-    (void)state;
     for (unsigned i = 0; i < 2; i++) {
         spool *s = open_spool(2);
         write_text(s, i == 0 ? "old" : "new");
@@ -128,18 +122,16 @@ static void a_file_that_is_there_is_rotated_and_with_one_file_replaced(void **st
     assert_content(1, "old");
 }
 
-static void an_empty_file_is_not_kept(void **state)
+IN_FOLDER(an_empty_file_is_not_kept)
 {
-    (void)state;
     for (unsigned i = 0; i < 2; i++)
         assert_true(spool_close(open_spool(5), PATIENCE_S));
     assert_content(0, "");
     assert_content(1, NULL);
 }
 
-static void what_is_no_regular_file_stays_as_it_is(void **state)
+IN_FOLDER(what_is_no_regular_file_stays_as_it_is)
 {
-    (void)state;
     int error = 0;
     struct stat there;
     assert_int_equal(symlink("/dev/null", path), 0);
@@ -151,9 +143,8 @@ static void what_is_no_regular_file_stays_as_it_is(void **state)
     assert_int_equal(error, ENOENT);
 }
 
-static void all_of_much_more_than_the_queue_arrives_in_order(void **state)
+IN_FOLDER(all_of_much_more_than_the_queue_arrives_in_order)
 {
-    (void)state;
     const size_t total = 5 * SPOOL_QUEUE_BYTES;
     char line[32];
     uint64_t expected = 0, sent = 0;
@@ -199,9 +190,8 @@ static void wait_for_news(sem_t *news)
     (void)sem_destroy(news);
 }
 
-static void a_full_disk_ends_it_behind_the_last_whole_record(void **state)
+IN_FOLDER(a_full_disk_ends_it_behind_the_last_whole_record)
 {
-    (void)state;
     sem_t news;
     int error = 0;
     (void)sem_init(&news, 0, 0);
@@ -246,9 +236,8 @@ static recorder *start(cfg *config, cfg_record_format format, uint64_t size, uns
     return start_with_news(config, format, size, files, NULL);
 }
 
-static void a_log_has_the_given_times(void **state)
+IN_FOLDER(a_log_has_the_given_times)
 {
-    (void)state;
     cfg config;
     recorder_stats stats;
     recorder *r = start(&config, CFG_RECORD_CANDUMP, 100000, 5);
@@ -282,9 +271,8 @@ static unsigned count_frames(unsigned number)
     return count;
 }
 
-static void each_capture_of_a_rotation_is_complete_and_nothing_is_between_them(void **state)
+IN_FOLDER(each_capture_of_a_rotation_is_complete_and_nothing_is_between_them)
 {
-    (void)state;
     cfg config;
     recorder_stats stats;
     recorder *r = start(&config, CFG_RECORD_PCAPNG, 2000, 100);
@@ -300,9 +288,8 @@ static void each_capture_of_a_rotation_is_complete_and_nothing_is_between_them(v
     assert_int_equal(frames, 200);
 }
 
-static void other_nodes_begin_another_capture_but_no_other_log(void **state)
+IN_FOLDER(other_nodes_begin_another_capture_but_no_other_log)
 {
-    (void)state;
     static const cfg_record_format formats[] = {CFG_RECORD_PCAPNG, CFG_RECORD_CANDUMP};
     for (unsigned i = 0; i < 2; i++) {
         cfg config;
@@ -336,9 +323,8 @@ static unsigned count_lines(void)
 }
 
 /* Whatever the disk is like. */
-static void an_entry_is_in_the_file_or_counted_as_lost(void **state)
+IN_FOLDER(an_entry_is_in_the_file_or_counted_as_lost)
 {
-    (void)state;
     const uint64_t count = 1000000; /* several times the queue */
     cfg config;
     recorder_stats stats;
@@ -351,9 +337,8 @@ static void an_entry_is_in_the_file_or_counted_as_lost(void **state)
     assert_int_equal(count_lines(), stats.entries);
 }
 
-static void after_an_error_nothing_more_is_counted(void **state)
+IN_FOLDER(after_an_error_nothing_more_is_counted)
 {
-    (void)state;
     cfg config;
     recorder_stats before, after;
     sem_t news;
@@ -394,9 +379,8 @@ static void *count_lines_of_pipe(void *in)
     return lines;
 }
 
-static void what_a_slow_reader_misses_is_counted(void **state)
+TEST(what_a_slow_reader_misses_is_counted)
 {
-    (void)state;
     const uint64_t count = 1000000; /* several times the queue and the pipe */
     cfg config;
     recorder_stats stats;
@@ -419,9 +403,8 @@ static void what_a_slow_reader_misses_is_counted(void **state)
     fclose(in);
 }
 
-static void other_nodes_are_further_interfaces_of_a_stream(void **state)
+IN_FOLDER(other_nodes_are_further_interfaces_of_a_stream)
 {
-    (void)state;
     static const unsigned char section[] = {0x0A, 0x0D, 0x0D, 0x0A};
     cfg config;
     int fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
@@ -440,9 +423,8 @@ static void other_nodes_are_further_interfaces_of_a_stream(void **state)
     close(fd);
 }
 
-static void a_stream_ends_with_its_reader(void **state)
+TEST(a_stream_ends_with_its_reader)
 {
-    (void)state;
     const struct timespec until = thread_in_seconds(PATIENCE_S);
     cfg config;
     int ends[2];
@@ -453,27 +435,4 @@ static void a_stream_ends_with_its_reader(void **state)
     assert_true(recorder_wait(r, &until));
     assert_int_equal(recorder_error(r), EPIPE);
     assert_true(recorder_close(r, PATIENCE_S));
-}
-
-#define IN_FOLDER(test) cmocka_unit_test_setup_teardown(test, make_folder, remove_folder)
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        IN_FOLDER(cuts_make_numbered_files_and_the_oldest_goes),
-        IN_FOLDER(a_file_that_is_there_is_rotated_and_with_one_file_replaced),
-        IN_FOLDER(an_empty_file_is_not_kept),
-        IN_FOLDER(what_is_no_regular_file_stays_as_it_is),
-        IN_FOLDER(all_of_much_more_than_the_queue_arrives_in_order),
-        IN_FOLDER(a_full_disk_ends_it_behind_the_last_whole_record),
-        IN_FOLDER(a_log_has_the_given_times),
-        IN_FOLDER(each_capture_of_a_rotation_is_complete_and_nothing_is_between_them),
-        IN_FOLDER(other_nodes_begin_another_capture_but_no_other_log),
-        IN_FOLDER(an_entry_is_in_the_file_or_counted_as_lost),
-        IN_FOLDER(after_an_error_nothing_more_is_counted),
-        cmocka_unit_test(what_a_slow_reader_misses_is_counted),
-        IN_FOLDER(other_nodes_are_further_interfaces_of_a_stream),
-        cmocka_unit_test(a_stream_ends_with_its_reader),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,13 +3,8 @@
  * test_residual.c - errors that nobody finds: what the CRC of a classical frame promises for
  * bursts, and identifiers without stuff bits.
  */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
 
-#include <cmocka.h>
-
+#include "cases.h"
 #include "canwire.h"
 #include "record/residual.h"
 
@@ -115,9 +110,8 @@ static void try_all(tally *t, const cw_frame *frame, unsigned longest)
                 try_burst(t, &w, from, pattern);
 }
 
-static void each_short_burst_is_found(void **state)
+TEST(each_short_burst_is_found)
 {
-    (void)state;
     tally t = {.clean = 0};
     const cw_frame frames[] = {{.id = 0x555, .dlc = 2, .data = {0x55, 0xAA}},
                                {.id = 0x123, .dlc = 3, .data = {0xDE, 0xAD, 0x00}},
@@ -128,9 +122,8 @@ static void each_short_burst_is_found(void **state)
 }
 
 /* Bursts of any length up to that of the CRC, in frames of both formats with any data. */
-static void each_burst_that_the_crc_covers_is_found(void **state)
+TEST(each_burst_that_the_crc_covers_is_found)
 {
-    (void)state;
     tally t = {.clean = 0};
     uint64_t draws = 0;
     while (t.clean < 20000) {
@@ -151,9 +144,8 @@ static void each_burst_that_the_crc_covers_is_found(void **state)
 }
 
 /* A burst that is a bit longer may be the polynomial of the CRC itself. */
-static void a_burst_of_sixteen_bits_may_not_be_found(void **state)
+TEST(a_burst_of_sixteen_bits_may_not_be_found)
 {
-    (void)state;
     const cw_frame frame = {.id = 0x555, .dlc = 8,
                             .data = {0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55}};
     const uint32_t polynomial = 0xC599; /* x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1 */
@@ -170,9 +162,8 @@ static void a_burst_of_sixteen_bits_may_not_be_found(void **state)
 }
 
 /* Known answer: 1490 of the 2048 base identifiers have no stuff bit in SOF and identifier. */
-static void most_base_identifiers_have_no_stuff_bit(void **state)
+TEST(most_base_identifiers_have_no_stuff_bit)
 {
-    (void)state;
     unsigned without = 0;
     for (uint32_t id = 0; id <= CW_BASE_ID_MAX; id++) {
         const cw_frame frame = {.id = id};
@@ -183,9 +174,8 @@ static void most_base_identifiers_have_no_stuff_bit(void **state)
 
 /* The stuff bits are those of the encoded frame. A stuff bit behind the last bit of the identifier
  * is one of it. */
-static void stuff_bits_of_identifiers_are_those_on_the_wire(void **state)
+TEST(stuff_bits_of_identifiers_are_those_on_the_wire)
 {
-    (void)state;
     for (uint64_t n = 0; n < 4000; n++) {
         const bool extended = n & 1u;
         const uint32_t most = extended ? CW_EXTENDED_ID_MAX : CW_BASE_ID_MAX;
@@ -208,34 +198,18 @@ static void stuff_bits_of_identifiers_are_those_on_the_wire(void **state)
 /* ---- Expected numbers ------------------------------------------------------------------------ */
 
 /* Known answer of CiA: an error each 0.7 s, 8 hours a day, leaves one undetected in 1000 years. */
-static void one_undetected_error_in_a_thousand_years(void **state)
+TEST(one_undetected_error_in_a_thousand_years)
 {
-    (void)state;
     const uint64_t seconds = UINT64_C(1000) * 365 * 8 * 3600;
     const cw_bus_stats stats = {.frames = seconds * 1000, .error_frames = seconds * 10 / 7};
     assert_in_range(residual_expected_ppt(&stats), UINT64_C(500000000000), UINT64_C(1500000000000));
     assert_in_range(residual_error_ppm(&stats), 1420, 1430);
 }
 
-static void error_rates_are_parts_of_all_frames(void **state)
+TEST(error_rates_are_parts_of_all_frames)
 {
-    (void)state;
     assert_int_equal(residual_error_ppm(&(cw_bus_stats){.frames = 0}), 0);
     assert_int_equal(residual_error_ppm(&(cw_bus_stats){.error_frames = 3}), 1000000);
     assert_int_equal(residual_error_ppm(&(cw_bus_stats){.frames = 3, .error_frames = 1}), 250000);
     assert_int_equal(residual_expected_ppt(&(cw_bus_stats){.error_frames = 2}), 94);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(each_short_burst_is_found),
-        cmocka_unit_test(each_burst_that_the_crc_covers_is_found),
-        cmocka_unit_test(a_burst_of_sixteen_bits_may_not_be_found),
-        cmocka_unit_test(most_base_identifiers_have_no_stuff_bit),
-        cmocka_unit_test(stuff_bits_of_identifiers_are_those_on_the_wire),
-        cmocka_unit_test(one_undetected_error_in_a_thousand_years),
-        cmocka_unit_test(error_rates_are_parts_of_all_frames),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,13 +2,8 @@
  *
  * test_response.c - worst-case response times, against examples of the literature and by hand.
  */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
 
-#include <cmocka.h>
-
+#include "cases.h"
 #include "cli/analyse/failure.h"
 
 #define MS ((uint64_t)CW_CLOCK_HZ / 1000)
@@ -17,9 +12,8 @@
 
 /* The counter-example of Davis et al. 2007: 125 kbit/s, frames of 125 bits with 7 bytes. The
  * analysis before it found 3 ms for C, by its first instance alone. */
-static void the_second_instance_may_be_the_worst(void **state)
+TEST(the_second_instance_may_be_the_worst)
 {
-    (void)state;
     response_message m[] = {
         {.key = 1, .period = 5 * MS / 2, .length = 125 * BIT_125K, .node = 0},
         {.key = 2, .period = 7 * MS / 2, .length = 125 * BIT_125K, .node = 1},
@@ -36,9 +30,8 @@ static void the_second_instance_may_be_the_worst(void **state)
 }
 
 /* A frame that comes in the first bit of another one still wins. */
-static void a_frame_that_just_comes_in_time_wins(void **state)
+TEST(a_frame_that_just_comes_in_time_wins)
 {
-    (void)state;
     response_message m[] = {
         {.key = 1, .period = 10 * MS, .length = 1 * MS, .node = 0},
         {.key = 2, .period = 50 * MS, .length = 1 * MS, .node = 1},
@@ -57,9 +50,8 @@ static void a_frame_that_just_comes_in_time_wins(void **state)
     assert_int_equal(m[1].response, 9 * MS - 8 * US - 1 + 2 * MS);
 }
 
-static void jitter_counts_for_the_frame_and_for_those_below(void **state)
+TEST(jitter_counts_for_the_frame_and_for_those_below)
 {
-    (void)state;
     response_message m[] = {
         {.key = 1, .period = 10 * MS, .length = 1 * MS, .jitter = 9 * MS, .node = 0},
         {.key = 2, .period = 100 * MS, .length = 1 * MS, .node = 1},
@@ -71,9 +63,8 @@ static void jitter_counts_for_the_frame_and_for_those_below(void **state)
 }
 
 /* Each error takes 31 bits and the longest frame so far. */
-static void errors_take_time(void **state)
+TEST(errors_take_time)
 {
-    (void)state;
     response_message m[] = {
         {.key = 1, .period = 100 * MS, .length = 2 * MS, .node = 0},
         {.key = 2, .period = 100 * MS, .length = 1 * MS, .node = 1},
@@ -88,9 +79,8 @@ static void errors_take_time(void **state)
     assert_int_equal(m[0].response, CW_NEVER);
 }
 
-static void more_than_the_bus_can_carry_has_no_bound(void **state)
+TEST(more_than_the_bus_can_carry_has_no_bound)
 {
-    (void)state;
     response_message m[] = {
         {.key = 1, .period = 2 * MS, .length = 1 * MS, .node = 0},
         {.key = 2, .period = 2 * MS, .length = 1 * MS + 1, .node = 1},
@@ -104,9 +94,8 @@ static void more_than_the_bus_can_carry_has_no_bound(void **state)
 }
 
 /* An urgent frame waits in its queue behind one of no urgency, and then disturbs others late. */
-static void a_fifo_node_makes_its_frames_wait_for_each_other(void **state)
+TEST(a_fifo_node_makes_its_frames_wait_for_each_other)
 {
-    (void)state;
     response_message m[] = {
         {.key = 1, .period = 20 * MS, .length = 1 * MS, .node = 0, .fifo = true},
         {.key = 2, .period = 20 * MS, .length = 1 * MS, .node = 1},
@@ -131,9 +120,8 @@ static void a_fifo_node_makes_its_frames_wait_for_each_other(void **state)
 }
 
 /* A late message has two frames at once. The second one is in the mailbox of another message. */
-static void a_late_message_takes_mailboxes_of_others(void **state)
+TEST(a_late_message_takes_mailboxes_of_others)
 {
-    (void)state;
     response_message m[] = {
         {.key = 1, .period = 20 * MS, .length = 1 * MS, .node = 0, .boxed = true},
         {.key = 2, .period = 20 * MS, .length = 1 * MS, .node = 1},
@@ -154,9 +142,8 @@ static void a_late_message_takes_mailboxes_of_others(void **state)
 }
 
 /* Errors that come at any time: each takes 31 bits and the longest frame so far. */
-static void messages_survive_errors_up_to_their_period(void **state)
+TEST(messages_survive_errors_up_to_their_period)
 {
-    (void)state;
     response_message m[] = {
         {.key = 1, .period = 100 * MS, .length = 2 * MS, .node = 0},
         {.key = 2, .period = 100 * MS, .length = 1 * MS, .node = 1},
@@ -179,9 +166,8 @@ static void assert_near(double value, double expected)
 }
 
 /* The distribution of Poisson, by hand. */
-static void probabilities_of_errors(void **state)
+TEST(probabilities_of_errors)
 {
-    (void)state;
     assert_near(failure_probability(-1, 0.5), 1);
     assert_near(failure_probability(0, 1), 0.63212055882855768);
     assert_near(failure_probability(1, 2), 0.59399415029016192);
@@ -193,9 +179,8 @@ static void probabilities_of_errors(void **state)
     assert_near(failure_of_frame(100, 1e-12), 1e-10 * (1 - 49.5e-12));
 }
 
-static void priorities_are_those_of_arbitration(void **state)
+TEST(priorities_are_those_of_arbitration)
 {
-    (void)state;
     const cw_frame order[] = {
         {.id = 0x100},
         {.id = 0x100, .flags = CW_FRAME_REMOTE},
@@ -206,21 +191,4 @@ static void priorities_are_those_of_arbitration(void **state)
     };
     for (size_t i = 0; i + 1 < sizeof order / sizeof order[0]; i++)
         assert_true(response_key(&order[i]) < response_key(&order[i + 1]));
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_second_instance_may_be_the_worst),
-        cmocka_unit_test(a_frame_that_just_comes_in_time_wins),
-        cmocka_unit_test(jitter_counts_for_the_frame_and_for_those_below),
-        cmocka_unit_test(errors_take_time),
-        cmocka_unit_test(more_than_the_bus_can_carry_has_no_bound),
-        cmocka_unit_test(a_fifo_node_makes_its_frames_wait_for_each_other),
-        cmocka_unit_test(a_late_message_takes_mailboxes_of_others),
-        cmocka_unit_test(messages_survive_errors_up_to_their_period),
-        cmocka_unit_test(probabilities_of_errors),
-        cmocka_unit_test(priorities_are_those_of_arbitration),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -4,18 +4,9 @@
  *
  * Frames of a node that is bus-off stay in its queue, so such a run waits for 10 s of bus time.
  */
+#include "cases.h"
 #include "sim/sim_run.h"
 
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 #define EVENTS_MAX 4096u
 #define BITS (20000u * 10u) /* of the wait */
 #define BIT_TICKS (CW_CLOCK_HZ / 20000u)
@@ -134,7 +125,7 @@ static void check_time_of_rules(const course *is, uint64_t rules_ms)
         assert_in_range(is->end, tick + 11 * BIT_TICKS, tick + 100 * BIT_TICKS);
 }
 
-static void test_end(void **state)
+TEST_ROWS(test_end, cases)
 {
     const end_case *t = *state;
     const cfg_file file = {.name = "a.yaml", .text = t->text, .size = strlen(t->text)};
@@ -151,14 +142,4 @@ static void test_end(void **state)
     check_time_of_rules(&both[0], t->rules_ms);
     free(both);
     cfg_free(config);
-}
-
-int main(void)
-{
-    struct CMUnitTest tests[COUNT(cases)];
-    for (size_t i = 0; i < COUNT(cases); i++)
-        tests[i] = (struct CMUnitTest){.name = cases[i].name,
-                                       .test_func = test_end,
-                                       .initial_state = (void *)(uintptr_t)&cases[i]};
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

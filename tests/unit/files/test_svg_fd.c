@@ -2,10 +2,9 @@
  *
  * test_svg_fd.c - pictures of CAN FD frames: bits of all lengths to scale.
  */
+#include "cases.h"
 #include "cli/svg/svg.h"
 #include "fd_bus.h"
-
-#include <stdio.h>
 
 #define JOIN 11u /* bits until nodes may send (M10) */
 
@@ -69,7 +68,7 @@ static int width_of(const char *text, const char *name, int *x)
     return width;
 }
 
-static void bits_are_to_scale(void **state)
+TEST(bits_are_to_scale)
 {
     static const struct {
         const char *name;
@@ -86,7 +85,6 @@ static void bits_are_to_scale(void **state)
     int x;
     const int data_bit = width_of(text, "field esi", &x);
 
-    (void)state;
     assert_in_range(data_bit, 9, 24);
     for (size_t i = 0; i < sizeof fields / sizeof fields[0]; i++) {
         const int wanted = (int)fields[i].ticks * data_bit / (int)FD_DATA_TICKS;
@@ -96,12 +94,11 @@ static void bits_are_to_scale(void **state)
     free(text);
 }
 
-static void the_data_phase_has_a_bar(void **state)
+TEST(the_data_phase_has_a_bar)
 {
     char *text = picture(CW_FD, true, frame);
     int esi, bar;
 
-    (void)state;
     (void)width_of(text, "field esi", &esi);
     const char *at = strstr(text, "class=\"data-rate\"");
     assert_non_null(at);
@@ -115,13 +112,12 @@ static void the_data_phase_has_a_bar(void **state)
 }
 
 /* The numbers of bits are those of the bus, although not all are as long as others. */
-static void bits_are_numbered(void **state)
+TEST(bits_are_numbered)
 {
     char *text = picture(CW_FD, true, frame);
     const unsigned last = JOIN + cw_frame_wire_bits(&frame) + 3;
     char number[32];
 
-    (void)state;
     for (unsigned n = JOIN; n <= last; n++) {
         snprintf(number, sizeof number, "\">%u</text>", n);
         if (n % 10 == 0 && n + 3 < last)
@@ -130,12 +126,11 @@ static void bits_are_numbered(void **state)
     free(text);
 }
 
-static void events_stand_at_the_ends_of_their_bits(void **state)
+TEST(events_stand_at_the_ends_of_their_bits)
 {
     char *text = picture(CW_FD, true, frame);
     int x;
 
-    (void)state;
     const int width = width_of(text, "field intermission", &x);
     char sent[64];
     assert_non_null(strstr(text, ">sent 123##1AA55<"));
@@ -145,25 +140,12 @@ static void events_stand_at_the_ends_of_their_bits(void **state)
     free(text);
 }
 
-static void a_classical_picture_tells_nothing_of_rates(void **state)
+TEST(a_classical_picture_tells_nothing_of_rates)
 {
     char *text = picture(CW_CLASSICAL, false, (cw_frame){.id = 0x123, .dlc = 2});
 
-    (void)state;
     assert_null(strstr(text, "data-rate"));
     assert_null(strstr(text, "data rate"));
     assert_non_null(strstr(text, ">500000 bit/s, 22 to "));
     free(text);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(bits_are_to_scale),
-        cmocka_unit_test(the_data_phase_has_a_bar),
-        cmocka_unit_test(bits_are_numbered),
-        cmocka_unit_test(events_stand_at_the_ends_of_their_bits),
-        cmocka_unit_test(a_classical_picture_tells_nothing_of_rates),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,18 +2,9 @@
  *
  * test_text.c - frames, filters, numbers, times and positions as text.
  */
+#include "cases.h"
 #include "base/text/number.h"
 #include "trace/frametext.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <string.h>
-
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 
 typedef struct frame_case {
     const char *text;
@@ -89,15 +80,13 @@ static void are_read_and_printed(const frame_case *cases, size_t count)
     }
 }
 
-static void frames_are_read_and_printed(void **state)
+TEST(frames_are_read_and_printed)
 {
-    (void)state;
     are_read_and_printed(frames, COUNT(frames));
 }
 
-static void fd_frames_are_read_and_printed(void **state)
+TEST(fd_frames_are_read_and_printed)
 {
-    (void)state;
     are_read_and_printed(fd_frames, COUNT(fd_frames));
 }
 
@@ -146,9 +135,8 @@ static const char *const bad_frames[][2] = {
     {"123#R8_8", "raw DLC"},
 };
 
-static void bad_frames_are_refused(void **state)
+TEST(bad_frames_are_refused)
 {
-    (void)state;
     for (size_t i = 0; i < COUNT(bad_frames); i++) {
         cw_frame frame = {.id = 0x55};
         const char *problem = text_parse_frame(&frame, bad_frames[i][0]);
@@ -159,7 +147,7 @@ static void bad_frames_are_refused(void **state)
     }
 }
 
-static void invalid_frames_are_printed(void **state)
+TEST(invalid_frames_are_printed)
 {
     static const struct {
         cw_frame frame;
@@ -173,7 +161,6 @@ static void invalid_frames_are_printed(void **state)
         {{.id = 1, .flags = CW_FRAME_FD | CW_FRAME_NON_ISO, .dlc = 1}, "001##000"},
         {{.id = 1, .flags = CW_FRAME_FD | CW_FRAME_BRS | CW_FRAME_ESI}, "001##3"},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         char printed[FRAME_TEXT_MAX];
 
@@ -182,20 +169,19 @@ static void invalid_frames_are_printed(void **state)
     }
 }
 
-static void longest_text_fits(void **state)
+TEST(longest_text_fits)
 {
     cw_frame fd = {.id = UINT32_MAX, .flags = CW_FRAME_FD, .dlc = UINT8_MAX};
     cw_frame classic = {.id = UINT32_MAX, .flags = CW_FRAME_REMOTE, .dlc = UINT8_MAX};
     char printed[FRAME_TEXT_MAX];
 
-    (void)state;
     text_print_frame(printed, &fd);
     assert_int_equal(strlen(printed), 8 + 3 + 128);
     text_print_frame(printed, &classic);
     assert_string_equal(printed, "FFFFFFFF#R8_FF");
 }
 
-static void filters_follow_can_utils(void **state)
+TEST(filters_follow_can_utils)
 {
     static const struct {
         const char *text;
@@ -213,7 +199,6 @@ static void filters_follow_can_utils(void **state)
         {"12345678~DFFFFFFF", {0x92345678, 0xDFFFFFFF, true}},
         {"123:C00007FF", {0x123, 0xC00007FF, false}},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         cw_filter filter = {0};
         unsigned count = 0;
@@ -226,19 +211,18 @@ static void filters_follow_can_utils(void **state)
     }
 }
 
-static void filters_are_separated_by_commas(void **state)
+TEST(filters_are_separated_by_commas)
 {
     cw_filter filters[3];
     unsigned count = 0;
 
-    (void)state;
     assert_null(text_parse_filters(filters, &count, 3, "123,100~700,12345678"));
     assert_int_equal(count, 3);
     assert_true(filters[1].inverted);
     assert_int_equal(filters[2].value, 0x92345678);
 }
 
-static void bad_filters_are_refused(void **state)
+TEST(bad_filters_are_refused)
 {
     static const char *const cases[] = {
         "",
@@ -263,7 +247,6 @@ static void bad_filters_are_refused(void **state)
         "123,456,789,7FF",
         "123,100:700,G",
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         cw_filter filters[3] = {{.value = 0x55}};
         unsigned count = 7;
@@ -275,7 +258,7 @@ static void bad_filters_are_refused(void **state)
     }
 }
 
-static void bytes_may_have_wildcards(void **state)
+TEST(bytes_may_have_wildcards)
 {
     static const struct {
         const char *text;
@@ -296,7 +279,6 @@ static void bytes_may_have_wildcards(void **state)
     };
     text_bytes bytes;
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         assert_null(text_parse_bytes(&bytes, cases[i].text, i % 2));
         assert_int_equal(bytes.length, cases[i].length);
@@ -308,13 +290,12 @@ static void bytes_may_have_wildcards(void **state)
             fail_msg("'%s' was accepted", bad[i]);
 }
 
-static void bytes_of_fd_frames_are_up_to_64(void **state)
+TEST(bytes_of_fd_frames_are_up_to_64)
 {
     static const char pair[] = "1x";
     char text[2 * (CW_FRAME_DATA_MAX + 1) + 1] = "";
     text_bytes bytes;
 
-    (void)state;
     for (size_t i = 0; i < CW_FRAME_DATA_MAX; i++)
         strcat(text, pair);
     assert_null(text_parse_bytes(&bytes, text, true));
@@ -328,14 +309,13 @@ static void bytes_of_fd_frames_are_up_to_64(void **state)
     assert_int_equal(bytes.length, 9);
 }
 
-static void levels_come_in_order(void **state)
+TEST(levels_come_in_order)
 {
     static const char longest[] =
         "x111111111111111111111111111111111111111111111111111111111111110";
     static const char *const bad[] = {"", "x", "xxx", "2", "1 0", "1.0"};
     text_levels levels;
 
-    (void)state;
     assert_null(text_parse_levels(&levels, "10xX1"));
     assert_int_equal(levels.bits, 5);
     assert_int_equal(levels.level, 0x11);
@@ -351,7 +331,7 @@ static void levels_come_in_order(void **state)
             fail_msg("'%s' was accepted", bad[i]);
 }
 
-static void parts_are_percent(void **state)
+TEST(parts_are_percent)
 {
     static const struct {
         const char *text;
@@ -363,7 +343,6 @@ static void parts_are_percent(void **state)
     };
     uint16_t permille;
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         assert_null(text_parse_percent(&permille, cases[i].text));
         assert_int_equal(permille, cases[i].permille);
@@ -373,12 +352,11 @@ static void parts_are_percent(void **state)
             fail_msg("'%s' was accepted", bad[i]);
 }
 
-static void error_filters_are_classes(void **state)
+TEST(error_filters_are_classes)
 {
     static const char *const bad[] = {"", "#", "4", "#0", "#E0000000", "#123456789", "#G", "#4 "};
     uint32_t mask;
 
-    (void)state;
     assert_null(text_parse_error_mask(&mask, "#4"));
     assert_int_equal(mask, 4);
     assert_null(text_parse_error_mask(&mask, "#FFFFFFFF"));
@@ -388,13 +366,12 @@ static void error_filters_are_classes(void **state)
             fail_msg("'%s' was accepted", bad[i]);
 }
 
-static void identifiers_stand_alone(void **state)
+TEST(identifiers_stand_alone)
 {
     static const char *const bad[] = {"", "12", "800", "20000000", "123#", "x23", "123456789"};
     uint32_t id;
     uint8_t flags;
 
-    (void)state;
     assert_null(text_parse_id(&id, &flags, "7ff"));
     assert_int_equal(id, 0x7FF);
     assert_int_equal(flags, 0);
@@ -406,7 +383,7 @@ static void identifiers_stand_alone(void **state)
             fail_msg("'%s' was accepted", bad[i]);
 }
 
-static void integers_are_strict(void **state)
+TEST(integers_are_strict)
 {
     static const char *const bad[] = {
         "",
@@ -426,7 +403,6 @@ static void integers_are_strict(void **state)
     };
     uint64_t value = 7;
 
-    (void)state;
     for (size_t i = 0; i < COUNT(bad); i++)
         if (!text_parse_uint(&value, bad[i]))
             fail_msg("'%s' was accepted", bad[i]);
@@ -437,7 +413,7 @@ static void integers_are_strict(void **state)
     assert_true(value == UINT64_MAX);
 }
 
-static void probabilities_are_exact(void **state)
+TEST(probabilities_are_exact)
 {
     static const struct {
         const char *text;
@@ -496,7 +472,6 @@ static void probabilities_are_exact(void **state)
     };
     uint64_t value;
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         assert_null(text_parse_probability(&value, cases[i].text));
         assert_true(value == cases[i].value);
@@ -506,7 +481,7 @@ static void probabilities_are_exact(void **state)
             fail_msg("'%s' was accepted", bad[i]);
 }
 
-static void times_have_units(void **state)
+TEST(times_have_units)
 {
     static const struct {
         const char *text;
@@ -527,7 +502,6 @@ static void times_have_units(void **state)
         {"18446744073709551615ns", {UINT64_MAX, 0}},
         {"18446744073709551615bit", {0, UINT64_MAX}},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         cfg_time time;
 
@@ -536,7 +510,7 @@ static void times_have_units(void **state)
     }
 }
 
-static void bad_times_are_refused(void **state)
+TEST(bad_times_are_refused)
 {
     static const char *const cases[] = {
         "",
@@ -561,7 +535,6 @@ static void bad_times_are_refused(void **state)
         "1..2s",
         "99999999999999999999h",
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         cfg_time time = {7, 7};
 
@@ -581,9 +554,8 @@ static uint64_t sum_at(uint32_t bit_ticks, cfg_time start, uint64_t k, cfg_time 
     return text_time_ticks_sum(start, k, step, cw_rate_of(bit_ticks));
 }
 
-static void ticks_are_rounded_up_once(void **state)
+TEST(ticks_are_rounded_up_once)
 {
-    (void)state;
     assert_int_equal(ticks_at(160, (cfg_time){25, 0}), 2);
     assert_int_equal(ticks_at(160, (cfg_time){26, 0}), 3);
     assert_int_equal(ticks_at(160, (cfg_time){1, 0}), 1);
@@ -594,11 +566,10 @@ static void ticks_are_rounded_up_once(void **state)
     assert_int_equal(sum_at(160, (cfg_time){25, 1}, 2, (cfg_time){0, 1}), 482);
 }
 
-static void ticks_saturate(void **state)
+TEST(ticks_saturate)
 {
     const cfg_time most = {UINT64_MAX, UINT64_MAX};
 
-    (void)state;
     assert_true(ticks_at(1, (cfg_time){UINT64_MAX, 0}) == UINT64_C(1475739525896764130));
     assert_true(ticks_at(1, (cfg_time){0, UINT64_MAX}) == UINT64_MAX);
     assert_true(ticks_at(2, (cfg_time){0, UINT64_MAX}) == CW_NEVER);
@@ -608,7 +579,7 @@ static void ticks_saturate(void **state)
     assert_true(sum_at(1, (cfg_time){0}, UINT64_MAX, (cfg_time){13, 0}) == CW_NEVER);
 }
 
-static void positions_have_fields_and_indices(void **state)
+TEST(positions_have_fields_and_indices)
 {
     static const struct {
         const char *text;
@@ -636,7 +607,6 @@ static void positions_have_fields_and_indices(void **state)
         {"error-flag[0]", CW_FIELD_ERROR_FLAG, 0},
         {"overload-delimiter[7]", CW_FIELD_OVERLOAD_DELIMITER, 7},
     };
-    (void)state;
     for (size_t i = 0; i < 2 * COUNT(cases); i++) {
         cw_field field;
         uint16_t index;
@@ -649,7 +619,7 @@ static void positions_have_fields_and_indices(void **state)
 }
 
 /* Each is refused where frames are classical. */
-static void positions_of_fd_frames_have_fields_and_indices(void **state)
+TEST(positions_of_fd_frames_have_fields_and_indices)
 {
     static const struct {
         const char *text;
@@ -677,7 +647,6 @@ static void positions_of_fd_frames_have_fields_and_indices(void **state)
     cw_field field = CW_FIELD_COUNT;
     uint16_t index = 7;
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases) + COUNT(bad); i++) {
         const char *text = i < COUNT(cases) ? cases[i].text : bad[i - COUNT(cases)];
 
@@ -695,7 +664,7 @@ static void positions_of_fd_frames_have_fields_and_indices(void **state)
     }
 }
 
-static void bad_positions_are_refused(void **state)
+TEST(bad_positions_are_refused)
 {
     static const char *const cases[] = {
         "",
@@ -724,7 +693,6 @@ static void bad_positions_are_refused(void **state)
         "cr[3]",
         "id[1.2]",
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         cw_field field = CW_FIELD_COUNT;
         uint16_t index = 7;
@@ -735,7 +703,7 @@ static void bad_positions_are_refused(void **state)
     }
 }
 
-static void bus_time_is_truncated(void **state)
+TEST(bus_time_is_truncated)
 {
     static const struct {
         uint64_t tick;
@@ -752,7 +720,6 @@ static void bus_time_is_truncated(void **state)
         {UINT64_C(80000000) * 10000000000, "10000000000.000000000", "(10000000000.000000)"},
         {UINT64_MAX, "230584300921.369395187", "(230584300921.369395)"},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         char printed[TIME_TEXT_MAX];
 
@@ -763,13 +730,12 @@ static void bus_time_is_truncated(void **state)
     }
 }
 
-static void filters_are_printed_as_they_are_written(void **state)
+TEST(filters_are_printed_as_they_are_written)
 {
     static const char *const texts[] = {"123",     "000",         "7FF",
                                         "12345678", "00000123",   "100:700",
                                         "100~700",  "92345678:DFFFFFFF", "0:0"};
 
-    (void)state;
     for (size_t i = 0; i < COUNT(texts); i++) {
         char printed[FILTER_TEXT_MAX];
         cw_filter filter;
@@ -785,7 +751,7 @@ static void filters_are_printed_as_they_are_written(void **state)
     }
 }
 
-static void spans_are_printed_in_their_unit(void **state)
+TEST(spans_are_printed_in_their_unit)
 {
     static const struct {
         uint64_t ticks;
@@ -805,7 +771,6 @@ static void spans_are_printed_in_their_unit(void **state)
         {UINT64_MAX, "230584300921.369395187s"},
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         char printed[TIME_TEXT_MAX];
 
@@ -814,7 +779,7 @@ static void spans_are_printed_in_their_unit(void **state)
     }
 }
 
-static void reads_sizes(void **state)
+TEST(reads_sizes)
 {
     static const struct {
         const char *text;
@@ -837,7 +802,6 @@ static void reads_sizes(void **state)
         {"1000000000", UINT64_MAX},
     };
 
-    (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         uint64_t bytes = UINT64_MAX;
         bool good = text_parse_size(&bytes, cases[i].text) == NULL;
@@ -847,7 +811,7 @@ static void reads_sizes(void **state)
     }
 }
 
-static void frequencies_are_whole_hertz(void **state)
+TEST(frequencies_are_whole_hertz)
 {
     static const struct {
         const char *text;
@@ -874,7 +838,6 @@ static void frequencies_are_whole_hertz(void **state)
         {"18446744073709551615GHz", UINT64_MAX},
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         uint64_t hz = UINT64_MAX;
         const char *wrong = text_parse_frequency(&hz, cases[i].text);
@@ -884,7 +847,7 @@ static void frequencies_are_whole_hertz(void **state)
     }
 }
 
-static void lengths_are_whole_millimetres(void **state)
+TEST(lengths_are_whole_millimetres)
 {
     static const struct {
         const char *text;
@@ -900,7 +863,6 @@ static void lengths_are_whole_millimetres(void **state)
         {"-4m", UINT64_MAX}, {"4ft", UINT64_MAX},
     };
 
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         uint64_t mm = UINT64_MAX;
         const char *wrong = text_parse_length(&mm, cases[i].text);
@@ -908,40 +870,4 @@ static void lengths_are_whole_millimetres(void **state)
         assert_int_equal(wrong == NULL, cases[i].mm != UINT64_MAX);
         assert_int_equal(mm, cases[i].mm);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(frequencies_are_whole_hertz),
-        cmocka_unit_test(lengths_are_whole_millimetres),
-        cmocka_unit_test(reads_sizes),
-        cmocka_unit_test(frames_are_read_and_printed),
-        cmocka_unit_test(fd_frames_are_read_and_printed),
-        cmocka_unit_test(bad_frames_are_refused),
-        cmocka_unit_test(invalid_frames_are_printed),
-        cmocka_unit_test(longest_text_fits),
-        cmocka_unit_test(filters_follow_can_utils),
-        cmocka_unit_test(filters_are_separated_by_commas),
-        cmocka_unit_test(filters_are_printed_as_they_are_written),
-        cmocka_unit_test(bad_filters_are_refused),
-        cmocka_unit_test(bytes_may_have_wildcards),
-        cmocka_unit_test(bytes_of_fd_frames_are_up_to_64),
-        cmocka_unit_test(levels_come_in_order),
-        cmocka_unit_test(parts_are_percent),
-        cmocka_unit_test(error_filters_are_classes),
-        cmocka_unit_test(identifiers_stand_alone),
-        cmocka_unit_test(integers_are_strict),
-        cmocka_unit_test(probabilities_are_exact),
-        cmocka_unit_test(times_have_units),
-        cmocka_unit_test(bad_times_are_refused),
-        cmocka_unit_test(ticks_are_rounded_up_once),
-        cmocka_unit_test(ticks_saturate),
-        cmocka_unit_test(positions_have_fields_and_indices),
-        cmocka_unit_test(positions_of_fd_frames_have_fields_and_indices),
-        cmocka_unit_test(bad_positions_are_refused),
-        cmocka_unit_test(bus_time_is_truncated),
-        cmocka_unit_test(spans_are_printed_in_their_unit),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,18 +2,11 @@
  *
  * test_top.c - canwire top: from the replies of a bus to numbers, and from these to lines.
  */
+#include "cases.h"
 #include "cli/top/top_layout.h"
 #include "cli/top/top_model.h"
 
 #include <inttypes.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define ROWS 24u
 #define COLUMNS 80u
@@ -62,9 +55,8 @@ static int begin(void **state)
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-static void rates_are_in_bus_time(void **state)
+TEST_WITH(rates_are_in_bus_time, begin, NULL)
 {
-    (void)state;
     take(1, INT64_C(1000000000), 100, 5, 1);
     assert_int_equal(model.frames.value, 100);
     assert_int_equal(model.frames.rate, 0);
@@ -78,9 +70,8 @@ static void rates_are_in_bus_time(void **state)
     assert_int_equal(model.frames.rate, 0);
 }
 
-static void a_bus_that_has_begun_anew_has_no_rates_yet(void **state)
+TEST_WITH(a_bus_that_has_begun_anew_has_no_rates_yet, begin, NULL)
 {
-    (void)state;
     take(1, INT64_C(9000000000), 10, 0, 0);
     take(2, INT64_C(10000000000), 300, 6, 1); /* another process */
     assert_int_equal(model.frames.rate, 0);
@@ -90,9 +81,8 @@ static void a_bus_that_has_begun_anew_has_no_rates_yet(void **state)
     assert_int_equal(model.frames.rate, 1000);
 }
 
-static void a_node_without_link_says_so(void **state)
+TEST_WITH(a_node_without_link_says_so, begin, NULL)
 {
-    (void)state;
     take(1, 0, 0, 0, 0);
     assert_string_equal(model.nodes[0].state, "error-passive");
     assert_string_equal(model.nodes[1].state, "link down");
@@ -107,9 +97,8 @@ static top_view view_of(unsigned buses)
     return (top_view){.buses = shown, .bus_count = buses, .selected = TOP_NONE};
 }
 
-static void the_lines_of_a_bus(void **state)
+TEST_WITH(the_lines_of_a_bus, begin, NULL)
 {
-    (void)state;
     const top_view view = view_of(1);
     take(1, INT64_C(1000000000), 100, 5, 0);
     take(1, INT64_C(2000000000), 4021, 7, 3);
@@ -133,9 +122,8 @@ static void the_lines_of_a_bus(void **state)
     assert_memory_equal(lines[ROWS - 1].text, "q quit", 6);
 }
 
-static void a_bar_is_full_at_the_most_and_shows_little(void **state)
+TEST_WITH(a_bar_is_full_at_the_most_and_shows_little, begin, NULL)
 {
-    (void)state;
     static const struct {
         int64_t value;
         const char *bar;
@@ -148,9 +136,8 @@ static void a_bar_is_full_at_the_most_and_shows_little(void **state)
     }
 }
 
-static void of_several_buses_one_is_marked(void **state)
+TEST_WITH(of_several_buses_one_is_marked, begin, NULL)
 {
-    (void)state;
     top_view view = view_of(2);
     take(1, 1, 0, 0, 0);
     take_of(&other, 1, 1, 0, 0, 0);
@@ -163,9 +150,8 @@ static void of_several_buses_one_is_marked(void **state)
     assert_memory_equal(lines[2].text, ">body", 5);
 }
 
-static void a_bus_that_is_gone_says_so(void **state)
+TEST_WITH(a_bus_that_is_gone_says_so, begin, NULL)
 {
-    (void)state;
     const top_view view = view_of(1);
     take(1, 1, 0, 0, 0);
     shown[0].there = false;
@@ -177,9 +163,8 @@ static void a_bus_that_is_gone_says_so(void **state)
 }
 
 /* Every row can be reached on a small screen, and nothing is written beyond it. */
-static void the_selected_row_is_seen_on_every_screen(void **state)
+TEST_WITH(the_selected_row_is_seen_on_every_screen, begin, NULL)
 {
-    (void)state;
     top_view view = view_of(1);
     take(1, 1, 0, 0, 0);
     for (unsigned rows = TOP_ROWS_MIN; rows <= ROWS; rows++)
@@ -198,9 +183,8 @@ static void the_selected_row_is_seen_on_every_screen(void **state)
 }
 
 /* A small screen has room for some of the five rows: two heads, two nodes and a rule. */
-static void rows_without_room_are_told(void **state)
+TEST_WITH(rows_without_room_are_told, begin, NULL)
 {
-    (void)state;
     top_view view = view_of(1);
     take(1, 1, 0, 0, 0);
     (void)top_layout(lines, 8, COLUMNS, &view);
@@ -212,9 +196,8 @@ static void rows_without_room_are_told(void **state)
     assert_string_equal(lines[2].text, "");
 }
 
-static void long_names_keep_both_ends(void **state)
+TEST_WITH(long_names_keep_both_ends, begin, NULL)
 {
-    (void)state;
     const top_view view = view_of(1);
     take(1, 1, 0, 0, 0);
     strcpy(model.nodes[0].name, "window-lifter-17");
@@ -224,9 +207,8 @@ static void long_names_keep_both_ends(void **state)
     assert_memory_equal(lines[4].text, " window-lifter-17 ", 18);
 }
 
-static void what_is_too_small_says_what_it_needs(void **state)
+TEST_WITH(what_is_too_small_says_what_it_needs, begin, NULL)
 {
-    (void)state;
     const top_view view = view_of(1);
     assert_int_equal(top_layout(lines, TOP_ROWS_MIN - 1, COLUMNS, &view), 1);
     assert_string_equal(lines[0].text, "needs 40 x 8");
@@ -235,32 +217,12 @@ static void what_is_too_small_says_what_it_needs(void **state)
     assert_int_equal(top_layout(lines, 0, 0, &view), 0);
 }
 
-static void the_help_has_all_keys(void **state)
+TEST_WITH(the_help_has_all_keys, begin, NULL)
 {
-    (void)state;
     top_view view = view_of(1);
     view.help = true;
     view.message = "injected";
     assert_int_equal(top_layout(lines, ROWS, COLUMNS, &view), ROWS);
     assert_memory_equal(lines[3].text, "  i  ", 5);
     assert_string_equal(lines[ROWS - 1].text, "injected");
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup(rates_are_in_bus_time, begin),
-        cmocka_unit_test_setup(a_bus_that_has_begun_anew_has_no_rates_yet, begin),
-        cmocka_unit_test_setup(a_node_without_link_says_so, begin),
-        cmocka_unit_test_setup(the_lines_of_a_bus, begin),
-        cmocka_unit_test_setup(a_bar_is_full_at_the_most_and_shows_little, begin),
-        cmocka_unit_test_setup(of_several_buses_one_is_marked, begin),
-        cmocka_unit_test_setup(a_bus_that_is_gone_says_so, begin),
-        cmocka_unit_test_setup(the_selected_row_is_seen_on_every_screen, begin),
-        cmocka_unit_test_setup(rows_without_room_are_told, begin),
-        cmocka_unit_test_setup(long_names_keep_both_ends, begin),
-        cmocka_unit_test_setup(what_is_too_small_says_what_it_needs, begin),
-        cmocka_unit_test_setup(the_help_has_all_keys, begin),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

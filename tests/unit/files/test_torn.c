@@ -3,20 +3,12 @@
  * test_torn.c - recordings of recorders that were killed, and of machines that crashed. Bytes are
  * missing or zero: entries that nothing has touched are read, and the others are told.
  */
+#include "cases.h"
 #include "trace/read.h"
 
 #include <inttypes.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
-
-#include <cmocka.h>
 
 #define FRAMES 5u
 #define BYTES_MAX 2048u
@@ -239,9 +231,8 @@ static size_t behind_zeros(const recording *r, size_t byte)
 
 /* ---- Tests ----------------------------------------------------------------------------------- */
 
-static void a_recording_is_cut_anywhere(void **state)
+TEST(a_recording_is_cut_anywhere)
 {
-    (void)state;
     for (size_t which = 0; which < ALL; which++) {
         recording r;
         make(&r, which);
@@ -258,9 +249,8 @@ static void a_recording_is_cut_anywhere(void **state)
     }
 }
 
-static void bytes_are_zero_behind_a_crash(void **state)
+TEST(bytes_are_zero_behind_a_crash)
 {
-    (void)state;
     for (size_t which = 0; which < ALL; which++) {
         recording r, zeros;
         make(&r, which);
@@ -279,9 +269,8 @@ static void bytes_are_zero_behind_a_crash(void **state)
 }
 
 /* A recorder goes on behind a crash. */
-static void what_follows_bytes_0_is_read(void **state)
+TEST(what_follows_bytes_0_is_read)
 {
-    (void)state;
     for (size_t which = 0; which < ALL; which++) {
         recording r, torn;
         make(&r, which);
@@ -299,9 +288,8 @@ static void what_follows_bytes_0_is_read(void **state)
 
 /* All frames are there that the missing bytes leave alone. Packets of pcap have no mark at their
  * end: one on each side of the gap may be taken for a part of it. */
-static void bytes_are_missing_amid_a_recording(void **state)
+TEST(bytes_are_missing_amid_a_recording)
 {
-    (void)state;
     for (size_t which = 0; which < ALL; which++) {
         recording r, torn;
         make(&r, which);
@@ -321,9 +309,8 @@ static void bytes_are_missing_amid_a_recording(void **state)
 }
 
 /* Any other bytes than recordings. */
-static void other_files_are_refused(void **state)
+TEST(other_files_are_refused)
 {
-    (void)state;
     for (size_t which = 0; which < ALL; which++) {
         recording r;
         make(&r, which);
@@ -334,16 +321,4 @@ static void other_files_are_refused(void **state)
             r.bytes[head + i] = (unsigned char)(i % 61 == 60 ? '\n' : 'a' + i % 7);
         assert_true(read_bytes(&r, head + CRASH).refused);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_recording_is_cut_anywhere),
-        cmocka_unit_test(bytes_are_zero_behind_a_crash),
-        cmocka_unit_test(what_follows_bytes_0_is_read),
-        cmocka_unit_test(bytes_are_missing_amid_a_recording),
-        cmocka_unit_test(other_files_are_refused),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

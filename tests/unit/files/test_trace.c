@@ -5,24 +5,15 @@
  *
  * Runs at the top of the source tree. tests/traces/candump was written by candump itself.
  */
+#include "cases.h"
 #include "run/replay.h"
 #include "trace/format.h"
 #include "trace/frametext.h"
 #include "trace/read.h"
 
 #include <inttypes.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
-#include <cmocka.h>
-
-#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 #define MADE "tests/traces/candump/"
 
 /* ---- Files as text --------------------------------------------------------------------------- */
@@ -181,9 +172,8 @@ static const made_case made[] = {
     {"/dev/null", TRACE_DETECT, "bad: not a regular file\n"},
 };
 
-static void files_of_candump_are_read(void **state)
+TEST(files_of_candump_are_read)
 {
-    (void)state;
     for (size_t i = 0; i < COUNT(made); i++) {
         char *got = read_all(made[i].file, made[i].format);
         if (strcmp(got, made[i].expected) != 0)
@@ -280,20 +270,18 @@ static const text_case candump[] = {
     {"(1.5) a 123#\n\tstray\n", "1 1.500000000 a 123#\n2 damaged 7: " CANDUMP_LINE},
 };
 
-static void lines_of_candump_are_read_or_refused(void **state)
+TEST(lines_of_candump_are_read_or_refused)
 {
-    (void)state;
     for (size_t i = 0; i < COUNT(candump); i++)
         assert_reads(candump[i].text, strlen(candump[i].text), TRACE_CANDUMP, candump[i].expected);
 }
 
 #define BYTE_ZERO "a byte 0: a crash leaves such bytes, or this is no text\n"
 
-static void long_lines_and_zeros_are_refused(void **state)
+TEST(long_lines_and_zeros_are_refused)
 {
     static const char zero[] = "(1.0) a 123#\n(1.0) a 1\0003#\n";
     char line[5000];
-    (void)state;
     assert_reads(zero, sizeof zero - 1, TRACE_CANDUMP,
                  "1 1.000000000 a 123#\n2 damaged 10: " BYTE_ZERO "2 damaged 3: " BYTE_ZERO);
     memset(line, ' ', sizeof line);
@@ -307,7 +295,7 @@ static void long_lines_and_zeros_are_refused(void **state)
 }
 
 /* Longer than the buffer by far, so that lines lie across its ends. */
-static void files_longer_than_the_buffer_are_read(void **state)
+TEST(files_longer_than_the_buffer_are_read)
 {
     enum { LINES = 20000 };
     char *content = NULL;
@@ -316,7 +304,6 @@ static void files_longer_than_the_buffer_are_read(void **state)
     size_t expected_size;
     FILE *in = open_memstream(&content, &size);
     FILE *out = open_memstream(&expected, &expected_size);
-    (void)state;
     assert_true(in && out);
     for (unsigned i = 1; i <= LINES; i++) {
         fprintf(in, "(%u.%06u) can%u %03X#%.*s\n", i, i, i % 3, i % 0x800, (int)(i % 9 * 2),
@@ -439,9 +426,8 @@ static const text_case asc[] = {
      "bad:3:16: expected a data length code, 0 to 15 in the file's base\n"},
 };
 
-static void lines_of_asc_are_read_or_refused(void **state)
+TEST(lines_of_asc_are_read_or_refused)
 {
-    (void)state;
     for (size_t i = 0; i < COUNT(asc); i++)
         assert_reads(asc[i].text, strlen(asc[i].text), TRACE_ASC, asc[i].expected);
 }
@@ -555,10 +541,9 @@ static const unsigned char cut_frame[] = {0, 0, 1, 0x23, 2, 0, 0, 0, 0xCA};
 #define FRAME(f) f, sizeof f
 
 /* A section of each byte order, each with interfaces of its own and packets of all kinds. */
-static void captures_are_read(void **state)
+TEST(captures_are_read)
 {
     capture c = {.size = 0};
-    (void)state;
     put_section(&c, false);
     put_interface(&c, 227, "can0", -1); /* microseconds */
     put_interface(&c, 227, NULL, 9);    /* nanoseconds */
@@ -592,10 +577,9 @@ static const unsigned char flagged_fd[72] = {0x80, 0, 1, 0x23, 64, 7, 0, 0, [71]
 static const unsigned char odd_fd[] = {0, 0, 1, 0x23, 9, 5, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9};
 static const unsigned char empty_fd[] = {0, 0, 1, 0x23, 0, 6, 0, 0};
 
-static void captures_of_fd_frames_are_read(void **state)
+TEST(captures_of_fd_frames_are_read)
 {
     capture c = {.size = 0};
-    (void)state;
     put_section(&c, false);
     put_interface(&c, 227, "a", 0);
     put_packet(&c, 6, 0, 1, FRAME(old_fd));
@@ -632,9 +616,8 @@ static const packet_case bad_packets[] = {
     {FRAME(data_frame), 0, UINT64_MAX, "bad: byte 68: the time of this packet is out of range\n"},
 };
 
-static void bad_packets_are_refused(void **state)
+TEST(bad_packets_are_refused)
 {
-    (void)state;
     for (size_t i = 0; i < COUNT(bad_packets); i++) {
         const packet_case *p = &bad_packets[i];
         capture c = {.size = 0};
@@ -675,9 +658,8 @@ static const damage damages[] = {
     {110, -1, "bad: byte 68: cut off: the file ends at byte 110\n"},
 };
 
-static void damaged_captures_are_refused(void **state)
+TEST(damaged_captures_are_refused)
 {
-    (void)state;
     for (size_t i = 0; i < COUNT(damages); i++) {
         const damage *d = &damages[i];
         capture c = {.size = 0};
@@ -692,7 +674,7 @@ static void damaged_captures_are_refused(void **state)
 }
 
 /* A block of each kind that has not even room for what stands in all of its kind. */
-static void blocks_without_room_are_refused(void **state)
+TEST(blocks_without_room_are_refused)
 {
     static const struct {
         uint32_t type;
@@ -704,7 +686,6 @@ static void blocks_without_room_are_refused(void **state)
         {2, 0, "bad: byte 60: a packet block that is too short\n"},
         {3, 0, "bad: byte 60: a packet block that is too short\n"},
     };
-    (void)state;
     for (size_t i = 0; i < COUNT(cases); i++) {
         capture c = {.size = 0};
         put_section(&c, i & 1);
@@ -718,21 +699,19 @@ static void blocks_without_room_are_refused(void **state)
     }
 }
 
-static void a_packet_needs_an_interface(void **state)
+TEST(a_packet_needs_an_interface)
 {
     capture c = {.size = 0};
-    (void)state;
     put_section(&c, false);
     put_packet(&c, 3, 0, 0, FRAME(data_frame));
     assert_reads(c.bytes, c.size, TRACE_DETECT,
                  "bad: byte 28: a packet before any interface is described\n");
 }
 
-static void interfaces_have_a_maximum(void **state)
+TEST(interfaces_have_a_maximum)
 {
     char expected[80];
     capture c = {.size = 0};
-    (void)state;
     put_section(&c, false);
     for (unsigned i = 0; i < TRACE_INTERFACES_MAX; i++)
         put_interface(&c, 227, NULL, -1);
@@ -748,9 +727,8 @@ static void interfaces_have_a_maximum(void **state)
 }
 
 /* Its header and packets, in either byte order and resolution. */
-static void older_captures_are_read(void **state)
+TEST(older_captures_are_read)
 {
-    (void)state;
     for (unsigned i = 0; i < 4; i++) {
         capture c = {.big = i & 1};
         put(&c, i & 2 ? 0xA1B23C4D : 0xA1B2C3D4, 4);
@@ -783,9 +761,8 @@ static const text_case unknown[] = {
     {"", ""},
 };
 
-static void the_format_is_found_out(void **state)
+TEST(the_format_is_found_out)
 {
-    (void)state;
     for (size_t i = 0; i < COUNT(unknown); i++)
         assert_reads(unknown[i].text, strlen(unknown[i].text), TRACE_DETECT, unknown[i].expected);
 }
@@ -912,9 +889,8 @@ static const replay_case replays[] = {
     {{.count = 1, .fast = true}, 0, "  a 001 [0]\n  a 002 [0]\n", "0 001#\n0 002#\n"},
 };
 
-static void replays_are_at_their_times(void **state)
+TEST(replays_are_at_their_times)
 {
-    (void)state;
     for (size_t i = 0; i < COUNT(replays); i++) {
         cfg_traffic traffic = replays[i].traffic;
         char *got = replay_all(&traffic, replays[i].content, replays[i].origin);
@@ -924,7 +900,7 @@ static void replays_are_at_their_times(void **state)
 }
 
 /* A file that is searched in vain lets others have their turn. */
-static void long_searches_pause(void **state)
+TEST(long_searches_pause)
 {
     enum { LINES = 2500 };
     char *content = NULL;
@@ -933,7 +909,6 @@ static void long_searches_pause(void **state)
     cw_frame frame;
     uint64_t tick;
     FILE *in = open_memstream(&content, &size);
-    (void)state;
     assert_non_null(in);
     for (unsigned i = 0; i < LINES; i++)
         fprintf(in, "(0.%06u) a 123#\n", i);
@@ -953,27 +928,4 @@ static void long_searches_pause(void **state)
     unlink(traffic.file);
     free(traffic.file);
     free(content);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(files_of_candump_are_read),
-        cmocka_unit_test(lines_of_candump_are_read_or_refused),
-        cmocka_unit_test(long_lines_and_zeros_are_refused),
-        cmocka_unit_test(files_longer_than_the_buffer_are_read),
-        cmocka_unit_test(lines_of_asc_are_read_or_refused),
-        cmocka_unit_test(captures_are_read),
-        cmocka_unit_test(captures_of_fd_frames_are_read),
-        cmocka_unit_test(bad_packets_are_refused),
-        cmocka_unit_test(damaged_captures_are_refused),
-        cmocka_unit_test(blocks_without_room_are_refused),
-        cmocka_unit_test(a_packet_needs_an_interface),
-        cmocka_unit_test(interfaces_have_a_maximum),
-        cmocka_unit_test(older_captures_are_read),
-        cmocka_unit_test(the_format_is_found_out),
-        cmocka_unit_test(replays_are_at_their_times),
-        cmocka_unit_test(long_searches_pause),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,22 +2,14 @@
  *
  * test_unit.c - hints of the service beside errors.
  */
+#include "cases.h"
 #include "base/unit.h"
 
 #include <errno.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 /* An error is shown with the hint that follows from it, in any order. */
-static void test_a_hint_keeps_the_error(void **state)
+TEST(test_a_hint_keeps_the_error)
 {
-    (void)state;
     assert_int_equal(setenv("CANWIRE_SERVICE", "bus", 1), 0);
     errno = EACCES;
     assert_non_null(strstr(unit_hint("/etc/canwire/bus.yaml", errno), " (as the user "));
@@ -26,10 +18,4 @@ static void test_a_hint_keeps_the_error(void **state)
     assert_string_equal(unit_hint("/tmp/x", errno), " (the service has a /tmp of its own)");
     assert_int_equal(errno, ENOENT);
     assert_string_equal(unit_hint("/etc/x", errno), "");
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_a_hint_keeps_the_error)};
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,10 +2,9 @@
  *
  * test_vcd_fd.c - dumps of CAN FD frames: each bit at its real time, also while nodes disagree.
  */
+#include "cases.h"
 #include "fd_bus.h"
 #include "record/vcd.h"
-
-#include <stdio.h>
 
 #define JOIN 11u /* bits until nodes may send (M10) */
 #define UNIT_NS 10u
@@ -106,9 +105,8 @@ static void check_bit(const char *text, const cw_bits *bits, unsigned n, uint64_
     }
 }
 
-static void each_bit_has_its_real_time(void **state)
+TEST(each_bit_has_its_real_time)
 {
-    (void)state;
     for (size_t i = 0; i < sizeof frames / sizeof frames[0]; i++) {
         fd_bus r;
         cw_bits bits;
@@ -138,7 +136,7 @@ static void each_bit_has_its_real_time(void **state)
 
 /* Node b samples BRS as dominant, so it stays at the nominal rate and falls out of step (D11). It
  * goes on in bits of 2 us, while a is at 500 ns. */
-static void nodes_that_fall_out_of_step_have_their_true_times(void **state)
+TEST(nodes_that_fall_out_of_step_have_their_true_times)
 {
     cw_rule rule = {.name = "blind",
                     .time_end = CW_NEVER,
@@ -152,7 +150,6 @@ static void nodes_that_fall_out_of_step_have_their_true_times(void **state)
     char line[64];
     cw_bits bits;
 
-    (void)state;
     begin(&r, 8 * CW_TICK, &rule);
     assert_int_equal(cw_bits_encode(&bits, &frames[0]), CW_OK);
     assert_int_equal(cw_node_send(r.bus, 0, &frames[0], 0), CW_OK);
@@ -173,9 +170,8 @@ static void nodes_that_fall_out_of_step_have_their_true_times(void **state)
     fd_bus_end(&r);
 }
 
-static void a_bus_without_a_data_rate_has_the_former_dump(void **state)
+TEST(a_bus_without_a_data_rate_has_the_former_dump)
 {
-    (void)state;
     char *texts[2];
     for (unsigned i = 0; i < 2; i++) {
         fd_bus r;
@@ -189,14 +185,4 @@ static void a_bus_without_a_data_rate_has_the_former_dump(void **state)
     assert_non_null(strstr(texts[0], "$timescale 100 ns $end"));
     free(texts[0]);
     free(texts[1]);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(each_bit_has_its_real_time),
-        cmocka_unit_test(nodes_that_fall_out_of_step_have_their_true_times),
-        cmocka_unit_test(a_bus_without_a_data_rate_has_the_former_dump),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,20 +2,14 @@
  *
  * test_wide.c - numbers of 128 bits: products, sums and quotients at the edges and at random.
  */
+#include "cases.h"
 #include "base/text/wide.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdlib.h>
-
-#include <cmocka.h>
 
 #define MAX UINT64_MAX
 #define TOP (UINT64_C(1) << 63)
 #define RANDOM_ROUNDS 100000
 
-static void products_are_exact(void **state)
+TEST(products_are_exact)
 {
     static const struct {
         uint64_t a, b;
@@ -29,7 +23,6 @@ static void products_are_exact(void **state)
         {UINT32_MAX, UINT32_MAX, {0, UINT64_C(0xFFFFFFFE00000001)}},
         {UINT64_C(10000000000000000000), 10, {5, UINT64_C(7766279631452241920)}},
     };
-    (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         wide there = wide_product(cases[i].a, cases[i].b);
         wide back = wide_product(cases[i].b, cases[i].a);
@@ -38,16 +31,15 @@ static void products_are_exact(void **state)
     }
 }
 
-static void sums_carry(void **state)
+TEST(sums_carry)
 {
     wide sum = wide_sum((wide){1, MAX}, (wide){2, 1});
-    (void)state;
     assert_true(sum.high == 4 && sum.low == 0);
     sum = wide_sum((wide){MAX, MAX}, wide_of(1));
     assert_true(sum.high == 0 && sum.low == 0);
 }
 
-static void quotients_are_exact(void **state)
+TEST(quotients_are_exact)
 {
     static const struct {
         wide number;
@@ -63,7 +55,6 @@ static void quotients_are_exact(void **state)
         {{MAX - 1, MAX}, MAX, {0, MAX}, MAX - 1},
         {{5, UINT64_C(7766279631452241920)}, 10, {0, UINT64_C(10000000000000000000)}, 0},
     };
-    (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         uint64_t rest;
         wide quotient = wide_divide(&rest, cases[i].number, cases[i].by);
@@ -80,10 +71,9 @@ static uint64_t draw(uint64_t *seed)
     return (*seed ^ *seed >> 29) >> (*seed >> 58);
 }
 
-static void a_quotient_times_its_divisor_is_the_number(void **state)
+TEST(a_quotient_times_its_divisor_is_the_number)
 {
     uint64_t seed = 1;
-    (void)state;
     for (int i = 0; i < RANDOM_ROUNDS; i++) {
         wide number = {draw(&seed), draw(&seed)};
         uint64_t by = draw(&seed) | 1;
@@ -94,15 +84,4 @@ static void a_quotient_times_its_divisor_is_the_number(void **state)
         assert_true(rest < by);
         assert_true(back.high == number.high && back.low == number.low);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(products_are_exact),
-        cmocka_unit_test(sums_carry),
-        cmocka_unit_test(quotients_are_exact),
-        cmocka_unit_test(a_quotient_times_its_divisor_is_the_number),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

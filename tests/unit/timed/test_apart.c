@@ -107,9 +107,8 @@ static void check_pair(unsigned i, double percent, int sign)
                  sign * percent);
 }
 
-static void two_clocks_fail_where_the_phase_error_says(void **state)
+TEST(two_clocks_fail_where_the_phase_error_says)
 {
-    (void)state;
     for (unsigned i = 0; i < sizeof pairs / sizeof pairs[0]; i++) {
         check_pair(i, pairs[i].slow, 1);
         check_pair(i, pairs[i].fast, -1);
@@ -131,9 +130,8 @@ static rig *rig_on_line(const cw_bit_timing *timing, unsigned metres)
 
 /* The acknowledgement must be back before the sample point. The receiver leads by up to a quantum.
  * 1 Mbit/s reaches 40 m, 125 kbit/s 500 m, 50 kbit/s 1000 m. */
-static void a_line_too_long_breaks_the_acknowledgement(void **state)
+TEST(a_line_too_long_breaks_the_acknowledgement)
 {
-    (void)state;
     static const struct {
         unsigned quarter_ns, prop, seg1, seg2, sjw, metres;
     } lines[] = {{250, 10, 2, 3, 2, 40}, {2000, 11, 2, 2, 2, 500}, {4000, 11, 4, 4, 4, 1000}};
@@ -163,9 +161,8 @@ static void a_line_too_long_breaks_the_acknowledgement(void **state)
 
 /* Two contenders are at the ends of a line. The dominant bit of the far one comes after the sample
  * point of the near one, which finds an error, or loses too late. */
-static void contenders_on_a_line_too_long_find_bit_errors(void **state)
+TEST(contenders_on_a_line_too_long_find_bit_errors)
 {
-    (void)state;
     cw_bit_timing t = timing_of(1, 10, 2, 3, 2);
     t.quantum = 250 * NS / 4;
     for (unsigned k = 0; k < 2; k++) {
@@ -197,9 +194,8 @@ static cw_rule *add_rule(rig *r, const char *name, cw_trigger trigger, cw_action
 
 /* A bit that is disturbed from 80 % on is right for who samples at 75 %, and wrong for who samples
  * at 87.5 %. That node alone finds the error; its flag tells the others. */
-static void a_late_disturbance_is_seen_by_late_sample_points(void **state)
+TEST(a_late_disturbance_is_seen_by_late_sample_points)
 {
-    (void)state;
     const cw_bit_timing early = timing_of(125, 6, 5, 4, 2), late = timing_of(125, 6, 7, 2, 2);
     rig *r = rig_apart(3, &early);
     r->nodes[2].timing.bit = late;
@@ -223,9 +219,8 @@ static void a_late_disturbance_is_seen_by_late_sample_points(void **state)
 }
 
 /* T9: in idle a pulse is an edge, but no frame when the sample is recessive again. */
-static void a_pulse_in_idle_is_no_frame(void **state)
+TEST(a_pulse_in_idle_is_no_frame)
 {
-    (void)state;
     const cw_bit_timing t = timing_of(125, 6, 7, 2, 2);
     for (unsigned k = 0; k < 2; k++) {
         rig *r = rig_apart(3, &t);
@@ -244,9 +239,8 @@ static void a_pulse_in_idle_is_no_frame(void **state)
 
 /* A crystal drifts from 0 to 6 %. Its node becomes bus-off. The others stay, and reach each other
  * to the end. */
-static void a_node_that_drifts_out_goes_and_the_others_stay(void **state)
+TEST(a_node_that_drifts_out_goes_and_the_others_stay)
 {
-    (void)state;
     const cw_bit_timing t = timing_of(125, 4, 5, 6, 4);
     rig *r = rig_apart(3, &t);
     cw_rule *ramp = add_rule(r, "warm", CW_TRIGGER_TIME, CW_ACTION_RAMP);
@@ -277,9 +271,8 @@ static void a_node_that_drifts_out_goes_and_the_others_stay(void **state)
 
 /* A node with the wrong prescaler, twice the bit rate, takes three bits for six. It understands
  * nothing, and its active flags destroy the frames of the others. */
-static void a_node_at_the_wrong_bit_rate_destroys_and_leaves(void **state)
+TEST(a_node_at_the_wrong_bit_rate_destroys_and_leaves)
 {
-    (void)state;
     const cw_bit_timing t = timing_of(125, 6, 7, 2, 2);
     rig *r = rig_apart(3, &t);
     r->nodes[2].timing.bit.quantum /= 2;
@@ -298,9 +291,8 @@ static void a_node_at_the_wrong_bit_rate_destroys_and_leaves(void **state)
 
 /* A recessive bit is shorter where its edge comes late. It is read as long as the delay ends before
  * the sample point. Without it the frame has an error at every recessive bit after a dominant. */
-static void slow_recessive_edges_shorten_bits(void **state)
+TEST(slow_recessive_edges_shorten_bits)
 {
-    (void)state;
     const cw_bit_timing t = timing_of(125, 6, 7, 2, 2);
     for (unsigned k = 0; k < 2; k++) {
         rig *r = rig_apart(2, &t);
@@ -314,9 +306,8 @@ static void slow_recessive_edges_shorten_bits(void **state)
 }
 
 /* Each edge comes at another moment, but early enough: nothing is lost, and no clock agrees. */
-static void jitter_below_the_margin_does_nothing(void **state)
+TEST(jitter_below_the_margin_does_nothing)
 {
-    (void)state;
     const cw_bit_timing t = timing_of(125, 6, 7, 2, 2);
     rig *r = rig_apart(2, &t);
     cw_rule *j = add_rule(r, "jitter", CW_TRIGGER_TIME, CW_ACTION_JITTER);
@@ -332,9 +323,8 @@ static void jitter_below_the_margin_does_nothing(void **state)
 
 /* The wire swings after each edge to recessive. It is read right while the swing ends before the
  * sample point. */
-static void ringing_up_to_the_sample_point_does_no_harm(void **state)
+TEST(ringing_up_to_the_sample_point_does_no_harm)
 {
-    (void)state;
     const cw_bit_timing t = timing_of(125, 6, 7, 2, 1);
     for (unsigned k = 0; k < 2; k++) {
         rig *r = rig_apart(2, &t);
@@ -345,21 +335,4 @@ static void ringing_up_to_the_sample_point_does_no_harm(void **state)
         assert_int_equal(rig_stats(r, 1).rx_frames, k ? 0 : 4);
         rig_free(r);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(two_clocks_fail_where_the_phase_error_says),
-        cmocka_unit_test(a_line_too_long_breaks_the_acknowledgement),
-        cmocka_unit_test(contenders_on_a_line_too_long_find_bit_errors),
-        cmocka_unit_test(a_late_disturbance_is_seen_by_late_sample_points),
-        cmocka_unit_test(a_pulse_in_idle_is_no_frame),
-        cmocka_unit_test(a_node_that_drifts_out_goes_and_the_others_stay),
-        cmocka_unit_test(a_node_at_the_wrong_bit_rate_destroys_and_leaves),
-        cmocka_unit_test(slow_recessive_edges_shorten_bits),
-        cmocka_unit_test(jitter_below_the_margin_does_nothing),
-        cmocka_unit_test(ringing_up_to_the_sample_point_does_no_harm),
-    };
-    return cmocka_run_group_tests_name("nodes apart", tests, NULL, NULL);
 }

@@ -5,20 +5,13 @@
  * the same ticks. So must ringing, pulses, flipped bits and jitter, and delays and ringing that
  * change.
  */
+#include "cases.h"
 #include "mac/mac.h"
 #include "made_levels.h"
 #include "quanta.h"
 
 #include <inttypes.h>
 #include <limits.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define SEEDS 100u
 #define CHANGES 12u
@@ -31,12 +24,12 @@
 
 /* ---- Random buses ---------------------------------------------------------------------------- */
 
-static uint64_t state;
+static uint64_t chance;
 
 static uint64_t draw(void)
 {
-    state += 0x9E3779B97F4A7C15u;
-    uint64_t x = state;
+    chance += 0x9E3779B97F4A7C15u;
+    uint64_t x = chance;
     x = (x ^ x >> 30) * 0xBF58476D1CE4E5B9u;
     x = (x ^ x >> 27) * 0x94D049BB133111EBu;
     return x ^ x >> 31;
@@ -115,7 +108,7 @@ static void draw_scenario(uint64_t seed)
 {
     static const int64_t clocks[] = {0, 100, 1000, 3000, 50000}; /* ppm */
     static const unsigned delays[] = {0, 5, 20, 300}; /* percent of a bit */
-    state = seed;
+    chance = seed;
     scenario *s = &now_tested;
     *s = (scenario){.node_count = (unsigned)between(2, QUANTA_NODES_MAX), .counts = seed % 2,
                     .seed = seed};
@@ -783,9 +776,8 @@ static bool is_on_grid(const scenario *s)
     return same;
 }
 
-static void a_bus_does_what_its_nodes_do_quantum_by_quantum(void **unused)
+TEST(a_bus_does_what_its_nodes_do_quantum_by_quantum)
 {
-    (void)unused;
     unsigned kinds[CW_EVENT_COUNT] = {0}, resyncs = 0;
     for (uint64_t seed = 1; seed <= SEEDS; seed++) {
         draw_scenario(seed);
@@ -827,9 +819,8 @@ static void compare_runs(void (*draws)(uint64_t seed))
     assert_true(kinds[CW_EVENT_ERROR] > 500 && kinds[CW_EVENT_ARBITRATION_LOST] > 200);
 }
 
-static void faults_act_at_their_times_quantum_by_quantum(void **unused)
+TEST(faults_act_at_their_times_quantum_by_quantum)
 {
-    (void)unused;
     compare_runs(draw_faults);
 }
 
@@ -841,25 +832,22 @@ static void draw_ways(uint64_t seed)
     draw_changes(&now_tested, CW_TICK * BIT_TICKS / 100 * delays[draw() % 4]);
 }
 
-static void delays_and_ringing_change_for_edges_to_come(void **unused)
+TEST(delays_and_ringing_change_for_edges_to_come)
 {
-    (void)unused;
     changes_taken = 0;
     compare_runs(draw_ways);
     compare_run(draw_ways, 2408); /* delays change twice while a pulse is under way, and no edge */
     assert_true(changes_taken > 2 * FAULTY_SEEDS);
 }
 
-static void nodes_have_two_rates_quantum_by_quantum(void **unused)
+TEST(nodes_have_two_rates_quantum_by_quantum)
 {
-    (void)unused;
     compare_runs(draw_rates);
 }
 
 /* Levels of lines and of the wire change just when nodes and faults change them. */
-static void marks_show_each_level_when_it_is_made(void **unused)
+TEST(marks_show_each_level_when_it_is_made)
 {
-    (void)unused;
     unsigned by_rules = 0;
     made.wanted = true;
     for (uint64_t seed = 1; seed <= MARKED_SEEDS; seed++) {
@@ -873,16 +861,4 @@ static void marks_show_each_level_when_it_is_made(void **unused)
     }
     made.wanted = false;
     assert_true(by_rules > 1000);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(marks_show_each_level_when_it_is_made),
-        cmocka_unit_test(a_bus_does_what_its_nodes_do_quantum_by_quantum),
-        cmocka_unit_test(faults_act_at_their_times_quantum_by_quantum),
-        cmocka_unit_test(delays_and_ringing_change_for_edges_to_come),
-        cmocka_unit_test(nodes_have_two_rates_quantum_by_quantum),
-    };
-    return cmocka_run_group_tests_name("clocks of nodes", tests, NULL, NULL);
 }

@@ -271,18 +271,9 @@ static void run_periods(const feature *f, bool counts)
     rig_free(r);
 }
 
-static void a_feature_does_the_same_after_hours(void **state)
+TEST(a_feature_does_the_same_after_hours)
 {
-    (void)state;
     for (unsigned i = 0; i < FEATURE_COUNT; i++)
         for (unsigned counts = 0; counts < 2; counts++)
             run_periods(&features[i], counts);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_feature_does_the_same_after_hours),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -6,8 +6,6 @@
 
 #include "time/local.h"
 
-#include <string.h>
-
 #define US 80u          /* ticks */
 #define UNIT (US * CW_TICK)
 #define MASTER 0
@@ -70,9 +68,8 @@ static uint64_t begin_of(const cw_event *tx)
 
 /* ---- The counter ----------------------------------------------------------------------------- */
 
-static void a_counter_counts_whole_units(void **state)
+TEST(a_counter_counts_whole_units)
 {
-    (void)state;
     const cw_local_clock c = cw_local_begin(UNIT, CW_TICK, 7);
     assert_int_equal(cw_local_at(&c, (cw_instant){.tick = US - 1, .fraction = UINT32_MAX}), 7);
     assert_int_equal(cw_local_at(&c, (cw_instant){.tick = US}), 8);
@@ -85,9 +82,8 @@ static void a_counter_counts_whole_units(void **state)
 }
 
 /* A clock that gets faster by a half in the middle of a unit has done half of it by then. */
-static void a_counter_changes_its_rate_in_the_middle_of_a_unit(void **state)
+TEST(a_counter_changes_its_rate_in_the_middle_of_a_unit)
 {
-    (void)state;
     cw_local_clock c = cw_local_begin(UNIT, 6 * CW_TICK, 0);
     cw_local_retime(&c, 3 * CW_TICK, (cw_instant){.tick = 10 * US + US / 2});
     assert_int_equal(cw_local_tick(&c, 11), 10 * US + US / 2 + US / 4);
@@ -101,9 +97,8 @@ static void a_counter_changes_its_rate_in_the_middle_of_a_unit(void **state)
 }
 
 /* A clock of 100 ppm is a unit ahead after 10001 of them; nothing is lost on the way. */
-static void an_inexact_clock_keeps_its_error(void **state)
+TEST(an_inexact_clock_keeps_its_error)
 {
-    (void)state;
     cw_local_clock c = cw_local_begin(UNIT, cw_quantum(10000000, 1, 0), 0);
     cw_local_retime(&c, cw_quantum(10000000, 1, 100), (cw_instant){.tick = 0});
     assert_int_equal(cw_local_at(&c, (cw_instant){.tick = UINT64_C(10000) * US}), 10001 - 1);
@@ -114,9 +109,8 @@ static void an_inexact_clock_keeps_its_error(void **state)
 
 /* ---- Global time ----------------------------------------------------------------------------- */
 
-static void global_time_follows_from_two_captures(void **state)
+TEST(global_time_follows_from_two_captures)
 {
-    (void)state;
     static const cw_time_pair known[2] = {{.a = 10000, .b = 10501}, {.a = 60000, .b = 60506}};
     static const cw_time_pair wide[2] = {{.a = UINT64_MAX - 9, .b = 0},
                                          {.a = UINT64_MAX / 2, .b = UINT64_MAX / 2 + 10}};
@@ -136,9 +130,8 @@ static void global_time_follows_from_two_captures(void **state)
 /* ---- Captures -------------------------------------------------------------------------------- */
 
 /* The first SOF is bit 11: it is sampled at 11 bits and 14 of 16 quanta. */
-static void frames_are_captured_at_sof_or_in_the_last_bit_of_eof(void **state)
+TEST(frames_are_captured_at_sof_or_in_the_last_bit_of_eof)
 {
-    (void)state;
     const cw_frame f = {.id = 0x123};
     const uint64_t length = cw_frame_wire_bits(&f);
     rig *r = rig_new(3);
@@ -182,9 +175,8 @@ static rig *new_matrix(const cw_time_trigger *of_slave, unsigned count)
 }
 
 /* The SOF of each frame is the first bit that begins at its trigger or after it. */
-static void frames_go_in_their_slots(void **state)
+TEST(frames_go_in_their_slots)
 {
-    (void)state;
     const cw_time_trigger of_slave[] = {trigger(1000, 50, 0x300)};
     rig *r = new_matrix(of_slave, 1);
     rig_run_bits(r, 5 * CYCLE_BITS);
@@ -207,9 +199,8 @@ static void frames_go_in_their_slots(void **state)
 }
 
 /* Cycle 1 of each two, and cycle 2 of all four. */
-static void the_matrix_says_in_which_cycles_a_trigger_acts(void **state)
+TEST(the_matrix_says_in_which_cycles_a_trigger_acts)
 {
-    (void)state;
     cw_time_trigger of_slave[] = {trigger(600, 50, 0x301), trigger(1000, 50, 0x302)};
     of_slave[0].repeat = 2;
     of_slave[0].cycle = 1;
@@ -226,9 +217,8 @@ static void the_matrix_says_in_which_cycles_a_trigger_acts(void **state)
 }
 
 /* Another frame is on the bus during the whole slot. */
-static void a_frame_that_cannot_begin_in_its_slot_is_given_up(void **state)
+TEST(a_frame_that_cannot_begin_in_its_slot_is_given_up)
 {
-    (void)state;
     const cw_time_trigger of_slave[] = {trigger(1000, 20, 0x300)};
     const cw_frame other = {.id = 0x123, .dlc = 8};
     rig *r = new_matrix(of_slave, 1);
@@ -248,9 +238,8 @@ static void a_frame_that_cannot_begin_in_its_slot_is_given_up(void **state)
 }
 
 /* Two nodes share a window: one loses arbitration, and does not try again (L1). */
-static void a_frame_that_loses_in_its_slot_is_given_up(void **state)
+TEST(a_frame_that_loses_in_its_slot_is_given_up)
 {
-    (void)state;
     const cw_time_trigger of_slave[] = {trigger(500, 100, 0x201)};
     rig *r = new_matrix(of_slave, 1);
     rig_run_bits(r, 2 * CYCLE_BITS);
@@ -264,9 +253,8 @@ static void a_frame_that_loses_in_its_slot_is_given_up(void **state)
 
 /* Nobody acknowledges the first reference messages. The master tries again, a cycle later each
  * time, and sends nothing else before. */
-static void a_master_without_an_answer_tries_again(void **state)
+TEST(a_master_without_an_answer_tries_again)
 {
-    (void)state;
     rig *r = rig_new(2);
     give_schedule(r, MASTER, of_master, 2);
     rig_start(r);
@@ -286,9 +274,8 @@ static void a_master_without_an_answer_tries_again(void **state)
 
 /* The slave's clock is fast by 1000 ppm: 1000 of its units are 999 us. It knows the time of the
  * master all the same, and its slots drift by what it counts too fast since the reference. */
-static void a_node_with_another_clock_knows_the_time_of_the_master(void **state)
+TEST(a_node_with_another_clock_knows_the_time_of_the_master)
 {
-    (void)state;
     const cw_time_trigger of_slave[] = {trigger(1000, 50, 0x300)};
     rig *r = rig_new(3);
     give_schedule(r, MASTER, of_master, 2);
@@ -314,9 +301,8 @@ static void a_node_with_another_clock_knows_the_time_of_the_master(void **state)
 
 /* ---- Reload and settings --------------------------------------------------------------------- */
 
-static void a_cycle_goes_on_at_a_reload(void **state)
+TEST(a_cycle_goes_on_at_a_reload)
 {
-    (void)state;
     static const uint8_t from[] = {0, 1, 2};
     const cw_time_trigger of_slave[] = {trigger(1000, 50, 0x300)};
     rig *old = new_matrix(of_slave, 1);
@@ -333,9 +319,8 @@ static void a_cycle_goes_on_at_a_reload(void **state)
     rig_free(old);
 }
 
-static void bad_schedules_are_refused(void **state)
+TEST(bad_schedules_are_refused)
 {
-    (void)state;
     const cw_time_trigger good[] = {trigger(10, 5, 0x1), trigger(20, 5, 0x2)};
     cw_time_trigger bad[][2] = {{good[1], good[0]}, {good[0], good[1]}, {good[0], good[1]},
                                 {good[0], good[1]}};
@@ -358,24 +343,4 @@ static void bad_schedules_are_refused(void **state)
     r->nodes[0].local.start = 65536;
     assert_int_equal(cw_bus_size(&r->config), 0);
     rig_free(r);
-}
-
-int main(void)
-{
-    static const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_counter_counts_whole_units),
-        cmocka_unit_test(a_counter_changes_its_rate_in_the_middle_of_a_unit),
-        cmocka_unit_test(an_inexact_clock_keeps_its_error),
-        cmocka_unit_test(global_time_follows_from_two_captures),
-        cmocka_unit_test(frames_are_captured_at_sof_or_in_the_last_bit_of_eof),
-        cmocka_unit_test(frames_go_in_their_slots),
-        cmocka_unit_test(the_matrix_says_in_which_cycles_a_trigger_acts),
-        cmocka_unit_test(a_frame_that_cannot_begin_in_its_slot_is_given_up),
-        cmocka_unit_test(a_frame_that_loses_in_its_slot_is_given_up),
-        cmocka_unit_test(a_master_without_an_answer_tries_again),
-        cmocka_unit_test(a_node_with_another_clock_knows_the_time_of_the_master),
-        cmocka_unit_test(a_cycle_goes_on_at_a_reload),
-        cmocka_unit_test(bad_schedules_are_refused),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,15 +3,8 @@
  * test_quanta.c - the difference of two clocks that a pair of controllers stands, by the rules of
  * bit timing alone (T10, T11).
  */
+#include "cases.h"
 #include "quanta.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdio.h>
-#include <stdlib.h>
-
-#include <cmocka.h>
 
 #define FRAMES 48u
 #define PHASES 6u
@@ -99,9 +92,8 @@ static void check_pair(unsigned i, double percent, int sign)
         fail_msg("%s: %+.2f %% does not fail", pairs[i].name, sign * most);
 }
 
-static void two_clocks_fail_where_the_phase_error_says(void **state)
+TEST(two_clocks_fail_where_the_phase_error_says)
 {
-    (void)state;
     for (unsigned i = 0; i < PAIRS; i++) {
         check_pair(i, pairs[i].slow, 1);
         check_pair(i, pairs[i].fast, -1);
@@ -133,9 +125,8 @@ static int64_t limit_of(const quanta_timing *t)
     return by_width < by_phase ? by_width : by_phase;
 }
 
-static void inside_the_sufficient_limit_nothing_fails(void **state)
+TEST(inside_the_sufficient_limit_nothing_fails)
 {
-    (void)state;
     for (uint64_t seed = 0; seed < 12; seed++) {
         quanta_timing t = draw_timing(10 * seed);
         if (quanta_bit(&t) < 8)
@@ -164,9 +155,8 @@ static const cw_error *first_error_at(quanta *q, const quanta_timing *timing, in
 
 /* The acknowledgement comes after the sample point when the way there and back is longer than the
  * bit up to there. The receiver leads the edge by up to a quantum. */
-static void a_line_too_long_breaks_the_acknowledgement(void **state)
+TEST(a_line_too_long_breaks_the_acknowledgement)
 {
-    (void)state;
     for (unsigned i = 0; i < PAIRS; i++) {
         const quanta_timing *t = &pairs[i].timing;
         const int64_t to_sample = (1 + t->prop + t->seg1) * t->quantum;
@@ -274,17 +264,15 @@ static unsigned quanta_to_sample(const quanta_timing *t)
 }
 
 /* 7.7.1 */
-static void a_bit_is_sampled_at_its_sample_point(void **state)
+TEST(a_bit_is_sampled_at_its_sample_point)
 {
-    (void)state;
     for (unsigned i = 0; i < PAIRS; i++)
         check_sampled(&pairs[i].timing, 0, quanta_to_sample(&pairs[i].timing), 0);
 }
 
 /* T12: an edge at the very moment of a look comes in the next quantum. */
-static void a_level_is_seen_after_its_moment(void **state)
+TEST(a_level_is_seen_after_its_moment)
 {
-    (void)state;
     for (unsigned i = 0; i < PAIRS; i++) {
         script s;
         begin_script(&s, &pairs[i].timing, 0xFF);
@@ -297,9 +285,8 @@ static void a_level_is_seen_after_its_moment(void **state)
 }
 
 /* 7.7.3, 7.7.4 */
-static void a_late_edge_is_corrected_up_to_the_jump_width(void **state)
+TEST(a_late_edge_is_corrected_up_to_the_jump_width)
 {
-    (void)state;
     for (unsigned i = 0; i < PAIRS; i++) {
         const quanta_timing *t = &pairs[i].timing;
         for (unsigned e = 1; e < t->prop + t->seg1; e++) {
@@ -310,9 +297,8 @@ static void a_late_edge_is_corrected_up_to_the_jump_width(void **state)
 }
 
 /* 7.7.5, 7.7.6 */
-static void an_early_edge_is_corrected_up_to_the_jump_width(void **state)
+TEST(an_early_edge_is_corrected_up_to_the_jump_width)
 {
-    (void)state;
     for (unsigned i = 0; i < PAIRS; i++) {
         const quanta_timing *t = &pairs[i].timing;
         for (unsigned e = 1; e <= t->seg2; e++) {
@@ -323,9 +309,8 @@ static void an_early_edge_is_corrected_up_to_the_jump_width(void **state)
 }
 
 /* 7.7.7: a second edge would move the sample point once more. */
-static void only_one_edge_synchronises_between_samples(void **state)
+TEST(only_one_edge_synchronises_between_samples)
 {
-    (void)state;
     for (unsigned i = 0; i < PAIRS; i++) {
         const quanta_timing *t = &pairs[i].timing;
         if (quanta_to_sample(t) > 4)
@@ -335,9 +320,8 @@ static void only_one_edge_synchronises_between_samples(void **state)
 
 /* 7.7.10: the bench is recessive for a quantum after the sample point of a dominant bit. The bit
  * after it is dominant, too, and cut at its sample point. */
-static void an_edge_after_a_dominant_sample_does_not_synchronise(void **state)
+TEST(an_edge_after_a_dominant_sample_does_not_synchronise)
 {
-    (void)state;
     for (unsigned i = 0; i < PAIRS; i++)
         for (unsigned less = 0; less < 2; less++) {
             script s;
@@ -350,9 +334,8 @@ static void an_edge_after_a_dominant_sample_does_not_synchronise(void **state)
 }
 
 /* 7.7.9.1 */
-static void a_glitch_in_idle_is_no_frame(void **state)
+TEST(a_glitch_in_idle_is_no_frame)
 {
-    (void)state;
     for (unsigned i = 0; i < PAIRS; i++) {
         const quanta_timing *t = &pairs[i].timing;
         const int64_t begin = SETTLE_BITS * quanta_bit(t) * t->quantum + t->quantum / 2;
@@ -370,9 +353,8 @@ static void a_glitch_in_idle_is_no_frame(void **state)
 }
 
 /* 8.7.7: the transceiver gives a transmitter's own edges back two quanta late. */
-static void a_transmitter_does_not_follow_its_own_delay(void **state)
+TEST(a_transmitter_does_not_follow_its_own_delay)
 {
-    (void)state;
     for (unsigned i = 0; i < PAIRS; i++) {
         const quanta_timing *t = &pairs[i].timing;
         quanta q = {.next_frame = next_frame};
@@ -386,22 +368,4 @@ static void a_transmitter_does_not_follow_its_own_delay(void **state)
             assert_int_equal((q.nodes[0].edge_at[k] - q.nodes[0].edge_at[0]) %
                                  (quanta_bit(t) * t->quantum), 0);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(two_clocks_fail_where_the_phase_error_says),
-        cmocka_unit_test(inside_the_sufficient_limit_nothing_fails),
-        cmocka_unit_test(a_line_too_long_breaks_the_acknowledgement),
-        cmocka_unit_test(a_bit_is_sampled_at_its_sample_point),
-        cmocka_unit_test(a_late_edge_is_corrected_up_to_the_jump_width),
-        cmocka_unit_test(an_early_edge_is_corrected_up_to_the_jump_width),
-        cmocka_unit_test(only_one_edge_synchronises_between_samples),
-        cmocka_unit_test(a_level_is_seen_after_its_moment),
-        cmocka_unit_test(an_edge_after_a_dominant_sample_does_not_synchronise),
-        cmocka_unit_test(a_glitch_in_idle_is_no_frame),
-        cmocka_unit_test(a_transmitter_does_not_follow_its_own_delay),
-    };
-    return cmocka_run_group_tests_name("clocks that differ", tests, NULL, NULL);
 }

@@ -64,9 +64,8 @@ static uint64_t expected_ticks(cw_place place, bool in_data_phase)
     return in_data_phase ? NS_TICKS(500) : NS_TICKS(2000);
 }
 
-static void bits_are_nominal_fast_or_mixed(void **state)
+TEST(bits_are_nominal_fast_or_mixed)
 {
-    (void)state;
     rig *r = rig_of(3, &fast);
     const cw_frame f = frame_of(64);
     unsigned seen[CW_FIELD_COUNT] = {0};
@@ -102,9 +101,8 @@ static uint64_t ticks_of(const cw_frame *f)
     return (bits.length - inside - 1) * 160 + (inside + 1) * 40;
 }
 
-static void a_frame_lasts_as_long_as_its_bits(void **state)
+TEST(a_frame_lasts_as_long_as_its_bits)
 {
-    (void)state;
     rig *r = rig_of(2, &fast);
     rig_random random = {.state = 7};
     uint64_t data_ticks = 0;
@@ -147,9 +145,8 @@ static rig *rig_delayed(const cw_tdc *tdc)
     return r;
 }
 
-static void a_loop_longer_than_the_sample_point_needs_compensation(void **state)
+TEST(a_loop_longer_than_the_sample_point_needs_compensation)
 {
-    (void)state;
     const cw_tdc off = {.mode = CW_TDC_OFF}, automatic = {.mode = CW_TDC_AUTO, .tdco = 12};
     const cw_frame f = frame_of(16);
     rig *r = rig_delayed(&off);
@@ -179,9 +176,8 @@ static void a_loop_longer_than_the_sample_point_needs_compensation(void **state)
 
 /* D13: tdcv is whole clocks before the one in which the edge is seen. It is 0 without delay, and a
  * look at 0 is taken after one clock (T12). With no offset it finds the own level in any case. */
-static void the_measured_delay_is_in_whole_clocks(void **state)
+TEST(the_measured_delay_is_in_whole_clocks)
 {
-    (void)state;
     static const struct {
         cw_span way; /* from the controller to itself */
         unsigned clocks;
@@ -211,9 +207,8 @@ static void the_measured_delay_is_in_whole_clocks(void **state)
     }
 }
 
-static void without_brs_the_delay_does_not_matter(void **state)
+TEST(without_brs_the_delay_does_not_matter)
 {
-    (void)state;
     const cw_tdc off = {.mode = CW_TDC_OFF};
     rig *r = rig_delayed(&off);
     cw_frame f = frame_of(16);
@@ -228,9 +223,8 @@ static void without_brs_the_delay_does_not_matter(void **state)
 
 /* ---- Rates that differ, and changes ---------------------------------------------------------- */
 
-static void a_node_at_another_data_rate_destroys_what_it_reads(void **state)
+TEST(a_node_at_another_data_rate_destroys_what_it_reads)
 {
-    (void)state;
     rig *r = rig_of(3, &fast);
     r->nodes[2].timing.data.bit.phase_seg2 = 4; /* 12 quanta */
     const cw_frame f = frame_of(32);
@@ -248,9 +242,8 @@ static void a_node_at_another_data_rate_destroys_what_it_reads(void **state)
     rig_free(r);
 }
 
-static void the_data_phase_changes_while_the_bus_runs(void **state)
+TEST(the_data_phase_changes_while_the_bus_runs)
 {
-    (void)state;
     rig *r = rig_of(2, &fast);
     const cw_frame f = frame_of(8);
     cw_settings s = {.which = CW_SET_DATA, .data = fast}, now;
@@ -295,9 +288,8 @@ static uint64_t second_error(uint64_t tick, bool stepping, uint64_t *end)
     return second;
 }
 
-static void a_node_comes_onto_the_bus_in_the_data_phase(void **state)
+TEST(a_node_comes_onto_the_bus_in_the_data_phase)
 {
-    (void)state;
     uint64_t end, reference_end;
     for (uint64_t tick = 80 * 160; tick < 115 * 160; tick += 8) {
         const uint64_t reference = second_error(tick, true, &reference_end);
@@ -332,16 +324,14 @@ static uint64_t next_sent(uint64_t tick, bool stepping)
 }
 
 /* From then on edges move it (D12): it is no transmitter any more. */
-static void a_sender_that_leaves_the_data_phase_synchronises(void **state)
+TEST(a_sender_that_leaves_the_data_phase_synchronises)
 {
-    (void)state;
     for (uint64_t tick = 55 * 160; tick < 110 * 160; tick += 56)
         assert_int_equal(next_sent(tick, false), next_sent(tick, true));
 }
 
-static void a_faster_clock_is_faster_at_both_rates(void **state)
+TEST(a_faster_clock_is_faster_at_both_rates)
 {
-    (void)state;
     rig *r = rig_of(2, &fast);
     cw_settings s = {.which = CW_SET_QUANTUM, .timing = nominal};
     s.timing.quantum = nominal.quantum / 1000 * 997;
@@ -358,9 +348,8 @@ static void a_faster_clock_is_faster_at_both_rates(void **state)
     rig_free(r);
 }
 
-static void buses_without_a_data_rate_have_no_data_statistics(void **state)
+TEST(buses_without_a_data_rate_have_no_data_statistics)
 {
-    (void)state;
     static const cw_data_timing none = {.data_brp = 0};
     rig *r = rig_of(2, &none);
     cw_data_stats s;
@@ -373,9 +362,8 @@ static void buses_without_a_data_rate_have_no_data_statistics(void **state)
     rig_free(r);
 }
 
-static void wrong_values_are_refused(void **state)
+TEST(wrong_values_are_refused)
 {
-    (void)state;
     cw_data_timing bad[] = {fast, fast, fast, fast};
     bad[0].brp = 0;
     bad[1].data_brp = 65537;
@@ -427,9 +415,8 @@ static cw_rule rule_on_data(cw_action action)
 
 /* A time is as long in the data phase as elsewhere: so many more bits begin in it. The second one
  * is a stuff bit, behind a DLC of 15. */
-static void a_level_is_forced_for_a_time(void **state)
+TEST(a_level_is_forced_for_a_time)
 {
-    (void)state;
     static const struct {
         uint64_t ns;
         uint64_t bits;
@@ -443,9 +430,8 @@ static void a_level_is_forced_for_a_time(void **state)
 }
 
 /* The CRC delimiter begins at the one rate and ends at the other. */
-static void a_time_goes_by_both_rates(void **state)
+TEST(a_time_goes_by_both_rates)
 {
-    (void)state;
     cw_rule rule = rule_on_data(CW_ACTION_FORCE);
     rule.field = CW_FIELD_CRC_DELIMITER;
     rule.level = CW_RECESSIVE;
@@ -459,9 +445,8 @@ static void a_time_goes_by_both_rates(void **state)
 
 /* The transmitter does not synchronise in the data phase (D12): the pulse meets its sample point at
  * 80 % of the first data bit. */
-static void a_part_of_a_bit_is_one_of_that_bit(void **state)
+TEST(a_part_of_a_bit_is_one_of_that_bit)
 {
-    (void)state;
     rig *r = rig_of(3, &fast);
     cw_frame f = frame_of(64);
     cw_rule *rule = rig_rule(r, rule_on_data(CW_ACTION_PULSE));
@@ -480,9 +465,8 @@ static void a_part_of_a_bit_is_one_of_that_bit(void **state)
 }
 
 /* The load is one of time: a frame of 64 bytes has many bits that are short. */
-static void a_load_counts_time(void **state)
+TEST(a_load_counts_time)
 {
-    (void)state;
     rig *r = rig_of(2, &fast);
     cw_rule *own = rig_rule(r, new_rule("own", CW_TRIGGER_TIME, CW_ACTION_SEND));
     own->frame = frame_of(64);
@@ -497,27 +481,4 @@ static void a_load_counts_time(void **state)
     assert_in_range(s.busy_ticks * 1000 / s.ticks, 499, 501);
     assert_in_range(s.load_permille, 495, 505);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(bits_are_nominal_fast_or_mixed),
-        cmocka_unit_test(a_frame_lasts_as_long_as_its_bits),
-        cmocka_unit_test(a_loop_longer_than_the_sample_point_needs_compensation),
-        cmocka_unit_test(the_measured_delay_is_in_whole_clocks),
-        cmocka_unit_test(without_brs_the_delay_does_not_matter),
-        cmocka_unit_test(a_node_at_another_data_rate_destroys_what_it_reads),
-        cmocka_unit_test(the_data_phase_changes_while_the_bus_runs),
-        cmocka_unit_test(a_node_comes_onto_the_bus_in_the_data_phase),
-        cmocka_unit_test(a_sender_that_leaves_the_data_phase_synchronises),
-        cmocka_unit_test(a_faster_clock_is_faster_at_both_rates),
-        cmocka_unit_test(buses_without_a_data_rate_have_no_data_statistics),
-        cmocka_unit_test(wrong_values_are_refused),
-        cmocka_unit_test(a_level_is_forced_for_a_time),
-        cmocka_unit_test(a_time_goes_by_both_rates),
-        cmocka_unit_test(a_part_of_a_bit_is_one_of_that_bit),
-        cmocka_unit_test(a_load_counts_time),
-    };
-    return cmocka_run_group_tests_name("two rates", tests, NULL, NULL);
 }

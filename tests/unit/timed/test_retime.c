@@ -45,9 +45,8 @@ static void check(const rig *r, const cw_bit_timing *expected)
 
 /* ---- Parts ----------------------------------------------------------------------------------- */
 
-static void each_part_changes_alone(void **state)
+TEST(each_part_changes_alone)
 {
-    (void)state;
     rig *r = rig_timed();
     cw_bit_timing expected = own;
     const cw_bit_timing other = {.quantum = QUANTUM + 1, .prop_seg = 7, .phase_seg1 = 5,
@@ -70,9 +69,8 @@ static void each_part_changes_alone(void **state)
 }
 
 /* A part is wrong together with the other parts as they are now. */
-static void a_wrong_part_changes_nothing(void **state)
+TEST(a_wrong_part_changes_nothing)
 {
-    (void)state;
     rig *r = rig_timed();
     const struct {
         uint8_t which;
@@ -111,9 +109,8 @@ static size_t exchange(rig *r)
 }
 
 /* Bits still begin together when only the sample point differs. */
-static void a_bus_leaves_the_grid_and_comes_back(void **state)
+TEST(a_bus_leaves_the_grid_and_comes_back)
 {
-    (void)state;
     rig *r = rig_timed();
     assert_int_equal(exchange(r), 2);
     assert_true(cw_bus_is_on_grid(r->bus));
@@ -127,9 +124,8 @@ static void a_bus_leaves_the_grid_and_comes_back(void **state)
     rig_free(r);
 }
 
-static void a_clock_becomes_slow_and_right_again(void **state)
+TEST(a_clock_becomes_slow_and_right_again)
 {
-    (void)state;
     rig *r = rig_timed();
     const cw_bit_timing slow = {.quantum = QUANTUM + QUANTUM / 1000};
     assert_int_equal(set(r, CW_SET_QUANTUM, slow), CW_OK);
@@ -144,9 +140,8 @@ static void a_clock_becomes_slow_and_right_again(void **state)
 
 static const cw_settings no_way = {.which = CW_SET_WAY | CW_SET_RINGING};
 
-static void a_delay_takes_the_bus_off_the_grid(void **state)
+TEST(a_delay_takes_the_bus_off_the_grid)
 {
-    (void)state;
     rig *r = rig_timed();
     const cw_settings late = {.which = CW_SET_RX_DELAY, .rx_delay = {QUANTUM, 2 * QUANTUM}};
     assert_int_equal(exchange(r), 2);
@@ -162,9 +157,8 @@ static void a_delay_takes_the_bus_off_the_grid(void **state)
     rig_free(r);
 }
 
-static void each_part_of_the_way_changes_alone(void **state)
+TEST(each_part_of_the_way_changes_alone)
 {
-    (void)state;
     rig *r = rig_timed();
     const cw_settings other = {.tx_delay = {1, 2}, .rx_delay = {3, 4}, .place = 5, .stub = 6,
                                .ringing = 7};
@@ -187,9 +181,8 @@ static void each_part_of_the_way_changes_alone(void **state)
     rig_free(r);
 }
 
-static void a_way_that_is_too_long_changes_nothing(void **state)
+TEST(a_way_that_is_too_long_changes_nothing)
 {
-    (void)state;
     rig *r = rig_timed();
     const cw_span most = 16 * 20 * QUANTUM; /* bits */
     const cw_settings wrong[] = {
@@ -212,9 +205,8 @@ static void a_way_that_is_too_long_changes_nothing(void **state)
 
 /* The bus remembers the last 16 ways of edges that may be under way, here for 15 bits. Nodes look
  * back by two bits more. There is an edge in each bit. */
-static void too_many_changes_at_once_are_refused(void **state)
+TEST(too_many_changes_at_once_are_refused)
 {
-    (void)state;
     rig *r = rig_timed();
     unsigned taken = 0;
     cw_frame f = rig_frame(0x555, 0, 8);
@@ -230,19 +222,4 @@ static void too_many_changes_at_once_are_refused(void **state)
     }
     assert_in_range(taken, 20, 59);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(each_part_changes_alone),
-        cmocka_unit_test(a_wrong_part_changes_nothing),
-        cmocka_unit_test(a_bus_leaves_the_grid_and_comes_back),
-        cmocka_unit_test(a_clock_becomes_slow_and_right_again),
-        cmocka_unit_test(a_delay_takes_the_bus_off_the_grid),
-        cmocka_unit_test(each_part_of_the_way_changes_alone),
-        cmocka_unit_test(a_way_that_is_too_long_changes_nothing),
-        cmocka_unit_test(too_many_changes_at_once_are_refused),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

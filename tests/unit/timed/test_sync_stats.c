@@ -5,15 +5,8 @@
  * A bit has 16 quanta, is sampled after 12 and lasts 160 ticks. The frame 0F0#0F0F0F0F has its
  * edges to dominant at most 10 bits apart.
  */
+#include "cases.h"
 #include "canwire.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define BIT_TICKS 160u
 #define QUANTUM (CW_TICK * 10)
@@ -75,9 +68,8 @@ static rig run_frame(cw_span quantum, cw_span place, bool own_clocks)
 
 /* In 10 bits a receiver that is slow by 1 per cent falls behind by 1.6 quanta. Then an edge comes 1
  * or 2 quanta early. Of a fast one it comes 1 or 2 quanta late. */
-static void a_slow_receiver_sees_edges_early_and_a_fast_one_late(void **unused)
+TEST(a_slow_receiver_sees_edges_early_and_a_fast_one_late)
 {
-    (void)unused;
     const rig slow = run_frame(QUANTUM + QUANTUM / 100, 0, false);
     const rig fast = run_frame(QUANTUM - QUANTUM / 100, 0, false);
     assert_int_equal(slow.receiver.hard_syncs, 1);
@@ -92,9 +84,8 @@ static void a_slow_receiver_sees_edges_early_and_a_fast_one_late(void **unused)
 
 /* In 10 bits a receiver that is slow by 1000 ppm falls behind by 0.16 quanta. So an edge comes at
  * most in the last quantum of a bit, at least 4 - 1 quanta behind a sample point. */
-static void a_difference_of_1000_ppm_is_a_phase_error_of_one_quantum(void **unused)
+TEST(a_difference_of_1000_ppm_is_a_phase_error_of_one_quantum)
 {
-    (void)unused;
     const rig slow = run_frame(QUANTUM + QUANTUM / 1000, 0, false);
     assert_int_equal(slow.receiver.phase_error_tq, -1);
     assert_true(slow.receiver.margin > 3 * QUANTUM && slow.receiver.margin < 4 * QUANTUM);
@@ -104,9 +95,8 @@ static void a_difference_of_1000_ppm_is_a_phase_error_of_one_quantum(void **unus
 /* The receiver's acknowledgement comes 2 x 52 ticks late, or up to a quantum less, since it leads
  * the edge that it has synchronised to. With the quantum of SJW it is 26 to 36 ticks to the sample
  * point. With 2 x 25 ticks the sender's own edges are nearer: 4 quanta behind its sample points. */
-static void a_long_line_takes_from_the_margin_of_the_acknowledgement(void **unused)
+TEST(a_long_line_takes_from_the_margin_of_the_acknowledgement)
 {
-    (void)unused;
     const rig near = run_frame(QUANTUM, 25 * CW_TICK, false);
     const rig farther = run_frame(QUANTUM, 52 * CW_TICK, false);
     assert_true(near.sender.margin == 4 * QUANTUM);
@@ -134,9 +124,8 @@ static unsigned count_events(cw_bus *bus, bool hard, cw_event *kept, unsigned *k
 }
 
 /* The events agree with the statistics, and all other events are the same with and without them. */
-static void synchronisations_are_events_when_asked_for(void **unused)
+TEST(synchronisations_are_events_when_asked_for)
 {
-    (void)unused;
     cw_event events[2][16];
     unsigned counts[2];
     for (unsigned hard = 0; hard < 2; hard++) {
@@ -162,9 +151,8 @@ static void synchronisations_are_events_when_asked_for(void **unused)
 }
 
 /* The receiver's event comes at the end of the bit that has been moved, SOF. */
-static void a_hard_synchronisation_comes_at_the_end_of_sof(void **unused)
+TEST(a_hard_synchronisation_comes_at_the_end_of_sof)
 {
-    (void)unused;
     rig r = {.bus = make_bus(QUANTUM, 25 * CW_TICK)};
     cw_bus_set_events(r.bus, 1u << CW_EVENT_SYNC);
     assert_int_equal(cw_bus_advance(r.bus, 20 * BIT_TICKS), CW_OK);
@@ -178,9 +166,8 @@ static void a_hard_synchronisation_comes_at_the_end_of_sof(void **unused)
     free(r.bus);
 }
 
-static void common_bits_report_nothing(void **unused)
+TEST(common_bits_report_nothing)
 {
-    (void)unused;
     rig r = {.bus = make_bus(QUANTUM, 0)};
     cw_bus_set_own_clocks(r.bus, true);
     cw_bus_set_events(r.bus, 1u << CW_EVENT_SYNC);
@@ -191,9 +178,8 @@ static void common_bits_report_nothing(void **unused)
     free(r.bus);
 }
 
-static void a_node_that_is_off_the_bus_has_no_synchronisations(void **unused)
+TEST(a_node_that_is_off_the_bus_has_no_synchronisations)
 {
-    (void)unused;
     rig r = {.bus = make_bus(QUANTUM + QUANTUM / 100, 25 * CW_TICK)};
     cw_event e;
     cw_bus_set_events(r.bus, 1u << CW_EVENT_SYNC);
@@ -214,9 +200,8 @@ static void assert_empty(const cw_sync_stats *s)
     assert_true(s->phase_error == 0 && s->phase_error_tq == 0 && s->margin == CW_NO_MARGIN);
 }
 
-static void common_bits_count_nothing_on_the_grid_and_off_it(void **unused)
+TEST(common_bits_count_nothing_on_the_grid_and_off_it)
 {
-    (void)unused;
     for (unsigned own = 0; own < 2; own++) {
         const rig r = run_frame(QUANTUM, 0, own);
         assert_empty(&r.sender);
@@ -224,9 +209,8 @@ static void common_bits_count_nothing_on_the_grid_and_off_it(void **unused)
     }
 }
 
-static void statistics_go_on_when_another_bus_takes_over(void **unused)
+TEST(statistics_go_on_when_another_bus_takes_over)
 {
-    (void)unused;
     rig old = {.bus = make_bus(QUANTUM, 25 * CW_TICK)};
     cw_bus_set_sync_records(old.bus, old.records);
     advance(&old, 20);
@@ -252,9 +236,8 @@ static void statistics_go_on_when_another_bus_takes_over(void **unused)
     free(now.bus);
 }
 
-static void without_records_nothing_is_counted(void **unused)
+TEST(without_records_nothing_is_counted)
 {
-    (void)unused;
     cw_bus *bus = make_bus(QUANTUM, 0);
     cw_sync_stats stats;
     assert_int_equal(cw_node_get_sync_stats(bus, 0, &stats), CW_REFUSED);
@@ -262,9 +245,8 @@ static void without_records_nothing_is_counted(void **unused)
     free(bus);
 }
 
-static void the_sum_has_the_largest_phase_error_and_the_least_margin(void **unused)
+TEST(the_sum_has_the_largest_phase_error_and_the_least_margin)
 {
-    (void)unused;
     cw_sync_stats sum = {.hard_syncs = 1, .resyncs = 2, .phase_error_tq = 2, .phase_error = 20,
                          .margin = 7};
     const cw_sync_stats early = {.resyncs = 3, .phase_error_tq = -3, .phase_error = -30,
@@ -278,22 +260,4 @@ static void the_sum_has_the_largest_phase_error_and_the_least_margin(void **unus
     assert_int_equal(sum.phase_error_tq, -3);
     assert_int_equal(sum.phase_error, -30);
     assert_int_equal(sum.margin, 5);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_slow_receiver_sees_edges_early_and_a_fast_one_late),
-        cmocka_unit_test(a_difference_of_1000_ppm_is_a_phase_error_of_one_quantum),
-        cmocka_unit_test(a_long_line_takes_from_the_margin_of_the_acknowledgement),
-        cmocka_unit_test(common_bits_count_nothing_on_the_grid_and_off_it),
-        cmocka_unit_test(statistics_go_on_when_another_bus_takes_over),
-        cmocka_unit_test(synchronisations_are_events_when_asked_for),
-        cmocka_unit_test(a_hard_synchronisation_comes_at_the_end_of_sof),
-        cmocka_unit_test(common_bits_report_nothing),
-        cmocka_unit_test(a_node_that_is_off_the_bus_has_no_synchronisations),
-        cmocka_unit_test(without_records_nothing_is_counted),
-        cmocka_unit_test(the_sum_has_the_largest_phase_error_and_the_least_margin),
-    };
-    return cmocka_run_group_tests_name("statistics of synchronisation", tests, NULL, NULL);
 }

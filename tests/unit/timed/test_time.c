@@ -21,9 +21,8 @@ static cw_wire_time at_bit(uint32_t bit_ticks, uint64_t bits)
 
 /* ---- Bits and ticks -------------------------------------------------------------------------- */
 
-static void bits_are_counted_in_ticks(void **state)
+TEST(bits_are_counted_in_ticks)
 {
-    (void)state;
     for (unsigned i = 0; i < RATES; i++) {
         const cw_rate rate = cw_rate_of(rates[i]);
         uint64_t ticks = 0;
@@ -45,16 +44,14 @@ static void bits_are_counted_in_ticks(void **state)
     }
 }
 
-static void rates_differ(void **state)
+TEST(rates_differ)
 {
-    (void)state;
     assert_true(cw_rate_equal(cw_rate_of(160), cw_rate_of(160)));
     assert_false(cw_rate_equal(cw_rate_of(160), cw_rate_of(161)));
 }
 
-static void a_bus_tells_when_bits_to_come_will_have_passed(void **state)
+TEST(a_bus_tells_when_bits_to_come_will_have_passed)
 {
-    (void)state;
     rig *r = rig_new(2);
     rig_start(r);
     for (uint64_t bits = 0; bits < 10; bits++) {
@@ -67,9 +64,8 @@ static void a_bus_tells_when_bits_to_come_will_have_passed(void **state)
     rig_free(r);
 }
 
-static void time_does_not_begin_again_at_its_end(void **state)
+TEST(time_does_not_begin_again_at_its_end)
 {
-    (void)state;
     const cw_wire_time t = at_bit(160, FAR);
     const uint64_t last = (CW_NEVER - FAR * 160 - 1) / 160;
     assert_int_equal(cw_after(CW_NEVER - 2, 1), CW_NEVER - 1);
@@ -84,9 +80,8 @@ static void time_does_not_begin_again_at_its_end(void **state)
 
 /* ---- The wire -------------------------------------------------------------------------------- */
 
-static void the_wire_goes_from_bit_to_bit(void **state)
+TEST(the_wire_goes_from_bit_to_bit)
 {
-    (void)state;
     for (unsigned i = 0; i < RATES; i++) {
         cw_wire_time t = at_bit(rates[i], 0);
         assert_int_equal(cw_wire_now(&t), 0);
@@ -98,9 +93,8 @@ static void the_wire_goes_from_bit_to_bit(void **state)
     }
 }
 
-static void bits_fit_until_the_tick_at_which_they_end(void **state)
+TEST(bits_fit_until_the_tick_at_which_they_end)
 {
-    (void)state;
     const cw_wire_time t = at_bit(160, FAR);
     const uint64_t now = cw_wire_now(&t);
     assert_true(cw_wire_fits(&t, 0, now));
@@ -113,16 +107,14 @@ static void bits_fit_until_the_tick_at_which_they_end(void **state)
     assert_true(cw_wire_fits_bit(&t, now + 160));
 }
 
-static void no_bit_fits_behind_the_end_of_time(void **state)
+TEST(no_bit_fits_behind_the_end_of_time)
 {
-    (void)state;
     const cw_wire_time t = at_bit(160, CW_NEVER / 160);
     assert_false(cw_wire_fits_bit(&t, CW_NEVER));
 }
 
-static void bits_up_to_a_tick(void **state)
+TEST(bits_up_to_a_tick)
 {
-    (void)state;
     const cw_wire_time t = at_bit(160, FAR);
     const uint64_t now = cw_wire_now(&t);
     const struct {
@@ -142,9 +134,8 @@ static void bits_up_to_a_tick(void **state)
 /* ---- A frame on the wire --------------------------------------------------------------------- */
 
 /* SOF begins at bit 20. In the middle of the frame its bits begin where they did at its start. */
-static void a_frame_tells_when_its_bits_begin(void **state)
+TEST(a_frame_tells_when_its_bits_begin)
 {
-    (void)state;
     rig *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 2);
     rig_start(r);
@@ -160,20 +151,4 @@ static void a_frame_tells_when_its_bits_begin(void **state)
     }
     assert_true(r->bus->frame_step.active);
     rig_free(r);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(bits_are_counted_in_ticks),
-        cmocka_unit_test(rates_differ),
-        cmocka_unit_test(time_does_not_begin_again_at_its_end),
-        cmocka_unit_test(the_wire_goes_from_bit_to_bit),
-        cmocka_unit_test(a_bus_tells_when_bits_to_come_will_have_passed),
-        cmocka_unit_test(bits_fit_until_the_tick_at_which_they_end),
-        cmocka_unit_test(no_bit_fits_behind_the_end_of_time),
-        cmocka_unit_test(bits_up_to_a_tick),
-        cmocka_unit_test(a_frame_tells_when_its_bits_begin),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,15 +3,8 @@
  * test_timed_frames.c - clean frames of nodes with clocks of their own: they pass at once, with the
  * events and statistics of single bits.
  */
+#include "cases.h"
 #include "canwire.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define BIT_TICKS 160u
 #define NODES 4u
@@ -132,10 +125,9 @@ static cw_bus_stats stats_of(const pair *p)
 
 /* ---- Tests ----------------------------------------------------------------------------------- */
 
-static void clean_frames_pass_at_once(void **unused)
+TEST(clean_frames_pass_at_once)
 {
     pair p;
-    (void)unused;
     set_up(&p);
     begin(&p);
     send_frames(&p, 0, NODES);
@@ -145,10 +137,9 @@ static void clean_frames_pass_at_once(void **unused)
 }
 
 /* Node 3 acknowledges nothing, node 2 is off the bus, and node 1 takes three samples a bit. */
-static void nodes_that_only_listen_or_are_away_change_nothing(void **unused)
+TEST(nodes_that_only_listen_or_are_away_change_nothing)
 {
     pair p;
-    (void)unused;
     set_up(&p);
     p.nodes[3].modes = CW_MODE_LISTEN_ONLY;
     p.nodes[1].timing.bit.triple_sampling = true;
@@ -162,10 +153,9 @@ static void nodes_that_only_listen_or_are_away_change_nothing(void **unused)
 }
 
 /* Frames that come while others are on their way wait, and contend: all bits are simulated. */
-static void frames_that_contend_go_bit_by_bit(void **unused)
+TEST(frames_that_contend_go_bit_by_bit)
 {
     pair p;
-    (void)unused;
     set_up(&p);
     begin(&p);
     for (unsigned i = 0; i < NODES; i++) {
@@ -180,10 +170,9 @@ static void frames_that_contend_go_bit_by_bit(void **unused)
 }
 
 /* A frame that comes while another one is on its way waits beside it, up to its last bit. */
-static void frames_that_come_meanwhile_wait_as_they_do_bit_by_bit(void **unused)
+TEST(frames_that_come_meanwhile_wait_as_they_do_bit_by_bit)
 {
     pair p;
-    (void)unused;
     for (unsigned k = 0; k < 180; k++) {
         set_up(&p);
         begin(&p);
@@ -200,10 +189,9 @@ static void frames_that_come_meanwhile_wait_as_they_do_bit_by_bit(void **unused)
 }
 
 /* In 10 bits 2 % are 3.2 quanta, more than SJW. */
-static void frames_without_proof_go_bit_by_bit(void **unused)
+TEST(frames_without_proof_go_bit_by_bit)
 {
     pair p;
-    (void)unused;
     set_up(&p);
     p.nodes[1].timing.bit.quantum += p.nodes[1].timing.bit.quantum / 50;
     begin(&p);
@@ -212,10 +200,9 @@ static void frames_without_proof_go_bit_by_bit(void **unused)
     end(&p);
 }
 
-static void nobody_acknowledges_the_frame_of_a_node_alone(void **unused)
+TEST(nobody_acknowledges_the_frame_of_a_node_alone)
 {
     pair p;
-    (void)unused;
     set_up(&p);
     p.nodes[0].timing.bit.quantum += p.nodes[0].timing.bit.quantum / 10000;
     p.config.node_count = 1;
@@ -227,10 +214,9 @@ static void nobody_acknowledges_the_frame_of_a_node_alone(void **unused)
 }
 
 /* Moments are small numbers: 2^31 ticks are 26.8 s. A frame that comes later does not come now. */
-static void a_frame_of_another_minute_comes_then(void **unused)
+TEST(a_frame_of_another_minute_comes_then)
 {
     pair p;
-    (void)unused;
     for (unsigned bits = 1; bits < 8; bits++) {
         const cw_frame frame = {.id = 0x123};
         cw_event e;
@@ -248,10 +234,9 @@ static void a_frame_of_another_minute_comes_then(void **unused)
 }
 
 /* A frame of bits of half a second is too long for numbers of 64 bits: it goes bit by bit. */
-static void frames_of_very_long_bits_come_in_time(void **unused)
+TEST(frames_of_very_long_bits_come_in_time)
 {
     pair p;
-    (void)unused;
     for (unsigned slower = 0; slower < 16; slower++) {
         const uint64_t bit = CW_CLOCK_HZ >> slower;
         const cw_frame frame = {.id = 0x1BA5EA00, .flags = CW_FRAME_EXTENDED};
@@ -271,19 +256,4 @@ static void frames_of_very_long_bits_come_in_time(void **unused)
         assert_int_equal(nodes, 0xF);
         end(&p);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(clean_frames_pass_at_once),
-        cmocka_unit_test(nodes_that_only_listen_or_are_away_change_nothing),
-        cmocka_unit_test(frames_that_contend_go_bit_by_bit),
-        cmocka_unit_test(frames_that_come_meanwhile_wait_as_they_do_bit_by_bit),
-        cmocka_unit_test(nobody_acknowledges_the_frame_of_a_node_alone),
-        cmocka_unit_test(a_frame_of_another_minute_comes_then),
-        cmocka_unit_test(frames_of_very_long_bits_come_in_time),
-        cmocka_unit_test(frames_without_proof_go_bit_by_bit),
-    };
-    return cmocka_run_group_tests_name("clean frames off the grid", tests, NULL, NULL);
 }

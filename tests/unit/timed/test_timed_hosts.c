@@ -3,14 +3,8 @@
  * test_timed_hosts.c - hosts that act in the middle of bits, of nodes with clocks of their own. A
  * bit that has been sampled counts, although it has not ended.
  */
+#include "cases.h"
 #include "canwire.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdlib.h>
-
-#include <cmocka.h>
 
 #define BIT_TICKS 160u
 #define QUANTUM (CW_TICK * 10)
@@ -73,9 +67,8 @@ static void go_on(cw_bus *bus, outcome *o)
 }
 
 /* A frame that all have taken has been sent, and a frame that the sender has dropped has not. */
-static void a_sender_that_leaves_has_sent_its_frame_or_not(void **unused)
+TEST(a_sender_that_leaves_has_sent_its_frame_or_not)
 {
-    (void)unused;
     unsigned sent = 0, dropped = 0;
     for (unsigned slower = 0; slower < 20; slower++)
         for (unsigned bits = 50; bits < 65; bits++)
@@ -95,9 +88,8 @@ static void a_sender_that_leaves_has_sent_its_frame_or_not(void **unused)
 }
 
 /* A receiver that leaves has the frame, or nothing; never another one. */
-static void a_receiver_that_leaves_has_the_frame_or_nothing(void **unused)
+TEST(a_receiver_that_leaves_has_the_frame_or_nothing)
 {
-    (void)unused;
     for (unsigned slower = 0; slower < 20; slower++)
         for (unsigned bits = 50; bits < 65; bits++) {
             outcome o = {0};
@@ -135,9 +127,8 @@ static void end_in_another_bus(unsigned slower, unsigned bits, uint16_t queue)
     free(bus);
 }
 
-static void a_frame_that_ends_in_another_bus_is_the_right_one(void **unused)
+TEST(a_frame_that_ends_in_another_bus_is_the_right_one)
 {
-    (void)unused;
     for (unsigned slower = 0; slower < 20; slower++)
         for (unsigned bits = 50; bits < 65; bits++) {
             end_in_another_bus(slower, bits, 4);
@@ -208,10 +199,9 @@ static void assert_same_history(const history *a, const history *b)
 
 /* A node that is made to leave its bit leaves it at that tick, also when another bus takes over. A
  * frame whose end it has sampled has been sent. */
-static void what_a_host_does_right_before_another_bus_counts(void **unused)
+TEST(what_a_host_does_right_before_another_bus_counts)
 {
     static const unsigned modes[] = {0, CW_MODE_LISTEN_ONLY, CW_MODE_LOOPBACK, CW_MODE_RESTRICTED};
-    (void)unused;
     for (unsigned slower = 0; slower < 20; slower++)
         for (unsigned bits = 13; bits < 65; bits++)
             for (unsigned what = 0; what < 8; what++) {
@@ -237,10 +227,9 @@ static uint64_t first_error(cw_bus *bus)
 }
 
 /* For others that is as if it had been taken off the bus. */
-static void a_controller_with_another_protocol_leaves_its_bit(void **unused)
+TEST(a_controller_with_another_protocol_leaves_its_bit)
 {
     static const uint8_t from[NODES] = {0, 1, 2};
-    (void)unused;
     for (unsigned slower = 0; slower < 20; slower++)
         for (unsigned bits = 13; bits < 50; bits++) {
             cw_bus *bus = begin(slower, bits), *old = begin(slower, bits);
@@ -253,9 +242,8 @@ static void a_controller_with_another_protocol_leaves_its_bit(void **unused)
 }
 
 /* Frames that come at any time to nodes that are off the bus. Events are polled after each bit. */
-static void drops_come_in_the_order_of_time(void **unused)
+TEST(drops_come_in_the_order_of_time)
 {
-    (void)unused;
     cw_bus *bus = make_bus(7);
     uint64_t last = 0;
     unsigned drops = 0;
@@ -351,9 +339,8 @@ static void let_it_work(dice *d, cw_bus *bus, unsigned count)
 
 /* Delays, ringing and bit timings are others on the new line, and edges are under way. Nothing of
  * that may bring edges that are over. Time goes on. */
-static void a_bus_on_another_line_goes_on(void **unused)
+TEST(a_bus_on_another_line_goes_on)
 {
-    (void)unused;
     for (unsigned seed = 6500; seed < 6700; seed++) {
         dice d = {seed * UINT64_C(0x9E3779B97F4A7C15)};
         const unsigned count = 2 + (unsigned)below(&d, MOST_NODES - 1);
@@ -371,18 +358,4 @@ static void a_bus_on_another_line_goes_on(void **unused)
         forget_events(bus);
         free(bus);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_sender_that_leaves_has_sent_its_frame_or_not),
-        cmocka_unit_test(a_receiver_that_leaves_has_the_frame_or_nothing),
-        cmocka_unit_test(a_frame_that_ends_in_another_bus_is_the_right_one),
-        cmocka_unit_test(what_a_host_does_right_before_another_bus_counts),
-        cmocka_unit_test(a_controller_with_another_protocol_leaves_its_bit),
-        cmocka_unit_test(drops_come_in_the_order_of_time),
-        cmocka_unit_test(a_bus_on_another_line_goes_on),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }

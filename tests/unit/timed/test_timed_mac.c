@@ -3,15 +3,8 @@
  * test_timed_mac.c - the timed test-bench interface against quanta.h, which is written from the
  * rules of bit timing. The same levels go in; the same levels and reports come out.
  */
+#include "cases.h"
 #include "quanta.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include <cmocka.h>
 
 #define RUNS 200u
 #define QUANTA_OF_RUN 10000u
@@ -117,10 +110,9 @@ static void step_both(quanta *q, cw_timed_mac *c)
     }
 }
 
-static void a_controller_in_time_does_what_the_rules_say(void **state)
+TEST(a_controller_in_time_does_what_the_rules_say)
 {
     unsigned received = 0, sent = 0, errors = 0;
-    (void)state;
     for (unsigned run = 0; run < RUNS; run++) {
         quanta q;
         cw_timed_mac c;
@@ -144,9 +136,8 @@ static void a_controller_in_time_does_what_the_rules_say(void **state)
 
 #define LONGEST ((INT64_C(1) << 53) - 1)
 
-static void a_bit_timing_is_valid_up_to_its_limits(void **state)
+TEST(a_bit_timing_is_valid_up_to_its_limits)
 {
-    (void)state;
     const struct {
         cw_bit_timing timing;
         bool valid;
@@ -172,9 +163,8 @@ static void a_bit_timing_is_valid_up_to_its_limits(void **state)
             fail_msg("case %zu should be %s", i, cases[i].valid ? "valid" : "invalid");
 }
 
-static void a_quantum_has_limits(void **state)
+TEST(a_quantum_has_limits)
 {
-    (void)state;
     assert_int_equal(cw_quantum(CW_CLOCK_HZ, 1, 0), CW_TICK);
     assert_int_equal(cw_quantum(1, 1, 0), 0); /* a second is too long */
     assert_int_equal(cw_quantum(0, 1, 0), 0);
@@ -185,14 +175,4 @@ static void a_quantum_has_limits(void **state)
     assert_int_equal(cw_quantum(CW_CLOCK_HZ, 1, -500000), CW_TICK * 2);
     assert_int_equal(cw_quantum(CW_CLOCK_HZ, 1, 500001), 0);
     assert_int_equal(cw_quantum(CW_CLOCK_HZ, 1, -500001), 0);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_controller_in_time_does_what_the_rules_say),
-        cmocka_unit_test(a_bit_timing_is_valid_up_to_its_limits),
-        cmocka_unit_test(a_quantum_has_limits),
-    };
-    return cmocka_run_group_tests_name("a controller in time", tests, NULL, NULL);
 }

@@ -5,14 +5,8 @@
  * A bit of the bus has 16 quanta of 10 ticks. Wires change at the begin of a bit time of the bus.
  * For a node with another clock that is in the middle of a bit.
  */
+#include "cases.h"
 #include "canwire.h"
-
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdlib.h>
-
-#include <cmocka.h>
 
 #define BIT_TICKS 160u
 #define QUANTUM (CW_TICK * 10)
@@ -65,9 +59,8 @@ static cw_event first_sync(cw_bus *bus, uint64_t after)
  * has the begin of bit 14 of the bus in it, 2240, when the wires join. Node 0 sends `d` since bit
  * 12, but on the other wire. So the slow node, which is idle, sees an edge in that quantum, with
  * its look at 2242.2 (T3, T12), where its bit ends (T4). */
-static void a_wire_that_is_joined_while_dominant_makes_an_edge(void **unused)
+TEST(a_wire_that_is_joined_while_dominant_makes_an_edge)
 {
-    (void)unused;
     const cw_rule rule = split(0, 14 * BIT_TICKS);
     cw_bus *bus = make_bus(&rule, 0);
     send(bus, 12 * BIT_TICKS);
@@ -80,9 +73,8 @@ static void a_wire_that_is_joined_while_dominant_makes_an_edge(void **unused)
 
 /* An edge on the other wire stays there. SOF is at 1920 ticks. The wires are joined in bit 17, the
  * recessive stuff bit behind five `d`. So the next edge is that of bit 18, 2880. */
-static void an_edge_on_the_other_wire_is_not_seen_later(void **unused)
+TEST(an_edge_on_the_other_wire_is_not_seen_later)
 {
-    (void)unused;
     const cw_rule rule = split(0, 17 * BIT_TICKS);
     cw_bus *bus = make_bus(&rule, 0);
     send(bus, 12 * BIT_TICKS);
@@ -94,9 +86,8 @@ static void an_edge_on_the_other_wire_is_not_seen_later(void **unused)
 
 /* A wire that swings is looked at again behind each edge, back to the last sample. There it was
  * another wire. The frame is cut in two places; the slow node ends well. */
-static void a_swing_is_not_looked_for_on_the_other_wire(void **unused)
+TEST(a_swing_is_not_looked_for_on_the_other_wire)
 {
-    (void)unused;
     for (unsigned bit = 12; bit < 60; bit++) {
         const cw_rule rule = split(bit * BIT_TICKS, (bit + 3) * BIT_TICKS);
         cw_bus *bus = make_bus(&rule, 3 * QUANTUM);
@@ -112,14 +103,4 @@ static void a_swing_is_not_looked_for_on_the_other_wire(void **unused)
         assert_int_equal(stats.rx_frames, 1);
         free(bus);
     }
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_wire_that_is_joined_while_dominant_makes_an_edge),
-        cmocka_unit_test(an_edge_on_the_other_wire_is_not_seen_later),
-        cmocka_unit_test(a_swing_is_not_looked_for_on_the_other_wire),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }
