@@ -16,6 +16,13 @@ static const char pairs[] = "00010203040506070809101112131415161718192021222324"
 
 static const char hex[] = "0123456789ABCDEF";
 
+/* The hexadecimal digits of all bytes. */
+#define ROW(high)                                                                                  \
+    high "0" high "1" high "2" high "3" high "4" high "5" high "6" high "7"                        \
+    high "8" high "9" high "A" high "B" high "C" high "D" high "E" high "F"
+static const char hex_pairs[] = ROW("0") ROW("1") ROW("2") ROW("3") ROW("4") ROW("5") ROW("6")
+    ROW("7") ROW("8") ROW("9") ROW("A") ROW("B") ROW("C") ROW("D") ROW("E") ROW("F");
+
 char *chars_digits(char *at, uint64_t value, unsigned count)
 {
     assert(count <= CHARS_DECIMAL_MAX);
@@ -59,10 +66,8 @@ char *chars_hex(char *at, uint32_t value, unsigned count)
 
 char *chars_bytes(char *at, const uint8_t *bytes, unsigned count)
 {
-    for (unsigned i = 0; i < count; i++) {
-        *at++ = hex[bytes[i] >> 4];
-        *at++ = hex[bytes[i] & 0xFu];
-    }
+    for (unsigned i = 0; i < count; i++)
+        at = chars_copy(at, hex_pairs + bytes[i] * 2u, 2);
     return at;
 }
 
