@@ -88,17 +88,15 @@ static void swap(source **a, source **b)
 
 static void sift_down(release_plan *plan, size_t i)
 {
-    for (;;) {
-        size_t child = 2 * i + 1;
-        if (child >= plan->count)
-            return;
+    source *const moved = plan->heap[i];
+    for (size_t child; (child = 2 * i + 1) < plan->count; i = child) {
         if (child + 1 < plan->count && comes_before(plan->heap[child + 1], plan->heap[child]))
             child++;
-        if (!comes_before(plan->heap[child], plan->heap[i]))
-            return;
-        swap(&plan->heap[child], &plan->heap[i]);
-        i = child;
+        if (!comes_before(plan->heap[child], moved))
+            break;
+        plan->heap[i] = plan->heap[child];
     }
+    plan->heap[i] = moved;
 }
 
 static void push(release_plan *plan, source *s)
@@ -536,6 +534,12 @@ uint64_t release_second_tick(const release_plan *plan)
         if (plan->heap[i]->tick < tick)
             tick = plan->heap[i]->tick;
     return tick;
+}
+
+bool release_is_sure(const release_plan *plan)
+{
+    return plan->count > 0 && plan->fast + plan->full == 0 &&
+           plan->heap[0]->traffic->kind == CFG_TRAFFIC_SEND;
 }
 
 bool release_is_as_written(const release_plan *plan)

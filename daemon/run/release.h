@@ -65,6 +65,10 @@ void release_pass(release_plan *plan);
  * known. A release must exist. */
 uint64_t release_second_tick(const release_plan *plan);
 
+/* Returns true when the next release comes whatever happens before. A frame of a file may have to
+ * wait, and reading it may fail. */
+bool release_is_sure(const release_plan *plan);
+
 /* Returns true when the next release hands in its frame without a new counter or checksum. A
  * release must exist. */
 bool release_is_as_written(const release_plan *plan);

@@ -72,6 +72,7 @@ static uint64_t power_of_ten(unsigned exponent);
 static const char *apply_unit(cfg_time *out, decimal number, const time_unit *unit);
 static bool parse_quantity(uint64_t *out, const char *text, const scale_unit *units);
 static uint64_t saturated_ticks(wide ns, wide bits, cw_rate rate);
+static bool sum_of_times(cfg_time *out, cfg_time start, uint64_t k, cfg_time step);
 
 const char *text_parse_percent(uint16_t *permille, const char *text)
 {
@@ -281,13 +282,20 @@ const char *text_parse_sample_point(uint16_t *permille, const char *text)
     return NULL;
 }
 
+/* Rounds up once. 25 ns are 2 ticks. */
 uint64_t text_time_ticks(cfg_time time, cw_rate rate)
 {
-    return saturated_ticks(wide_of(time.ns), wide_of(time.bits), rate);
+    static_assert(CW_CLOCK_HZ / 2 * 25 == NS_PER_S, "a tick is 12.5 ns");
+    const uint64_t ticks = time.ns / 25 * 2 + (time.ns % 25 * 2 + 24) / 25;
+    return cw_after(cw_rate_ticks_or_never(rate, time.bits), ticks);
 }
 
 uint64_t text_time_ticks_sum(cfg_time start, uint64_t k, cfg_time step, cw_rate rate)
 {
+    cfg_time sum;
+
+    if (sum_of_times(&sum, start, k, step))
+        return text_time_ticks(sum, rate);
     return saturated_ticks(wide_sum(wide_product(k, step.ns), wide_of(start.ns)),
                            wide_sum(wide_product(k, step.bits), wide_of(start.bits)), rate);
 }
@@ -501,10 +509,19 @@ static bool parse_quantity(uint64_t *out, const char *text, const scale_unit *un
     return true;
 }
 
-/* Rounds up once; returns CW_NEVER when the sum exceeds 64 bits. 25 ns are 2 ticks. */
+/* Finds start + k * step. Returns false when it exceeds 64 bits. */
+static bool sum_of_times(cfg_time *out, cfg_time start, uint64_t k, cfg_time step)
+{
+    return !__builtin_mul_overflow(k, step.ns, &out->ns) &&
+           !__builtin_add_overflow(out->ns, start.ns, &out->ns) &&
+           !__builtin_mul_overflow(k, step.bits, &out->bits) &&
+           !__builtin_add_overflow(out->bits, start.bits, &out->bits);
+}
+
+/* Does the same as text_time_ticks() for longer times; returns CW_NEVER when the ticks exceed 64
+ * bits. */
 static uint64_t saturated_ticks(wide ns, wide bits, cw_rate rate)
 {
-    static_assert(CW_CLOCK_HZ / 2 * 25 == NS_PER_S, "a tick is 12.5 ns");
     uint64_t rest;
     wide pairs = wide_divide(&rest, ns, 25);
 

@@ -26,6 +26,11 @@ typedef struct end_case {
 
 static const end_case cases[] = {
     {"all frames are sent", BUS("") "  - { name: a, " SENDS OTHERS, 1500, false, 0},
+    {"more releases than the bus has ahead, and some come at once",
+     BUS("") "  - { name: a, queue: 2, traffic: [ { send: 123#00, every: 5ms, count: 150 } ] }\n"
+             "  - { name: b, queue: 2, traffic: [ { send: 124#, every: 7ms, count: 100, "
+             "jitter: 3ms }, { send: 125#, every: 35ms, count: 20 } ] }\n  - { name: c }\n",
+     9000, false, 0},
     {"bus-off", BUS("") "  - { name: a, " SENDS OTHERS KILL, 3000, true, 0},
     {"restarts", BUS("") "  - { name: a, restart-ms: 400, " SENDS OTHERS KILL, 60000, false, 0},
     {"a restart by a rule",
