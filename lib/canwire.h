@@ -1758,8 +1758,7 @@ typedef struct cw_sync_record {
 } cw_sync_record;
 
 /* Counts synchronisations from the next bit on, in a record for each node. The records are cleared,
- * and stay the caller's; NULL ends it. This is off after cw_bus_init(). With
- * it, clean frames are no longer faster than others. Only time in which the
+ * and stay the caller's; NULL ends it. This is off after cw_bus_init(). Only time in which the
  * timings of nodes differ counts. The records of a bus with common bits stay empty, also while
  * pulses and jitter take it off the grid. A margin is measured between two samples of different
  * levels. There the level changes with the first dominant edge, or the last recessive one, that

@@ -269,6 +269,8 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     cw_span *delays = carve(a, 2 * pairs, sizeof *delays);
     cw_way *way = carve(a, (size_t)CW_WAYS_KEPT * c->node_count, sizeof *way);
     cw_ringing *ringing = carve(a, c->node_count, sizeof *ringing);
+    cw_clean_node *clean = carve(a, c->node_count, sizeof *clean);
+    uint8_t *along = carve(a, c->node_count, sizeof *along);
     cw_edge *edges = carve(a, edges_looked_at(c), sizeof *edges);
     cw_disturbance *list = carve(a, room, sizeof *list);
     cw_mark *marks = carve(a, mark_room(c), sizeof *marks);
@@ -278,7 +280,7 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     if (rates)
         memset(rates, 0, c->node_count * sizeof *rates);
     *t = (cw_timed){.nodes = nodes, .next_timings = next_timings, .rates = rates,
-                    .ringing = ringing,
+                    .ringing = ringing, .clean = {.nodes = clean, .along = along},
                     .steady_at = CW_NEVER,
                     .cable = {.edges = edges, .capacity = edges_looked_at(c),
                               .delays = delays, .way = way, .node_count = c->node_count},

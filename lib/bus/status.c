@@ -38,6 +38,8 @@ bool cw_bus_idle(const cw_bus *bus)
 {
     if (bus->frame_step.active)
         return false;
+    if (bus->timed.clean.parked)
+        return cw_clean_is_idle(bus);
     bool busy = bus->followers && cw_mac_is_busy(&bus->common);
     for (uint64_t rest = bus->all & ~bus->followers; !busy && rest; rest &= rest - 1)
         busy = cw_mac_is_busy(&bus->nodes[cw_lowest_node(rest)].mac);
@@ -281,6 +283,7 @@ cw_status cw_node_get_data_stats(const cw_bus *bus, unsigned i, cw_data_stats *s
 
 void cw_bus_set_sync_records(cw_bus *bus, cw_sync_record *records)
 {
+    cw_wake_controllers(bus);
     bus->timed.records = records;
     bus->timed.counts = false;
     for (unsigned i = 0; records && i < bus->node_count; i++)

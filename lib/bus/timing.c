@@ -407,7 +407,7 @@ void cw_set_way(cw_bus *bus, unsigned i, const cw_settings *s)
         cw_timed_catch_up(bus);
         cw_timed_set_ringing(t, i, s->ringing);
     }
-    t->proof.valid = false;
+    t->clean.valid = false;
     find_uniform(bus);
 }
 
@@ -428,7 +428,7 @@ void cw_retime(cw_bus *bus, unsigned i, const cw_bit_timing *timing, const cw_da
 {
     cw_timed_node *n = &bus->timed.nodes[i];
     cw_timed_settle(&bus->timed, i);
-    bus->timed.proof.valid = false;
+    bus->timed.clean.valid = false;
     if (bus->timed.rates)
         cw_note_next_data(bus, i, data);
     bus->timed.next_timings[i] = *timing;

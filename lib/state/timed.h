@@ -76,16 +76,44 @@ typedef struct cw_wires {
     unsigned count; /* 1: all nodes are on one wire */
 } cw_wires;
 
-/* The nodes that read all bits of a clean frame right, see step/quantum_proof.c. */
-typedef struct cw_clean_proof {
-    bool valid;
-    cw_span least_delay;  /* of a dominant edge from a node to another one */
-    uint64_t harmless[CW_NODES_MAX];     /* for a sender: nodes that read it right, or not at all */
-    cw_span last_arrival[CW_NODES_MAX];  /* the longest delay of a recessive edge from a node */
-    cw_span bit[CW_NODES_MAX];           /* of each node */
-    cw_span to_sample[CW_NODES_MAX];     /* from the start of a bit */
-    cw_span to_first_look[CW_NODES_MAX]; /* ... to the first of three looks for a sample (T7) */
-} cw_clean_proof;
+/* A node in clean frames. Spans are by its bit timing and its way, levels are indices. */
+typedef struct cw_clean_node {
+    cw_span quantum;
+    cw_span bit;
+    cw_span to_sample;     /* from the start of a bit */
+    cw_span to_first_look; /* ... to the first of three looks for a sample (T7) */
+    cw_span sjw;
+    cw_span out[2];  /* the delay of its edges up to the line, its stub included */
+    cw_span in[2];   /* ... from the line to it */
+    cw_span own[2];  /* ... from it to itself */
+    cw_span place;
+    cw_span last_arrival; /* the longest delay of a recessive edge from it */
+    uint64_t harmless;    /* nodes that read it right, or not at all, see step/quantum_proof.c */
+    bool acknowledges;
+    cw_span delimiter[2]; /* starts of the ACK delimiters of the last frame and of the next one */
+    cw_span phase;   /* from the start of the quantum of SOF to the edge */
+    cw_span ack;     /* the start of the ACK slot, if nobody acknowledged */
+    cw_span arrival; /* of the first acknowledgement of another node */
+    int32_t turns;   /* quanta by which edges have moved its bits up to there */
+} cw_clean_node;
+
+/* All nodes in clean frames, and between them. */
+typedef struct cw_clean {
+    bool valid;          /* the nodes are by the present bit timings and ways */
+    bool at_one_place;   /* no edge has to go along a line */
+    cw_span least_delay; /* of a dominant edge from a node to another one */
+    cw_span least_bit;
+    cw_span most_bit;
+    cw_span least_look;  /* to_first_look */
+    cw_clean_node *nodes;
+    uint8_t *along;      /* the nodes in the order of their places */
+    bool parked;         /* all nodes are between two frames, and their places are here */
+    unsigned last;       /* of `delimiter`: that of the last frame */
+    uint64_t away;       /* nodes that are off, in bus-off or asleep */
+    uint64_t senders;    /* nodes that have been the transmitters of the last frame */
+    cw_span busy;        /* the last of them samples the third bit of intermission */
+    cw_span open;        /* ... and the second one: then all take an edge for SOF */
+} cw_clean;
 
 /* The swing of the wire at a node, after edges to recessive that come after a moment. */
 typedef struct cw_ringing {
@@ -148,7 +176,7 @@ typedef struct cw_timed {
     bool counts;             /* in this bit time */
     bool calm;               /* nothing acts on levels, and nothing is marked, see is_calm() */
     bool reports_syncs;      /* by events, in this bit time */
-    cw_clean_proof proof;
+    cw_clean clean;
     bool marking;            /* in this bit time */
     cw_mark *marks;          /* of this bit time */
     unsigned mark_room;

@@ -97,6 +97,7 @@ void cw_wake_controllers(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
     points p;
+    cw_clean_resume(bus);
     if (!step->active)
         return;
     step->active = false;

@@ -12,7 +12,8 @@
  *   quantum_ringing.c  the wire swings after edges to recessive
  *   quantum_rest.c  bit times in which all nodes rest
  *   quantum_frame.c clean frames at once; quantum_proof.c: nodes that read them right;
- *                   quantum_edge.c: one edge that several nodes drive
+ *                   quantum_park.c: where nodes are between them; quantum_edge.c: the
+ *                   acknowledgement; quantum_count.c: synchronisations
  */
 #ifndef CANWIRE_STEP_QUANTUM_H
 #define CANWIRE_STEP_QUANTUM_H
@@ -284,28 +285,65 @@ unsigned cw_timed_place(cw_bus *bus, unsigned node, cw_span first, cw_span momen
 
 /* ---- quantum_proof.c ------------------------------------------------------------------------- */
 
-/* Returns the proof for the present bit timings and delays. */
-const cw_clean_proof *cw_timed_proof(cw_bus *bus);
+/* Finds what clean frames need to know of nodes, by the present bit timings and ways. */
+void cw_clean_prove(cw_bus *bus);
+
+/* ---- quantum_park.c, where a proof has been found -------------------------------------------- */
+
+/* Parks all nodes, if they are not parked. Returns false when a node has more to do than to wait
+ * for a frame. */
+bool cw_clean_park(cw_bus *bus);
+
+/* Ends this where the bus could go back to the grid, or may have bits of two rates. */
+void cw_clean_settle(cw_bus *bus);
+
+/* Returns the moment up to which the bus is busy with the last frame. All nodes are parked. */
+cw_span cw_clean_busy_until(const cw_bus *bus);
+
+/* Returns the first start of a bit of a parked node at which it can begin a frame, at or after a
+ * moment. */
+cw_span cw_clean_ready(const cw_bus *bus, unsigned node, cw_span moment);
+
+/* Returns true when all nodes, which are parked, take an edge at a moment for SOF. */
+bool cw_clean_takes_sof(const cw_bus *bus, cw_span moment);
+
+/* Moves the epoch forward, which has been done for the bus. */
+void cw_clean_rebase(cw_bus *bus, cw_span by);
+
+/* ---- quantum_frame.c ------------------------------------------------------------------------- */
+
+/* Counts bit times for load and statistics, in which nodes are parked and no frame begins. */
+void cw_clean_count_rest(cw_bus *bus, uint64_t bits);
+
+/* A frame on its way. Bits are counted from SOF. */
+typedef struct cw_clean_frame {
+    unsigned sender;
+    const cw_frame *frame;
+    uint64_t due;        /* tick at which it comes out of the inbox; 0: it waits */
+    unsigned length;     /* bits, SOF to EOF */
+    unsigned edge;       /* the last bit before the ACK slot that begins with an edge to dominant */
+    unsigned slot;       /* the ACK slot */
+    cw_span now;         /* the start of the step */
+    cw_span begin;       /* of SOF */
+    cw_span until;       /* the end of the step */
+    uint64_t bit_times;  /* of the step */
+    cw_span least_end;   /* of the ACK slots of all nodes */
+    cw_span most_end;
+    cw_span first_end;   /* the first one of those that acknowledge */
+    cw_span released;    /* the wire is recessive everywhere behind it */
+} cw_clean_frame;
 
 /* ---- quantum_edge.c -------------------------------------------------------------------------- */
 
-/* A bit of each node, before which the wire is recessive for all. Some of them drive the bit
- * dominant. */
-typedef struct cw_common_edge {
-    uint64_t nodes;
-    uint64_t drivers;
-    uint64_t hard; /* nodes that synchronise hard (T4) */
-    cw_span begin[CW_NODES_MAX];   /* of the bit, as planned; then as it is counted */
-    cw_span drive[CW_NODES_MAX];   /* of drivers: the moment at which they drive it */
-    cw_span arrival[CW_NODES_MAX]; /* of the first edge of another node */
-    cw_span sample[CW_NODES_MAX];
-    cw_span next[CW_NODES_MAX]; /* the start of the next bit, which is recessive */
-    cw_span released;           /* the wire is recessive everywhere */
-} cw_common_edge;
+/* Finds where the ACK slot of each node ends, and who acknowledges whom (T4 to T6, T12). Returns
+ * false when an edge may come too early or too late for a node. Then a sample of the slot, or of a
+ * bit beside it, may go wrong. */
+bool cw_clean_acknowledge(cw_bus *bus, cw_clean_frame *frame);
 
-/* Finds out who synchronises to whom (T4 to T6, T12). Returns false when the edge comes too early
- * or too late for a node. Then a sample of the bit, or of one beside it, may go wrong. */
-bool cw_timed_find_edge(const cw_bus *bus, cw_common_edge *edge);
+/* ---- quantum_count.c ------------------------------------------------------------------------- */
+
+/* Counts the synchronisations and margins of a frame for all nodes. */
+void cw_clean_count_syncs(cw_bus *bus, const cw_clean_frame *frame);
 
 /* ---- quantum_grid.c -------------------------------------------------------------------------- */
 

@@ -1,142 +1,178 @@
 /* SPDX-License-Identifier: MIT
  *
- * quantum_edge.c - one edge to dominant that several nodes drive at nearly the same time: the
- * acknowledgement.
+ * quantum_edge.c - the acknowledgement of a clean frame: an edge that several nodes drive at nearly
+ * the same time.
  *
- * The nodes drive in the order of time. A node that sees the edge of another one before it begins
- * its own bit begins it earlier. So an edge can only move the edges of nodes that come later.
+ * Each node plans its ACK slot by the last edge of the sender. A node that sees an edge before
+ * begins its slot earlier (T5), yet after that edge. On a line no way is shorter than the direct
+ * one. So its own edge comes nowhere before the one that it has seen. The first edge at each node
+ * is that of a node that begins as planned.
  */
 #include "step/quantum.h"
 
-/* The start of a bit as it is counted, and the moment at which it is driven (T12). */
-typedef struct begin_of_bit {
-    cw_span counted;
-    cw_span driven;
-} begin_of_bit;
+#define NO_KEY (CW_SPAN_MAX / 2) /* no edge comes so late; keys are moments of edges on the line */
 
-/* Returns the start of a bit before which an edge comes. The edge ends the bit before it, or makes
- * it shorter (T4, T5). */
-static begin_of_bit begin_early(const cw_timed_node *n, cw_span planned, cw_span arrival, bool hard)
+/* ---- The plan -------------------------------------------------------------------------------- */
+
+/* Plans the ACK slot of a receiver as if nobody acknowledged. Bits begin with the quantum in which
+ * the last edge came. */
+static void plan_receiver(const cw_clean_frame *f, cw_clean_node *c, cw_span arrival, cw_span bit,
+                          unsigned last)
 {
-    const cw_span quantum = n->timing.quantum;
-    const cw_span before = planned - arrival + quantum - 1;
-    const cw_span left = before < 2 * quantum ? quantum : before - before % quantum;
-    if (left <= n->timing.sjw * quantum || hard)
-        return (begin_of_bit){.counted = planned - left, .driven = planned - left + quantum};
-    const cw_span begin = planned - n->timing.sjw * quantum;
-    return (begin_of_bit){.counted = begin, .driven = begin};
+    const cw_span phase = (arrival - c->delimiter[last]) % c->quantum;
+    const cw_span behind = phase + (cw_span)f->edge * (bit - c->bit);
+    cw_span turns = 0;
+    if (behind < 0)
+        turns = -((c->quantum - 1 - behind) / c->quantum);
+    else if (behind >= c->quantum)
+        turns = behind / c->quantum;
+    c->phase = phase;
+    c->turns = (int32_t)turns;
+    c->ack = arrival - phase + f->slot * c->bit + turns * c->quantum;
 }
 
-/* Returns where a node begins its bit, with the edges that it sees until then. */
-static begin_of_bit begin_of(const cw_bus *bus, const cw_common_edge *edge, unsigned i)
+/* Plans it for all nodes. */
+static void plan(cw_bus *bus, const cw_clean_frame *f)
 {
-    const cw_span planned = edge->begin[i], arrival = edge->arrival[i];
-    if (arrival >= planned)
-        return (begin_of_bit){.counted = planned, .driven = planned};
-    return begin_early(&bus->timed.nodes[i], planned, arrival, edge->hard >> i & 1u);
-}
-
-/* Lets the edge of a node arrive at others. Returns the latest arrival of a first edge there. */
-static cw_span arrive(const cw_bus *bus, cw_common_edge *edge, unsigned from, uint64_t nodes)
-{
+    const cw_clean *clean = &bus->timed.clean;
+    cw_clean_node *sender = &clean->nodes[f->sender];
     const cw_cable *cable = &bus->timed.cable;
-    const cw_span driven = edge->drive[from];
-    cw_span latest = 0;
-    for (; nodes; nodes &= nodes - 1) {
-        const unsigned i = cw_lowest_node(nodes);
-        const cw_span arrival = driven + cw_cable_delay(cable, from, i, CW_DOMINANT);
-        if (arrival < edge->arrival[i]) {
-            edge->arrival[i] = arrival;
-            if (edge->drivers >> i & 1u)
-                edge->drive[i] = begin_of(bus, edge, i).driven;
-        }
-        if (edge->arrival[i] > latest)
-            latest = edge->arrival[i];
-    }
-    return latest;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        plan_receiver(f, &clean->nodes[i],
+                      f->begin + cw_cable_delay(cable, f->sender, i, CW_DOMINANT), sender->bit,
+                      clean->last);
+    sender->ack = f->begin + f->slot * sender->bit;
 }
 
-/* Returns the node whose edge comes first. */
-static unsigned first_driver(const cw_common_edge *edge, uint64_t drivers)
+/* ---- Arrivals -------------------------------------------------------------------------------- */
+
+/* Returns the moment at which the planned edge of a node comes to the line; NO_KEY: it has none. */
+static cw_span key_of(const cw_clean_node *c)
 {
-    unsigned first = cw_lowest_node(drivers);
-    for (uint64_t rest = drivers & (drivers - 1); rest; rest &= rest - 1)
-        if (edge->drive[cw_lowest_node(rest)] < edge->drive[first])
-            first = cw_lowest_node(rest);
+    return c->acknowledges ? c->ack + c->out[CW_DOMINANT] : NO_KEY;
+}
+
+/* Finds when the first edge of another node comes to each node, if no edge goes along a line.
+ * Returns the first one on the line. */
+static cw_span arrive_at_one_place(cw_bus *bus)
+{
+    cw_clean_node *nodes = bus->timed.clean.nodes;
+    cw_span first = NO_KEY, second = NO_KEY;
+    unsigned driver = 0;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const cw_span key = key_of(&nodes[i]);
+        if (key < first) {
+            second = first;
+            first = key;
+            driver = i;
+        } else if (key < second) {
+            second = key;
+        }
+    }
+    for (unsigned i = 0; i < bus->node_count; i++)
+        nodes[i].arrival = first + nodes[i].in[CW_DOMINANT];
+    nodes[driver].arrival = second + nodes[driver].in[CW_DOMINANT];
     return first;
 }
 
-/* Finds when the edge comes to each node. Later drivers move only nodes that come still later. */
-static void find_arrivals(const cw_bus *bus, cw_common_edge *edge)
+/* Does the same where edges go along the line, at first from its one end to the other. */
+static cw_span arrive_along_line(cw_bus *bus)
 {
-    const cw_span least = bus->timed.proof.least_delay;
-    cw_span latest = CW_SPAN_MAX;
-    for (uint64_t rest = edge->nodes; rest; rest &= rest - 1) {
-        const unsigned i = cw_lowest_node(rest);
-        edge->arrival[i] = CW_SPAN_MAX;
-        edge->drive[i] = edge->begin[i];
+    const cw_clean *clean = &bus->timed.clean;
+    cw_span first = NO_KEY, seen = NO_KEY; /* seen: as if it had come from place 0 */
+    for (unsigned k = 0; k < bus->node_count; k++) {
+        cw_clean_node *c = &clean->nodes[clean->along[k]];
+        const cw_span key = key_of(c);
+        c->arrival = seen + c->place + c->in[CW_DOMINANT];
+        seen = key - c->place < seen ? key - c->place : seen;
+        first = key < first ? key : first;
     }
-    for (uint64_t rest = edge->drivers; rest;) {
-        const unsigned i = first_driver(edge, rest);
-        if (edge->drive[i] + least >= latest)
-            return; /* the edges of others have come before it everywhere */
-        rest &= ~cw_node_bit(i);
-        latest = arrive(bus, edge, i, edge->nodes & (~edge->drivers | rest));
+    seen = NO_KEY;
+    for (unsigned k = bus->node_count; k-- > 0;) {
+        cw_clean_node *c = &clean->nodes[clean->along[k]];
+        const cw_span key = key_of(c), arrival = seen - c->place + c->in[CW_DOMINANT];
+        c->arrival = arrival < c->arrival ? arrival : c->arrival;
+        seen = key + c->place < seen ? key + c->place : seen;
     }
+    return first;
 }
 
-/* Places the bit of a node. Returns false when the edge comes at a wrong time for it. */
-static bool place_bit(const cw_bus *bus, cw_common_edge *edge, unsigned i)
+/* ---- The slots ------------------------------------------------------------------------------- */
+
+/* Returns by how much an edge before its start makes the bit before a slot shorter. hard: it ends
+ * that bit in any case (T4). */
+static cw_span early_by(const cw_clean_node *c, cw_span before, bool hard)
 {
-    const cw_timed_node *n = &bus->timed.nodes[i];
-    const cw_clean_proof *proof = &bus->timed.proof;
-    const cw_span bit = proof->bit[i], to_sample = proof->to_sample[i];
-    const cw_span planned = edge->begin[i], arrival = edge->arrival[i];
-    if (arrival < planned - bit + to_sample)
-        return false;
-    edge->begin[i] = begin_of(bus, edge, i).counted;
-    edge->sample[i] = edge->begin[i] + to_sample;
-    edge->next[i] = edge->begin[i] + bit;
-    if (edge->drivers >> i & 1u)
-        return true;
-    if (arrival >= planned + proof->to_first_look[i])
-        return false;
-    if (arrival < planned + n->timing.quantum)
-        return true;
-    const cw_span in = (arrival - planned) / n->timing.quantum;
-    const bool hard = edge->hard >> i & 1u;
-    const cw_span later = (hard || in < n->timing.sjw ? in : n->timing.sjw) * n->timing.quantum;
-    edge->sample[i] += later;
-    edge->next[i] += later;
+    if (before <= c->quantum)
+        return c->quantum;
+    const cw_span left = (before + c->quantum - 1) / c->quantum * c->quantum;
+    return hard || left < c->sjw ? left : c->sjw;
+}
+
+/* Returns by how much a later edge makes the slot of a node longer that does not acknowledge. */
+static cw_span later_by(const cw_clean_node *c, cw_span behind, bool hard)
+{
+    const cw_span in = behind / c->quantum * c->quantum;
+    return hard || in < c->sjw ? in : c->sjw;
+}
+
+/* Finds the end of the slot of a node. Returns false when the edge comes at a wrong time for it. */
+static bool end_slot(cw_clean_node *c, unsigned next, bool hard)
+{
+    const cw_span behind = c->arrival - c->ack;
+    c->delimiter[next] = c->ack + c->bit;
+    if (behind < 0)
+        c->delimiter[next] -= early_by(c, -behind, hard);
+    else if (!c->acknowledges)
+        c->delimiter[next] += later_by(c, behind, hard);
+    return behind >= c->to_sample - c->bit && (c->acknowledges || behind < c->to_first_look);
+}
+
+/* Finds the ends of all slots. */
+static bool end_slots(cw_bus *bus, cw_clean_frame *f)
+{
+    const cw_clean *clean = &bus->timed.clean;
+    const unsigned next = !clean->last;
+    f->least_end = f->first_end = CW_SPAN_MAX;
+    f->most_end = f->released = 0;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        cw_clean_node *c = &clean->nodes[i];
+        if (!end_slot(c, next, clean->away >> i & 1u))
+            return false;
+        const cw_span end = c->delimiter[next], gone = end + c->last_arrival;
+        f->least_end = end < f->least_end ? end : f->least_end;
+        f->most_end = end > f->most_end ? end : f->most_end;
+        if (!c->acknowledges)
+            continue;
+        f->first_end = end < f->first_end ? end : f->first_end;
+        f->released = gone > f->released ? gone : f->released;
+    }
     return true;
 }
 
-/* Finds the first and the last moment at which a driver ends its dominant bit. */
-static void find_release(const cw_bus *bus, cw_common_edge *edge, cw_span *first)
+/* Returns true when all nodes see the slot dominant and the bit behind it recessive. */
+static bool all_read_right(const cw_bus *bus, const cw_clean_frame *f)
 {
-    *first = edge->released = edge->next[cw_lowest_node(edge->drivers)];
-    for (uint64_t rest = edge->drivers; rest; rest &= rest - 1) {
-        const unsigned i = cw_lowest_node(rest);
-        const cw_span end = edge->next[i], arrival = end + bus->timed.proof.last_arrival[i];
-        *first = end < *first ? end : *first;
-        edge->released = arrival > edge->released ? arrival : edge->released;
-    }
-}
-
-bool cw_timed_find_edge(const cw_bus *bus, cw_common_edge *edge)
-{
-    cw_span first;
-    find_arrivals(bus, edge);
-    for (uint64_t rest = edge->nodes; rest; rest &= rest - 1)
-        if (!place_bit(bus, edge, cw_lowest_node(rest)))
-            return false;
-    find_release(bus, edge, &first);
-    for (uint64_t rest = edge->nodes; rest; rest &= rest - 1) {
-        const unsigned i = cw_lowest_node(rest);
-        const cw_span next_look = edge->next[i] + bus->timed.proof.to_first_look[i];
-        const bool over = edge->released < next_look;
-        if (!over || (!(edge->drivers >> i & 1u) && first < edge->sample[i]))
+    const cw_clean *clean = &bus->timed.clean;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        const cw_clean_node *c = &clean->nodes[i];
+        const cw_span end = c->delimiter[!clean->last];
+        const bool seen = c->acknowledges || f->first_end >= end - c->bit + c->to_sample;
+        if (!seen || f->released >= end + c->to_first_look)
             return false;
     }
     return true;
+}
+
+bool cw_clean_acknowledge(cw_bus *bus, cw_clean_frame *f)
+{
+    cw_clean_node *sender = &bus->timed.clean.nodes[f->sender];
+    const bool acknowledges = sender->acknowledges; /* frames of others */
+    plan(bus, f);
+    sender->acknowledges = false;
+    const cw_span first = bus->timed.clean.at_one_place ? arrive_at_one_place(bus)
+                                                        : arrive_along_line(bus);
+    const bool right = first < NO_KEY && end_slots(bus, f) && all_read_right(bus, f);
+    sender->acknowledges = acknowledges;
+    return right;
 }

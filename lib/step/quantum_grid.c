@@ -205,4 +205,5 @@ void cw_timed_rebase(cw_bus *bus)
         if (t->rates)
             cw_late_rebase(&t->rates[i].late, by);
     }
+    cw_clean_rebase(bus, by);
 }

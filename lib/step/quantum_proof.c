@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * quantum_proof.c - proves for pairs of nodes that the one reads all bits of the other one right.
+ * quantum_proof.c - what clean frames need to know of nodes, and for which pairs of nodes the one
+ * reads all bits of the other one right.
  *
  * A receiver synchronises to each falling edge. Its bit begins with the quantum in which the edge
  * comes, so up to one quantum before it. That holds as long as no edge is further from its
@@ -34,71 +35,108 @@ static cw_span delay(const cw_bus *bus, unsigned from, unsigned to, bool level)
  * `early` are what the sender's bits may come later or earlier than those of the receiver. */
 static bool reads_right(const cw_bus *bus, unsigned sender, unsigned receiver)
 {
-    const cw_clean_proof *proof = &bus->timed.proof;
-    const cw_timed_node *r = &bus->timed.nodes[receiver];
-    const cw_span bit = proof->bit[receiver], others = proof->bit[sender];
+    const cw_clean_node *r = &bus->timed.clean.nodes[receiver];
+    const cw_span bit = r->bit, others = bus->timed.clean.nodes[sender].bit;
     const cw_span late = greater(BITS * (others - bit), 0);
     const cw_span early = greater(BITS * (bit - others), 0);
     const cw_span skew = delay(bus, sender, receiver, CW_RECESSIVE) -
                          delay(bus, sender, receiver, CW_DOMINANT);
-    const cw_span most = r->timing.sjw * r->timing.quantum;
-    const bool synchronises = late <= most && early <= most &&
-                              early <= bit - proof->to_sample[receiver];
-    const bool begun = r->timing.quantum + late + greater(skew, 0) <
-                       proof->to_first_look[receiver];
-    const bool not_over = lesser(others, bit) - early + lesser(skew, 0) >=
-                          proof->to_sample[receiver];
+    const bool synchronises = late <= r->sjw && early <= r->sjw && early <= bit - r->to_sample;
+    const bool begun = r->quantum + late + greater(skew, 0) < r->to_first_look;
+    const bool not_over = lesser(others, bit) - early + lesser(skew, 0) >= r->to_sample;
     return synchronises && begun && not_over;
 }
 
 /* A node must see its own level at its own samples. */
-static bool reads_itself(const cw_bus *bus, unsigned i)
+static bool reads_itself(const cw_clean_node *n)
 {
-    const cw_span longest = greater(delay(bus, i, i, CW_DOMINANT), delay(bus, i, i, CW_RECESSIVE));
-    return longest + bus->timed.nodes[i].timing.quantum < bus->timed.proof.to_first_look[i];
+    return greater(n->own[CW_DOMINANT], n->own[CW_RECESSIVE]) + n->quantum < n->to_first_look;
 }
 
 /* Finds the length of the node's bit, and where in it the node looks. */
-static void find_spans(cw_clean_proof *proof, unsigned i, const cw_timed_node *n)
+static void find_spans(cw_clean_node *n, const cw_bit_timing *t)
 {
-    const cw_bit_timing *t = &n->timing;
-    proof->bit[i] = t->quantum * cw_bit_timing_quanta(t);
-    proof->to_sample[i] = t->quantum * cw_bit_timing_sample_at(t);
-    proof->to_first_look[i] = proof->to_sample[i] - (t->triple_sampling ? 2 * t->quantum : 0);
+    n->quantum = t->quantum;
+    n->bit = t->quantum * cw_bit_timing_quanta(t);
+    n->to_sample = t->quantum * cw_bit_timing_sample_at(t);
+    n->to_first_look = n->to_sample - (t->triple_sampling ? 2 * t->quantum : 0);
+    n->sjw = t->sjw * t->quantum;
+}
+
+/* Finds the parts of the ways to and from a node. */
+static void find_ways(cw_clean_node *n, const cw_way *way)
+{
+    n->place = way->place;
+    for (unsigned level = 0; level < 2; level++) {
+        n->out[level] = way->tx_delay[level] + way->stub;
+        n->in[level] = way->rx_delay[level] + way->stub;
+        n->own[level] = way->tx_delay[level] + way->rx_delay[level];
+    }
 }
 
 /* Finds who reads the sender right for sure, and how long its edges are under way. */
 static void find_harmless(cw_bus *bus, unsigned sender)
 {
-    cw_clean_proof *proof = &bus->timed.proof;
+    cw_clean *clean = &bus->timed.clean;
     uint64_t harmless = 0;
     cw_span last = 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const bool right = i == sender ? reads_itself(bus, i) : reads_right(bus, sender, i);
+        const bool right = i == sender ? reads_itself(&clean->nodes[i])
+                                       : reads_right(bus, sender, i);
         harmless |= right ? cw_node_bit(i) : 0;
         last = greater(last, delay(bus, sender, i, CW_RECESSIVE));
         if (i != sender)
-            proof->least_delay = lesser(proof->least_delay, delay(bus, sender, i, CW_DOMINANT));
+            clean->least_delay = lesser(clean->least_delay, delay(bus, sender, i, CW_DOMINANT));
     }
-    proof->harmless[sender] = harmless;
-    proof->last_arrival[sender] = last;
+    clean->nodes[sender].harmless = harmless;
+    clean->nodes[sender].last_arrival = last;
 }
 
-const cw_clean_proof *cw_timed_proof(cw_bus *bus)
+/* Sorts the nodes by their places on the line. */
+static void sort_places(cw_bus *bus)
 {
-    cw_clean_proof *proof = &bus->timed.proof;
-    if (proof->valid)
-        return proof;
-    proof->least_delay = bus->node_count > 1 ? CW_SPAN_MAX : 0;
-    bool retimed = false, too_long = false;
+    cw_clean *clean = &bus->timed.clean;
+    clean->at_one_place = true;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        find_spans(proof, i, &bus->timed.nodes[i]);
-        retimed = retimed || bus->timed.nodes[i].retimed;
-        too_long = too_long || proof->bit[i] > LONGEST_BIT;
-        proof->harmless[i] = 0;
+        unsigned k = i;
+        for (; k > 0 && clean->nodes[clean->along[k - 1]].place > clean->nodes[i].place; k--)
+            clean->along[k] = clean->along[k - 1];
+        clean->along[k] = (uint8_t)i;
+        if (clean->nodes[i].place != clean->nodes[0].place)
+            clean->at_one_place = false;
     }
-    for (unsigned i = 0; i < bus->node_count && !too_long; i++)
+}
+
+/* Finds the limits of all nodes together. */
+static void find_limits(cw_bus *bus)
+{
+    cw_clean *clean = &bus->timed.clean;
+    clean->least_delay = bus->node_count > 1 ? CW_SPAN_MAX : 0;
+    clean->least_bit = clean->least_look = CW_SPAN_MAX;
+    clean->most_bit = 0;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        clean->least_bit = lesser(clean->least_bit, clean->nodes[i].bit);
+        clean->most_bit = greater(clean->most_bit, clean->nodes[i].bit);
+        clean->least_look = lesser(clean->least_look, clean->nodes[i].to_first_look);
+    }
+}
+
+void cw_clean_prove(cw_bus *bus)
+{
+    cw_clean *clean = &bus->timed.clean;
+    const cw_way *ways = cw_cable_ways(&bus->timed.cable);
+    bool retimed = false;
+    if (clean->valid)
+        return;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        find_spans(&clean->nodes[i], &bus->timed.nodes[i].timing);
+        find_ways(&clean->nodes[i], &ways[i]);
+        retimed = retimed || bus->timed.nodes[i].retimed;
+        clean->nodes[i].harmless = 0;
+    }
+    find_limits(bus);
+    sort_places(bus);
+    for (unsigned i = 0; i < bus->node_count && clean->most_bit <= LONGEST_BIT; i++)
         find_harmless(bus, i);
-    proof->valid = !retimed;
-    return proof;
+    clean->valid = !retimed;
 }

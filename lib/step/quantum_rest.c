@@ -44,6 +44,15 @@ static bool is_periodic(const cw_bus *bus, unsigned i)
            cable->newest + cable->longest + cw_timed_longest_ringing(&bus->timed, i) < n->looked;
 }
 
+/* Returns true when no node that is parked can begin a frame. */
+static bool all_stay_parked(const cw_bus *bus)
+{
+    for (uint64_t rest = bus->waiting; rest; rest &= rest - 1)
+        if (cw_mac_can_start(&bus->nodes[cw_lowest_node(rest)].mac))
+            return false;
+    return true;
+}
+
 /* Returns true when no node, rule or edge changes anything in the bits to come. */
 static bool all_rest(const cw_bus *bus)
 {
@@ -51,6 +60,8 @@ static bool all_rest(const cw_bus *bus)
     if (!t->active || t->cable.dominant || t->rings_before || t->touched ||
         t->disturbances.count || bus->rules.awake_count || bus->stepping || bus->watching)
         return false;
+    if (t->clean.parked)
+        return all_stay_parked(bus);
     for (unsigned i = 0; i < bus->node_count; i++)
         if (!is_periodic(bus, i))
             return false;
@@ -66,8 +77,9 @@ static cw_span bit_of(const cw_timed_node *n)
 /* Returns the bit times that the longest bit of a node takes part in. */
 static uint64_t bit_times_of_longest(const cw_bus *bus)
 {
-    cw_span longest = bus->timed.bit_time;
-    for (unsigned i = 0; i < bus->node_count; i++)
+    const cw_clean *clean = &bus->timed.clean;
+    cw_span longest = clean->parked ? clean->most_bit : bus->timed.bit_time;
+    for (unsigned i = 0; !clean->parked && i < bus->node_count; i++)
         if (bit_of(&bus->timed.nodes[i]) > longest)
             longest = bit_of(&bus->timed.nodes[i]);
     return (uint64_t)(longest / bus->timed.bit_time) + 2;
@@ -116,27 +128,39 @@ uint64_t cw_timed_rest_reach(const cw_bus *bus, uint64_t tick)
     return all_rest(bus) ? reach(bus, tick) : 0;
 }
 
-bool cw_timed_rest_go(cw_bus *bus, uint64_t tick)
+/* Puts all nodes into the bits in which they are at a moment. */
+static void place_nodes(cw_bus *bus, cw_span moment)
 {
-    const uint64_t bits = cw_timed_rest_reach(bus, tick);
-    if (bits < LEAST_BITS)
-        return false;
-    cw_timed_rebase(bus);
-    const cw_span end = cw_moment_of(bus, cw_wire_tick(&bus->time, bits));
     cw_agenda_clear(&bus->timed.agenda);
     for (unsigned i = 0; i < bus->node_count; i++) {
         cw_timed_node *n = &bus->timed.nodes[i];
         n->ahead = false;
-        (void)cw_timed_place(bus, i, n->pcs.sampled ? n->next_begin : n->begin, end);
+        (void)cw_timed_place(bus, i, n->pcs.sampled ? n->next_begin : n->begin, moment);
     }
-    cw_watch_wire(bus, bits);
+    bus->timed.moment = moment;
+}
+
+bool cw_timed_rest_go(cw_bus *bus, uint64_t tick)
+{
+    const uint64_t bits = cw_timed_rest_reach(bus, tick);
+    if (bits < (bus->timed.clean.parked ? 1 : LEAST_BITS))
+        return false;
+    cw_timed_rebase(bus);
+    if (bus->timed.clean.parked) {
+        cw_clean_count_rest(bus, bits);
+    } else {
+        place_nodes(bus, cw_moment_of(bus, cw_wire_tick(&bus->time, bits)));
+        cw_watch_wire(bus, bits);
+        bus->stats.bits += bits;
+    }
     cw_wire_pass(&bus->time, bits);
-    bus->timed.moment = end;
     bus->wire = CW_RECESSIVE;
     cw_doze_forget(bus);
-    bus->stats.bits += bits;
     bus->recessive_bits += bits;
     bus->outlook.valid = false;
-    cw_timed_leave(bus);
+    if (bus->timed.clean.parked)
+        cw_clean_settle(bus);
+    else
+        cw_timed_leave(bus);
     return true;
 }

@@ -81,6 +81,12 @@ static inline bool cw_timed_may_leap(const cw_bus *bus)
     return phase < CW_MAC_FRAME || phase >= CW_MAC_INTERMISSION;
 }
 
+/* Gives each node its place in its bit, where they have been parked behind a clean frame. */
+void cw_clean_resume(cw_bus *bus);
+
+/* Returns true when such nodes are idle. */
+bool cw_clean_is_idle(const cw_bus *bus);
+
 /* Returns the bit times up to a tick in which all nodes rest; 0: not all do. */
 uint64_t cw_timed_rest_reach(const cw_bus *bus, uint64_t tick);
 

@@ -593,7 +593,7 @@ static void count(pair *p)
     p->coverage->marks[DIFF_FULL_RINGS] += p->fast.full;
 }
 
-/* A bus that counts synchronisations has fewer short cuts. */
+/* Makes the bus of a side. counts: synchronisations. */
 static bool start(side *s, const char *name, const cw_bus_config *config, bool counts)
 {
     s->name = name;

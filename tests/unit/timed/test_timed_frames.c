@@ -12,13 +12,13 @@
 #define FRAME_SPACE 200u /* bits from one frame to the next */
 #define WORK_OF_A_FRAME 20u /* with the idle time around it; bit by bit it is more than 100 */
 
-/* ---- Two buses, of which one counts synchronisations and so takes single bits ---------------- */
+/* ---- Two buses, of which one takes single bits ------------------------------------------------ */
 
 typedef struct pair {
     cw_node_config nodes[NODES];
     cw_bus_config config;
     cw_bus *fast, *single;
-    cw_sync_record records[NODES];
+    cw_sync_record records[2][NODES];
 } pair;
 
 static cw_bus *make_bus(const cw_bus_config *config)
@@ -49,7 +49,9 @@ static void begin(pair *p)
     p->config.nodes = p->nodes;
     p->fast = make_bus(&p->config);
     p->single = make_bus(&p->config);
-    cw_bus_set_sync_records(p->single, p->records);
+    cw_bus_set_stepping(p->single, true);
+    cw_bus_set_sync_records(p->fast, p->records[0]);
+    cw_bus_set_sync_records(p->single, p->records[1]);
 }
 
 static void end(pair *p)
@@ -98,6 +100,8 @@ static void compare_stats(const pair *p)
         assert_int_equal(cw_node_get_stats(p->fast, i, &c), CW_OK);
         assert_int_equal(cw_node_get_stats(p->single, i, &d), CW_OK);
         assert_memory_equal(&c, &d, sizeof c);
+        assert_memory_equal(&p->records[0][i].stats, &p->records[1][i].stats,
+                            sizeof p->records[0][i].stats);
     }
 }
 
@@ -148,6 +152,47 @@ TEST(nodes_that_only_listen_or_are_away_change_nothing)
     assert_int_equal(cw_node_attach(p.single, 2, false), CW_OK);
     send_frames(&p, 0, 2);
     assert_true(run(&p) < FRAMES * WORK_OF_A_FRAME);
+    assert_int_equal(stats_of(&p).frames, FRAMES);
+    end(&p);
+}
+
+/* Node 2 is in bus-off, where it counts each edge to dominant. */
+TEST(a_node_in_bus_off_counts_the_edges_of_all_frames)
+{
+    pair p;
+    set_up(&p);
+    const cw_rule rule = {.name = "off", .action = CW_ACTION_BUS_OFF, .trigger = CW_TRIGGER_TIME,
+                          .nodes = 4, .time_begin = 5000, .time_end = CW_NEVER, .every = 1,
+                          .probability = UINT64_MAX};
+    p.config.rules = &rule;
+    p.config.rule_count = 1;
+    begin(&p);
+    send_frames(&p, 0, 2);
+    assert_true(run(&p) < FRAMES * WORK_OF_A_FRAME);
+    assert_int_equal(stats_of(&p).frames, FRAMES);
+    assert_true(p.records[0][2].stats.hard_syncs > 4 * FRAMES);
+    end(&p);
+}
+
+/* The frames have counters, so they are other frames when they come than when they are handed in. */
+TEST(frames_with_counters_are_as_long_as_they_are_with_them)
+{
+    pair p;
+    set_up(&p);
+    cw_protection protections[NODES];
+    for (unsigned i = 0; i < NODES; i++)
+        protections[i] = (cw_protection){.node = (uint8_t)i, .id = 0x100 + i,
+                                         .counter = {.bits = 8, .max = 255}};
+    p.config.protections = protections;
+    p.config.protection_count = NODES;
+    begin(&p);
+    for (unsigned k = 0; k < FRAMES; k++) {
+        const cw_frame frame = {.id = 0x100 + k % NODES, .dlc = 8};
+        const uint64_t tick = (100 + (uint64_t)k * FRAME_SPACE) * BIT_TICKS + 13 * k;
+        assert_int_equal(cw_node_send(p.fast, k % NODES, &frame, tick), CW_OK);
+        assert_int_equal(cw_node_send(p.single, k % NODES, &frame, tick), CW_OK);
+    }
+    (void)run(&p);
     assert_int_equal(stats_of(&p).frames, FRAMES);
     end(&p);
 }

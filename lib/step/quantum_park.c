@@ -1,0 +1,193 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * quantum_park.c - nodes with clocks of their own between two frames, without their bits.
+ *
+ * A node that is idle, away, or in the intermission goes on by whole bits. So one moment says where
+ * it is: the start of the ACK delimiter of the last frame. Where there was none, it is that of an
+ * earlier bit. All nodes are parked like this from one clean frame to the next one, and their
+ * controllers look idle. When anybody else needs the nodes, each gets its present place.
+ */
+#include "step/quantum.h"
+
+#include "mac/confinement.h"
+#include "mac/mac.h"
+
+#define DELIMITER_BITS 8 /* the ACK delimiter and EOF */
+#define BITS_TO_IDLE (DELIMITER_BITS + (cw_span)CW_INTERMISSION_BITS)
+#define BITS_KEPT 16 /* a node that is parked for longer is idle in any case */
+
+/* ---- Parking --------------------------------------------------------------------------------- */
+
+static bool quantum_park_is_away(const cw_mac *m)
+{
+    return m->phase == CW_MAC_OFF || m->phase == CW_MAC_BUS_OFF || m->phase == CW_MAC_ASLEEP;
+}
+
+/* Returns true when a controller between two frames only waits, and a frame changes nothing of it
+ * but what it counts. */
+static bool only_waits(const cw_mac *m)
+{
+    const bool between = m->phase == CW_MAC_IDLE || m->phase == CW_MAC_INTERMISSION;
+    const bool suspends = m->role == CW_ROLE_TRANSMITTER &&
+                          cw_confinement_passive(&m->confinement);
+    return between && !suspends && m->confinement.rec == 0 && m->overloads_wanted == 0 &&
+           !m->sleeps && m->reported_state == m->confinement.state;
+}
+
+/* Returns true when a node is in a recessive bit as long as all others, and saw no edge in it. */
+static bool is_in_plain_bit(const cw_timed_node *n, cw_span before)
+{
+    return !n->retimed && !n->pcs.synchronised && n->pcs.last_sample == CW_RECESSIVE &&
+           n->report.what == 0 && n->sync_count == 0 && before < n->begin &&
+           n->pcs.sample_at == cw_bit_timing_sample_at(&n->timing) &&
+           n->pcs.end_at == cw_bit_timing_quanta(&n->timing);
+}
+
+/* Returns true when a node can be parked. No edge moves the bits of one in loopback (M15). */
+static bool can_park(const cw_bus *bus, unsigned i)
+{
+    const cw_cable *cable = &bus->timed.cable;
+    const cw_mac *m = &bus->nodes[i].mac;
+    const bool stale = m->offered && !(bus->waiting >> i & 1u); /* it is to be dropped */
+    return is_in_plain_bit(&bus->timed.nodes[i], cable->newest + cable->longest) && !stale &&
+           !(m->modes & CW_MODE_LOOPBACK) && (quantum_park_is_away(m) || only_waits(m));
+}
+
+/* Takes the place of a node, and lets its controller look idle. */
+static void park_node(cw_bus *bus, unsigned i)
+{
+    cw_clean *clean = &bus->timed.clean;
+    cw_clean_node *c = &clean->nodes[i];
+    const cw_timed_node *n = &bus->timed.nodes[i];
+    cw_mac *m = &bus->nodes[i].mac;
+    const cw_span passed = m->phase == CW_MAC_INTERMISSION ? DELIMITER_BITS + m->count
+                                                           : BITS_TO_IDLE;
+    const bool sends = m->phase == CW_MAC_INTERMISSION && m->role == CW_ROLE_TRANSMITTER;
+    c->delimiter[clean->last] = (n->pcs.sampled ? n->next_begin : n->begin) - passed * c->bit;
+    c->acknowledges = !quantum_park_is_away(m) && !(m->modes & CW_MODE_LISTEN_ONLY) && !m->no_ack;
+    clean->senders |= sends ? cw_node_bit(i) : 0;
+    clean->away |= quantum_park_is_away(m) ? cw_node_bit(i) : 0;
+    if (m->phase == CW_MAC_INTERMISSION)
+        cw_mac_go_behind_frame(m, CW_ROLE_RECEIVER, CW_INTERMISSION_BITS);
+}
+
+bool cw_clean_park(cw_bus *bus)
+{
+    cw_clean *clean = &bus->timed.clean;
+    if (clean->parked)
+        return true;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        cw_timed_settle(&bus->timed, i);
+        if (!can_park(bus, i))
+            return false;
+    }
+    clean->away = clean->senders = 0;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        park_node(bus, i);
+    clean->parked = true;
+    bus->timed.steady_at = CW_NEVER;
+    return true;
+}
+
+/* ---- Back to single bits --------------------------------------------------------------------- */
+
+/* A margin after the last bit of EOF would count, one after the first bit of intermission does not
+ * (T4). */
+static void resume_counting(cw_bus *bus, unsigned i, unsigned sampled)
+{
+    const cw_clean *clean = &bus->timed.clean;
+    const cw_clean_node *c = &clean->nodes[i];
+    cw_sync_record *r = &bus->timed.records[i];
+    r->measures = sampled == DELIMITER_BITS && !(clean->away >> i & 1u);
+    r->sampled_at = c->delimiter[clean->last] + (DELIMITER_BITS - 1) * c->bit + c->to_sample;
+}
+
+/* Puts a node into the bit in which it is now. */
+static void resume_node(cw_bus *bus, unsigned i)
+{
+    const cw_clean *clean = &bus->timed.clean;
+    const cw_span now = cw_moment_of(bus, cw_now(bus));
+    const unsigned sampled = cw_timed_place(bus, i, clean->nodes[i].delimiter[clean->last], now);
+    const cw_role role = clean->senders >> i & 1u ? CW_ROLE_TRANSMITTER : CW_ROLE_RECEIVER;
+    bus->timed.nodes[i].ahead = false;
+    assert(sampled >= DELIMITER_BITS);
+    if (bus->timed.counts)
+        resume_counting(bus, i, sampled);
+    if (sampled < BITS_TO_IDLE && !(clean->away >> i & 1u))
+        cw_mac_go_behind_frame(&bus->nodes[i].mac, role, sampled - DELIMITER_BITS);
+}
+
+void cw_clean_resume(cw_bus *bus)
+{
+    if (!bus->timed.clean.parked)
+        return;
+    cw_agenda_clear(&bus->timed.agenda);
+    for (unsigned i = 0; i < bus->node_count; i++)
+        resume_node(bus, i);
+    bus->timed.moment = cw_moment_of(bus, cw_now(bus));
+    bus->timed.clean.parked = false;
+}
+
+/* The bus may go back to the grid when all clocks agree. Bits of two rates begin together. */
+void cw_clean_settle(cw_bus *bus)
+{
+    const cw_timed *t = &bus->timed;
+    if (!t->clean.parked || (!t->rates && (!t->uniform || t->requested)))
+        return;
+    cw_clean_resume(bus);
+    cw_timed_leave(bus);
+}
+
+/* ---- While nodes are parked ------------------------------------------------------------------ */
+
+/* Returns the moment at which a node samples the third bit of intermission. */
+static cw_span end_of_busy(const cw_clean *clean, unsigned i)
+{
+    const cw_clean_node *c = &clean->nodes[i];
+    return c->delimiter[clean->last] + (BITS_TO_IDLE - 1) * c->bit + c->to_sample;
+}
+
+cw_span cw_clean_busy_until(const cw_bus *bus)
+{
+    const cw_clean *clean = &bus->timed.clean;
+    cw_span last = INT64_MIN;
+    for (uint64_t rest = bus->all & ~clean->away; rest; rest &= rest - 1) {
+        const cw_span end = end_of_busy(clean, cw_lowest_node(rest));
+        last = end > last ? end : last;
+    }
+    return last;
+}
+
+bool cw_clean_is_idle(const cw_bus *bus)
+{
+    return cw_clean_busy_until(bus) <= cw_moment_of(bus, cw_now(bus));
+}
+
+cw_span cw_clean_ready(const cw_bus *bus, unsigned i, cw_span moment)
+{
+    const cw_clean_node *c = &bus->timed.clean.nodes[i];
+    const cw_span idle = c->delimiter[bus->timed.clean.last] + BITS_TO_IDLE * c->bit;
+    return idle >= moment ? idle : idle + (moment - idle + c->bit - 1) / c->bit * c->bit;
+}
+
+bool cw_clean_takes_sof(const cw_bus *bus, cw_span moment)
+{
+    const cw_clean *clean = &bus->timed.clean;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (end_of_busy(clean, i) - clean->nodes[i].bit > moment)
+            return false;
+    return true;
+}
+
+void cw_clean_rebase(cw_bus *bus, cw_span by)
+{
+    cw_clean *clean = &bus->timed.clean;
+    const cw_span now = cw_moment_of(bus, cw_now(bus));
+    for (unsigned i = 0; clean->parked && i < bus->node_count; i++) {
+        cw_clean_node *c = &clean->nodes[i];
+        cw_span *begin = &c->delimiter[clean->last];
+        *begin -= by;
+        const cw_span bits = (now - *begin) / c->bit;
+        *begin += bits > BITS_KEPT ? (bits - BITS_KEPT) * c->bit : 0;
+    }
+}
