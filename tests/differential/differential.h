@@ -18,7 +18,7 @@
 #define DIFF_PLANS_MAX 5u   /* configurations of a scenario */
 #define DIFF_PROTECTIONS_MAX 24u /* of one configuration */
 #define DIFF_NAMES 256u     /* distinct names of rules */
-#define DIFF_STYLES 20u
+#define DIFF_STYLES 21u
 #define DIFF_TIMED_BIT_MAX 8000u /* ticks; longer bits have no clocks of their own here */
 
 /* ---- Random numbers -------------------------------------------------------------------------- */
@@ -148,6 +148,7 @@ typedef struct diff_maker {
     uint64_t actions; /* allowed, 1 << cw_action */
     unsigned rarity;  /* rules hit about every so-many-th match, 1: no limit */
     bool clocks;      /* nodes have clocks of their own */
+    bool near;        /* ... which differ by so little that most frames are read right */
     bool fd;          /* nodes know FD frames, or not */
     bool mailboxes;   /* some nodes have mailboxes, and frames their identifiers */
     bool rates;       /* ... and have a data rate, mostly that of these timings */

@@ -31,6 +31,9 @@
 #define FD 1
 #define RATES 2
 
+#define CLOCKS 1
+#define NEAR 2
+
 typedef struct style {
     const char *name;
     unsigned weight; /* scenarios in about 100 */
@@ -46,7 +49,7 @@ typedef struct style {
     bool small;       /* rings and inboxes */
     bool helps;       /* see add_plan_helper() */
     bool lines;       /* see add_line_rule() */
-    bool clocks;      /* nodes have clocks of their own */
+    uint8_t clocks;   /* nodes have clocks of their own; NEAR: which differ by little */
     uint8_t fd;       /* FD: nodes know FD frames, or not; RATES: ... and have a data rate */
 } style;
 
@@ -77,7 +80,9 @@ static const style styles[DIFF_STYLES] = {
     {"chaos", 6, 2000, 30000, DIFF_RULES_MAX, ALL_ACTIONS, 2, 300, 200, 60, 60, true, false,
      false, false, false},
     {"clocks", 6, 2000, 20000, 12, ALL_ACTIONS | TIMED, 10, 500, 50, 20, 20, false, false, false,
-     true, false},
+     CLOCKS, false},
+    {"clean by own clocks", 6, 4000, 40000, 1, CONTROL, 30, 950, 10, 5, 20, false, false, false,
+     NEAR, false},
     {"FD frames", 8, 4000, 60000, 8, ALL_ACTIONS, 10, 500, 50, 20, 40, false, true, false, false,
      FD},
     {"bits of FD frames", 8, 4000, 40000, 12, POSITIONS | ACTION(NOISE) | ACTION(COUNTERS), 3, 700,
@@ -89,7 +94,7 @@ static const style styles[DIFF_STYLES] = {
     {"clean at data rates", 12, 4000, 40000, 0, 0, 1, 700, 0, 100, 10, false, false, false, false,
      RATES},
     {"clocks at data rates", 12, 4000, 40000, 3, TOPOLOGY | ACTION(BUS_OFF) | ACTION(RESTART) |
-     ACTION(SET), 20, 700, 200, 100, 10, false, false, false, true, RATES},
+     ACTION(SET), 20, 700, 200, 100, 10, false, false, false, CLOCKS, RATES},
 };
 
 const char *diff_style_name(unsigned number)
@@ -638,6 +643,27 @@ static void bad_frames(generator *g, uint64_t frames)
     }
 }
 
+/* Sends frames one after the other, of which few meet. Some of them are handed in together. */
+static void in_turn(generator *g)
+{
+    diff_maker *m = &g->maker;
+    diff_random *r = &m->random;
+    uint64_t left = 0, handed_in = 0;
+    for (uint64_t bit = 0; bit < m->bits; bit += diff_between(r, 100, 250), left--) {
+        const uint64_t tick = bit * m->bit + diff_below(r, m->bit);
+        const unsigned node = random_node_number(g);
+        diff_op op = {.kind = DIFF_SEND, .target = node, .send = {.at_tick = tick}};
+        if (left == 0) {
+            left = diff_magnitude(r, 1, 50);
+            handed_in = tick;
+        }
+        const cw_frame frame = diff_random_frame(m);
+        op.tick = handed_in;
+        op.send.frame = diff_owned_frame(m, &frame, node);
+        diff_add_op(g->scenario, &op);
+    }
+}
+
 /* Makes traffic from an almost empty bus to one that is overloaded. */
 static void random_traffic(generator *g)
 {
@@ -645,6 +671,10 @@ static void random_traffic(generator *g)
                                                               scattered};
     diff_random *r = &g->maker.random;
     uint64_t frames = g->maker.bits / diff_magnitude(r, 60, diff_chance(r, 700) ? 240 : 4000);
+    if (g->maker.near && diff_chance(r, 800)) {
+        in_turn(g);
+        return;
+    }
     while (frames > 0) {
         uint64_t part = diff_between(r, 1, frames > 400 ? 400 : frames);
         patterns[diff_below(r, 5)](g, part);
@@ -872,6 +902,10 @@ static void choose_events(generator *g)
     diff_random *r = &g->maker.random;
     diff_op op = {.kind = DIFF_SET_EVENTS,
                   .kinds = UINT32_MAX & ~(1u << CW_EVENT_ARBITRATION_LOST)};
+    if (g->maker.near && diff_chance(r, 900))
+        op.kinds &= ~(1u << CW_EVENT_SYNC);
+    if (g->maker.near && diff_chance(r, 300))
+        op.kinds &= ~(1u << CW_EVENT_RX);
     if (diff_chance(r, 200))
         op.kinds &= ~((uint32_t)diff_draw(r) & (uint32_t)diff_draw(r));
     if (diff_chance(r, g->style->lines ? 800 : 300))
@@ -918,7 +952,8 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     random_lengths(s, m, g.style);
     m->actions = g.style->actions;
     m->rarity = g.style->rarity;
-    m->clocks = g.style->clocks;
+    m->clocks = g.style->clocks != 0;
+    m->near = g.style->clocks == NEAR;
     m->fd = g.style->fd != 0;
     g.hosts = diff_chance(&m->random, 150);
     g.pure = diff_chance(&g.maker.random, 500);
@@ -926,6 +961,8 @@ void diff_generate(diff_scenario *s, uint64_t seed)
     g.variants = diff_chance(&m->random, 100);
     m->sleeps = diff_chance(&m->random, 200);
     g.times = diff_chance(&m->random, 150);
+    if (m->near && diff_chance(&m->random, 900)) /* the bus looks at each frame there */
+        g.hosts = g.times = m->sleeps = false;
     m->rates = g.style->fd == RATES && m->bit >= 80 && m->bit <= DIFF_TIMED_BIT_MAX;
     if (m->rates)
         diff_random_rates(m, &m->common);

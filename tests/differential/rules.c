@@ -74,9 +74,36 @@ static cw_bit_timing random_clock(diff_maker *m)
     return t;
 }
 
+/* Draws a bit timing by a clock that differs by 1000 ppm at most, and a short way. */
+static void random_near_timing(diff_maker *m, cw_node_timing *timing)
+{
+    diff_random *r = &m->random;
+    const uint64_t bit = m->bit * (uint64_t)CW_TICK;
+    const unsigned quanta = (unsigned)diff_magnitude(r, 8, 200);
+    const uint16_t behind = (uint16_t)diff_between(r, quanta / 8 + 1, quanta / 3);
+    timing->bit = (cw_bit_timing){.prop_seg = (uint16_t)(quanta - 2u * behind - 1),
+                                  .phase_seg1 = behind, .phase_seg2 = behind,
+                                  .sjw = (uint16_t)(behind - diff_below(r, behind)),
+                                  .triple_sampling = diff_chance(r, 50)};
+    timing->bit.quantum = (cw_span)(bit / quanta);
+    make_inexact(r, &timing->bit, 1000);
+    if (diff_chance(r, 300))
+        timing->place = (cw_span)diff_magnitude(r, 1, bit / 20);
+    if (diff_chance(r, 50))
+        timing->stub = (cw_span)diff_below(r, bit / 80);
+    for (unsigned level = 0; level < 2 && diff_chance(r, 150); level++) {
+        timing->tx_delay[level] = (cw_span)diff_below(r, bit / 80);
+        timing->rx_delay[level] = (cw_span)diff_below(r, bit / 80);
+    }
+}
+
 void diff_random_timing(diff_maker *m, cw_node_timing *timing)
 {
     diff_random *r = &m->random;
+    if (m->near) {
+        random_near_timing(m, timing);
+        return;
+    }
     if (diff_chance(r, 500))
         timing->bit = m->rates ? random_clock(m) : random_bit_timing(m);
     const uint64_t bit = m->bit * (uint64_t)CW_TICK;
