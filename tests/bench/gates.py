@@ -22,6 +22,7 @@ MANY = 20000
 WORKS = [
     ("clean-2", "clean frame, hand-in to events, 2 nodes", 2000),
     ("clean-64", "clean frame, 64 nodes", MANY),
+    ("clean-fresh-4", "clean frame, 4 nodes, no frame as another one", 2000),
     ("rules-100", "clean frame, 4 nodes, 100 rules with exact identifiers", 2000),
     ("faulted-100", "frame when 1 % of attempts are faulted, 4 nodes", 4000),
     ("faulted-10", "frame when 10 % of attempts are faulted, 4 nodes", 2000),

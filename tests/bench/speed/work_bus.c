@@ -8,6 +8,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define QUEUE 16u         /* frames of a node: more than are sent in a slice: it never runs dry */
 #define SLICE_BITS 1000u  /* between two looks at the events */
@@ -22,6 +23,7 @@ typedef struct saturation {
     cw_frame frames[CW_NODES_MAX][BENCH_FRAMES / CW_NODES_MAX];
     uint64_t handed_in;
     uint64_t sent;
+    uint64_t renewed; /* frames */
 } saturation;
 
 /* ---- Rules ----------------------------------------------------------------------------------- */
@@ -150,6 +152,14 @@ static void hand_in(saturation *s, unsigned node, uint64_t tick)
         bench_fail("the inbox is full");
 }
 
+/* Gives the frames of all senders data that no frame had before. */
+static void renew_frames(saturation *s)
+{
+    for (unsigned node = 0; node < s->options.senders; node++)
+        for (unsigned i = 0; i < BENCH_FRAMES / CW_NODES_MAX; i++, s->renewed++)
+            memcpy(s->frames[node][i].data, &s->renewed, sizeof s->renewed);
+}
+
 /* Takes every event and hands in the next frame of a node for each transmitted one. */
 static void keep_busy(saturation *s)
 {
@@ -184,6 +194,8 @@ static void hand_in_load(saturation *s)
 
 static void advance_slice(saturation *s)
 {
+    if (s->options.fresh)
+        renew_frames(s);
     if (s->options.load)
         hand_in_load(s);
     advance(s, cw_bus_now(s->bus) + SLICE_BITS * BENCH_BIT_TICKS);

@@ -37,6 +37,7 @@ const bench_work bench_works[] = {
     LENGTH("fd-64", .fd = true),
     FRAMES("clean-2", .nodes = 2, .senders = 2),
     FRAMES("clean-4", .nodes = 4, .senders = 4),
+    FRAMES("clean-fresh-4", .nodes = 4, .senders = 4, .fresh = true),
     FRAMES("clean-16", .nodes = 16, .senders = 16),
     MORE_FRAMES("clean-64", 20000, .nodes = 64, .senders = 64),
     FRAMES("fd-8-2", .nodes = 2, .senders = 2, .fd = 8),

@@ -58,6 +58,7 @@ void bench_encode_end(void *state);
 typedef struct bench_bus_options {
     unsigned nodes;
     unsigned senders; /* that always have frames waiting */
+    bool fresh;       /* no frame has data that another one had; otherwise they recur */
     bool lost;        /* events report lost arbitrations, too */
     bool stepping;    /* cw_bus_set_stepping(): every node in every bit */
     bool bit_by_bit;  /* a rule is at work in every bit; the last node must not be a sender */
