@@ -294,6 +294,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     unsigned events = c->events > least_ring(c) ? c->events : least_ring(c);
     cw_bus *bus = carve(a, 1, sizeof *bus);
     cw_bus_node *nodes = carve(a, c->node_count, sizeof *nodes);
+    cw_lengths *lengths = carve(a, 1, sizeof *lengths);
     cw_restart_times *restarts = carve(a, c->node_count, sizeof *restarts);
     cw_start *starts = carve(a, c->node_count, sizeof *starts);
     cw_sleep *sleeps = carve(a, c->node_count, sizeof *sleeps);
@@ -307,6 +308,8 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
         memset(bus, 0, sizeof *bus);
         memset(nodes, 0, c->node_count * sizeof *nodes);
         memset(starts, 0, c->node_count * sizeof *starts);
+        cw_lengths_clear(lengths);
+        bus->lengths = lengths;
         bus->nodes = nodes;
         bus->restarts = restarts;
         bus->starts = starts;

@@ -39,11 +39,12 @@ static bool keeps_triggers(const cw_bus *bus, unsigned i, const cw_bus *old, uns
 }
 
 /* Puts a frame into the queue of a node, as its controller would send it. */
-static bool takeover_put(cw_bus_node *n, const cw_queue_slot *slot)
+static bool takeover_put(cw_bus *bus, unsigned i, const cw_queue_slot *slot)
 {
+    cw_bus_node *n = &bus->nodes[i];
     cw_frame frame;
     cw_frame_copy(&frame, slot->frame);
-    if (!cw_queue_put(&n->queue, &frame, slot->handed_in))
+    if (!cw_queue_put(&n->queue, &frame, slot->handed_in, bus->lengths))
         return false;
     if (cw_frame_is_fd(&frame))
         cw_complete_fd(n);
@@ -69,7 +70,7 @@ static void take_over_slot(cw_bus *bus, unsigned i, const cw_bus *old_bus, unsig
     const bool full = n->queue.count - cw_mailbox_replies(bus, i) >= n->queue_limit;
     cw_drop why = can_send(bus, i, slot->frame, begun || reply) ? CW_DROP_QUEUE_FULL
                                                                 : CW_DROP_BAD_FRAME;
-    if (why == CW_DROP_BAD_FRAME || (full && !reply) || !takeover_put(n, slot)) {
+    if (why == CW_DROP_BAD_FRAME || (full && !reply) || !takeover_put(bus, i, slot)) {
         drop(bus, i, slot->frame, why);
         return;
     }

@@ -68,7 +68,7 @@ static void enqueue_put(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t
 {
     cw_bus_node *n = &bus->nodes[i];
     pin_frame(bus, i);
-    bool put = cw_queue_put(&n->queue, frame, tick);
+    bool put = cw_queue_put(&n->queue, frame, tick, bus->lengths);
     assert(put);
     (void)put;
     if (cw_frame_is_fd(frame))

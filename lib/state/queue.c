@@ -62,17 +62,17 @@ __attribute__((noinline)) static void put_fd(cw_queue_slot *slot, const cw_frame
 
 /* Writes a classical frame into a slot, with all that is needed to send it. */
 static inline void put_classical(cw_queue_slot *slot, const cw_frame *frame, uint64_t handed_in,
-                                 uint32_t number)
+                                 uint32_t number, cw_lengths *lengths)
 {
     const unsigned bytes = cw_dlc_length(frame->dlc, cw_frame_is_remote(frame));
     *slot = (cw_queue_slot){.handed_in = handed_in, .number = number,
-                            .wire_bits = (uint16_t)cw_bits_measure_classical(frame),
+                            .wire_bits = (uint16_t)cw_lengths_of(lengths, frame),
                             .bytes = (uint8_t)bytes};
     memcpy(slot->frame, frame, sizeof(cw_short_frame));
 }
 
 /* Finds the length here, where nothing waits for it, and not at the frame's turn. */
-bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
+bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in, cw_lengths *lengths)
 {
     if (q->count == q->capacity)
         return false;
@@ -87,7 +87,7 @@ bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in)
     if (cw_frame_is_fd(frame))
         put_fd(put, frame, handed_in, q->puts++);
     else
-        put_classical(put, frame, handed_in, q->puts++);
+        put_classical(put, frame, handed_in, q->puts++, lengths);
     return true;
 }
 
@@ -131,14 +131,14 @@ void cw_queue_put_into_box(cw_queue *q, uint16_t slot, unsigned box, uint32_t ke
     q->boxed++;
 }
 
-void cw_queue_change(cw_queue *q, uint16_t slot, const cw_frame *frame)
+void cw_queue_change(cw_queue *q, uint16_t slot, const cw_frame *frame, cw_lengths *lengths)
 {
     cw_queue_slot *s = cw_queue_at(q, slot);
     const cw_queue_slot before = *s;
     if (cw_frame_is_fd(frame))
         put_fd(s, frame, before.handed_in, before.number);
     else
-        put_classical(s, frame, before.handed_in, before.number);
+        put_classical(s, frame, before.handed_in, before.number, lengths);
     s->source = before.source;
     s->tried = before.tried;
 }

@@ -8,7 +8,7 @@
 #ifndef CANWIRE_QUEUE_H
 #define CANWIRE_QUEUE_H
 
-#include "format/frame.h"
+#include "format/lengths.h"
 
 #include <assert.h>
 
@@ -62,7 +62,7 @@ void cw_queue_init(cw_queue *q, void *slots, cw_queue_place *order, uint16_t cap
                    cw_order mode, bool fd);
 
 /* Puts a frame, which must be valid, into the queue. Returns false when the queue is full. */
-bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in);
+bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in, cw_lengths *lengths);
 
 /* Sorts the waiting frames anew; equal ones stay in the order in which they came. */
 void cw_queue_set_order(cw_queue *q, cw_order mode);
@@ -88,7 +88,7 @@ uint32_t cw_queue_priority(const cw_frame *frame);
 void cw_queue_put_into_box(cw_queue *q, uint16_t slot, unsigned box, uint32_t key);
 
 /* Gives a frame that is not on the wire other content. */
-void cw_queue_change(cw_queue *q, uint16_t slot, const cw_frame *frame);
+void cw_queue_change(cw_queue *q, uint16_t slot, const cw_frame *frame, cw_lengths *lengths);
 
 /* Takes a slot in use out of the queue; its contents stay readable until the next put. */
 void cw_queue_remove(cw_queue *q, uint16_t slot);

@@ -35,7 +35,7 @@ void cw_mailboxes_load_now(cw_bus *bus, unsigned i)
         const uint16_t slot = cw_queue_nth(&n->queue, k);
         if (!(b->newer & b->reply_boxes & cw_box_bit(box)))
             continue;
-        cw_queue_change(&n->queue, slot, &b->boxes[box].frame);
+        cw_queue_change(&n->queue, slot, &b->boxes[box].frame, bus->lengths);
         if (n->offered_slot == slot)
             n->mac.offered = false; /* not encoded */
         cw_queue_changed(bus, i);

@@ -214,6 +214,7 @@ struct cw_bus {
     bool pending; /* pending: a rule or a setting has changed something at a controller */
     cw_event unwanted_event; /* written to when the kind is not wanted */
     cw_event lost_event; /* written to when the ring is full */
+    cw_lengths *lengths;
     cw_bus_node *nodes;
     cw_restart_times *restarts; /* one for each node */
     cw_start *starts;        /* likewise: of the last transmission */

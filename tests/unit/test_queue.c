@@ -14,17 +14,19 @@ typedef struct bench {
     cw_queue queue;
     uint64_t slots[SLOTS * sizeof(cw_queue_slot)];
     cw_queue_place order[SLOTS];
+    cw_lengths lengths;
 } bench;
 
 static void open_queue(bench *b, uint16_t capacity, cw_order mode)
 {
+    cw_lengths_clear(&b->lengths);
     cw_queue_init(&b->queue, b->slots, b->order, capacity, mode, false);
 }
 
 static void put(bench *b, uint32_t id, unsigned flags, uint8_t mark)
 {
     cw_frame f = {.id = id, .flags = (uint8_t)flags, .dlc = 1, .data = {mark}};
-    assert_true(cw_queue_put(&b->queue, &f, mark));
+    assert_true(cw_queue_put(&b->queue, &f, mark, &b->lengths));
 }
 
 /* Takes the first frame out and returns the mark that it was handed in with. */
@@ -81,7 +83,7 @@ TEST(a_full_queue_takes_nothing)
     open_queue(&b, 3, CW_ORDER_PRIORITY);
     for (uint8_t mark = 1; mark <= 3; mark++)
         put(&b, 0x100, 0, mark);
-    assert_false(cw_queue_put(&b.queue, &urgent, 9));
+    assert_false(cw_queue_put(&b.queue, &urgent, 9, &b.lengths));
     assert_int_equal(b.queue.count, 3);
     assert_int_equal(take(&b), 1);
     put(&b, 0x100, 0, 4);
@@ -139,7 +141,7 @@ static void put_both(bench *b, slow_queue *slow, rig_random *random, unsigned nu
     cw_frame f = rig_random_frame(random);
     f.id &= f.flags & CW_FRAME_EXTENDED ? 0x180003u : 7u; /* few, so that many are equal */
     bool room = slow->count < SLOTS;
-    assert_int_equal(cw_queue_put(&b->queue, &f, number), room);
+    assert_int_equal(cw_queue_put(&b->queue, &f, number, &b->lengths), room);
     if (!room)
         return;
     entry *e = &slow->entries[slow->count++];
