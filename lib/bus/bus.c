@@ -73,19 +73,27 @@ static void step_bit(cw_bus *bus)
         cw_tt_look(bus);
 }
 
-/* Goes on by some bits, at least one. */
-static void bus_go_on(cw_bus *bus, uint64_t tick)
+/* Goes on in a way other than frame steps, where the bus has to. Returns false when it has not. */
+static bool goes_another_way(cw_bus *bus, uint64_t tick)
 {
     if (cw_is_off_grid(bus)) {
         if (!cw_timed_may_leap(bus) ||
             ((bus->tt || !cw_timed_frame_go(bus, tick)) && !cw_timed_rest_go(bus, tick)))
             cw_step_bit_times(bus, tick);
-        return;
+        return true;
     }
     if (bus->stepping || bus->watching) {
         step_bit(bus);
-        return;
+        return true;
     }
+    return false;
+}
+
+/* Goes on by some bits, at least one. */
+static void bus_go_on(cw_bus *bus, uint64_t tick)
+{
+    if (bus->outlook.plain == 0 && goes_another_way(bus, tick))
+        return;
     if (cw_frame_step_go(bus, tick)) {
         if (bus->tt && !bus->frame_step.active) /* maybe by a single bit */
             cw_tt_look(bus);
@@ -161,6 +169,7 @@ uint64_t cw_bus_work(const cw_bus *bus)
 void cw_bus_set_stepping(cw_bus *bus, bool stepping)
 {
     bus->stepping = stepping;
+    cw_outlook_forget(bus);
     if (!stepping)
         return;
     cw_wake_controllers(bus);
@@ -170,11 +179,13 @@ void cw_bus_set_stepping(cw_bus *bus, bool stepping)
 void cw_bus_set_own_clocks(cw_bus *bus, bool own)
 {
     bus->timed.requested = own;
+    cw_outlook_forget(bus);
 }
 
 void cw_bus_set_watching(cw_bus *bus, bool watching)
 {
     bus->watching = watching;
+    cw_outlook_forget(bus);
     if (watching)
         cw_wake_controllers(bus);
 }
@@ -201,4 +212,5 @@ void cw_bus_set_events(cw_bus *bus, uint32_t kinds)
     cw_wake_controllers(bus); /* a frame step in progress relies on the kinds of events wanted
                                  before */
     bus->wanted = kinds;
+    cw_outlook_forget(bus);
 }

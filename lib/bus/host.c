@@ -253,7 +253,7 @@ cw_status cw_node_set(cw_bus *bus, unsigned i, const cw_settings *s)
     cw_share_lost(bus, i);
     if (s->which & CW_SET_ORDER) {
         cw_queue_set_order(&n->queue, s->order);
-        bus->outlook.valid = false;
+        cw_outlook_forget(bus);
     }
     cw_queue_changed(bus, i);
     if (s->which & CW_SET_WARNING)

@@ -96,6 +96,7 @@ cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
         return status;
     cw_wake_controllers(bus); /* a frame step in progress relies on the rules from before */
     cw_rules_add(&bus->rules, place, rule);
+    cw_outlook_forget(bus);
     cw_ring_find_enough(bus);
     cw_find_longest(bus);
     *index = place;
@@ -129,6 +130,7 @@ cw_status cw_bus_clear_rule(cw_bus *bus, unsigned index)
     cw_wake_controllers(bus);
     disown_frames(bus, index);
     cw_rules_remove(&bus->rules, index);
+    cw_outlook_forget(bus);
     cw_ring_find_enough(bus);
     cw_find_longest(bus);
     return CW_OK;

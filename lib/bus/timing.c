@@ -228,6 +228,7 @@ static uint32_t fastest_permille(const cw_bus_config *c)
 static void find_uniform(cw_bus *bus)
 {
     bus->timed.uniform = is_uniform(bus) || !bus->timed.divides;
+    cw_outlook_forget(bus);
 }
 
 void cw_init_timing(cw_bus *bus, const cw_bus_config *c)

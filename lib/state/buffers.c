@@ -91,7 +91,7 @@ static void ask_for_time(cw_bus *bus, unsigned i, const cw_frame *frame)
         return;
     cw_leave(bus, cw_node_bit(i));
     (void)cw_mac_request_overload(&bus->nodes[i].mac, second ? 2 : 1);
-    bus->outlook.valid = false;
+    cw_outlook_forget(bus);
 }
 
 /* Adds a frame behind those that wait. One that has been fetched in the bit in progress is still

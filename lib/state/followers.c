@@ -22,7 +22,7 @@ void cw_leave(cw_bus *bus, uint64_t nodes)
 cw_mac *cw_own_mac(cw_bus *bus, unsigned i)
 {
     assert(!bus->frame_step.active);
-    bus->outlook.valid = false;
+    cw_outlook_forget(bus);
     cw_leave(bus, cw_node_bit(i));
     cw_timed_settle(&bus->timed, i);
     bus->timed.touched |= cw_node_bit(i);

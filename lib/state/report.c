@@ -30,6 +30,7 @@ void cw_report_new_state(cw_bus *bus, unsigned i)
     cw_state before = (cw_state)n->reported_state;
     cw_state after = cw_node_state(bus, i);
     n->reported_state = (uint8_t)after;
+    cw_outlook_forget(bus);
     if (before < CW_STATE_ERROR_WARNING && after == CW_STATE_ERROR_WARNING)
         n->stats.error_warning++;
     if (before < CW_STATE_ERROR_PASSIVE && after == CW_STATE_ERROR_PASSIVE)

@@ -81,6 +81,7 @@ void cw_sleep_wait(cw_bus *bus, unsigned i)
     const uint64_t self = cw_node_bit(i);
     if (!(bus->asleep & self) || s->awake_at != CW_NEVER)
         return;
+    cw_outlook_forget(bus);
     s->filter.length = s->settings.filter_ticks * (uint64_t)CW_TICK;
     if (s->settings.frame_count) {
         bus->dozing &= ~self;

@@ -108,8 +108,9 @@ typedef struct cw_bit_note {
 } cw_bit_note;
 
 /* The part of each node in the next frame, while all nodes are idle; see step/outlook.c.
- * cw_outlook_find() computes the outlook from all controllers. A change of a controller clears
- * `valid`, and the next decision computes the outlook anew. */
+ * cw_outlook_find() computes the outlook from all controllers. Whoever changes a controller, or
+ * anything that `plain` depends on, calls cw_outlook_forget(), and the next decision computes the
+ * outlook anew. */
 typedef struct cw_outlook {
     bool valid;
     bool calm;              /* each node is idle, or away until a call or rule changes it */
@@ -121,6 +122,9 @@ typedef struct cw_outlook {
     uint64_t counting;      /* acknowledgers whose REC a good frame lowers (R8) */
     uint64_t one_shot;      /* senders that try once (M13) */
     uint64_t fd;            /* listeners that know FD frames */
+    uint64_t plain;         /* senders whose frames need none of what is rare: no other way of time
+                               than frame steps, no order of their own, nothing between controllers
+                               and hosts, no reasons for single bits. 0 unless valid and calm */
 } cw_outlook;
 
 /* The tournament of the frames that wait, see step/arbiter.c. */
@@ -229,6 +233,13 @@ struct cw_bus {
     cw_timed timed;
     cw_bit_note note;
 };
+
+/* Call it after a change of a controller, or of anything else that the outlook depends on. */
+static inline void cw_outlook_forget(cw_bus *bus)
+{
+    bus->outlook.valid = false;
+    bus->outlook.plain = 0;
+}
 
 /* Returns the present tick. */
 static inline uint64_t cw_now(const cw_bus *bus)

@@ -41,6 +41,7 @@ void cw_apply_topology(cw_bus *bus)
     bus->rules.rewired = false;
     memcpy(bus->groups, topology.wires, topology.wire_count * sizeof bus->groups[0]);
     bus->group_count = topology.wire_count;
+    cw_outlook_forget(bus);
 }
 
 uint64_t cw_wired_and(const cw_bus *bus, uint64_t driven)

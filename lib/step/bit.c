@@ -255,7 +255,7 @@ static void finish_bit(cw_bus *bus, const cw_levels *levels)
 
 void cw_step_bit(cw_bus *bus)
 {
-    bus->outlook.valid = false;
+    cw_outlook_forget(bus);
     cw_levels levels = {.driven = drive_all(bus)};
     cw_watch_wire(bus, 1);
     cw_find_levels(bus, &levels);

@@ -11,10 +11,19 @@
 
 /* ---- Conditions ------------------------------------------------------------------------------ */
 
-/* Cheap checks come first, since this runs for every bit within a frame. */
+/* Returns true when all frames that wait are plain ones (cw_outlook), and no rule does more than to
+ * wait for frames. */
+static inline bool waits_plainly(const cw_bus *bus)
+{
+    return (bus->waiting & ~bus->outlook.plain) == 0 &&
+           (bus->rules.awake_count | bus->rules.held_count) == 0;
+}
+
+/* Cheap checks come first, since this runs for every bit within a frame. Plain frames need none of
+ * them. */
 static bool can_begin(cw_bus *bus)
 {
-    if (bus->waiting == 0 || bus->group_count > 1 || bus->pending || bus->dozing ||
+    if (bus->group_count > 1 || bus->pending || bus->dozing ||
         (bus->followers && bus->common.phase != CW_MAC_IDLE))
         return false;
     if (!bus->outlook.valid)
@@ -25,8 +34,7 @@ static bool can_begin(cw_bus *bus)
         ((cw_rules_touch_now(&bus->rules) & CW_TOUCH_CONTROLLERS) ||
          !cw_frame_step_is_noise_free(bus, 1)))
         return false;
-    /* a frame that comes during the SOF may join it (M6) */
-    return bus->outlook.calm && cw_inbox_first(bus) > cw_bit_end(bus);
+    return bus->outlook.calm;
 }
 
 /* Rules on errors and states see nothing of a frame that has no errors and changes no state. */
@@ -198,47 +206,82 @@ static void note_times(cw_bus *bus)
     }
 }
 
-bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
+/* Finds the winner of the next arbitration. Returns all that take part, or 0 when single bits must
+ * decide. */
+static uint64_t find_contenders(cw_bus *bus, bool plain, unsigned *winner)
 {
-    unsigned winner;
-    if (!can_begin(bus))
-        return false;
-    for (uint64_t rest = bus->replying & bus->outlook.senders; rest; rest &= rest - 1)
+    const uint64_t replying = plain ? 0 : bus->replying & bus->outlook.senders;
+    for (uint64_t rest = replying; rest; rest &= rest - 1)
         cw_mailboxes_load(bus, cw_lowest_node(rest));
     cw_arbiter_update(bus);
-    uint64_t contenders = bus->waiting & bus->outlook.senders;
-    const uint64_t unusual = bus->waiting & ~bus->outlook.orderly;
-    bool others = unusual & ~(bus->outlook.listeners | bus->outlook.away);
-    if (contenders == 0 || others || !cw_arbiter_winner(bus, contenders, &winner))
-        return false;
-    if (!suits_step(bus, contenders, winner) ||
-        (bus->formats_differ && !prepare_format(bus, winner)))
-        return false;
-    const bool waits = cw_rules_wait_for_frames(&bus->rules);
-    uint64_t watched = waits ? cw_find_watched(bus, contenders, winner) : 0;
-    bool at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
+    const uint64_t contenders = bus->waiting & bus->outlook.senders;
+    if (!plain) {
+        const uint64_t unusual = bus->waiting & ~bus->outlook.orderly;
+        const uint64_t others = unusual & ~(bus->outlook.listeners | bus->outlook.away);
+        if (contenders == 0 || others)
+            return 0;
+    }
+    if (!cw_arbiter_winner(bus, contenders, winner) ||
+        (!plain && !suits_step(bus, contenders, *winner)) ||
+        (bus->formats_differ && !prepare_format(bus, *winner)))
+        return 0;
+    return contenders;
+}
+
+/* Returns true when rules must see the bits of the next frame one by one. */
+static bool rules_need_bits(cw_bus *bus, uint64_t watched)
+{
     if (bus->frame_step.fast.to != 0 && (watched || bus->rules.awake_count))
-        return false; /* its bits are looked at one by one */
-    if (watched && (at_work || cw_rules_act_first(bus, watched)))
-        return false;
-    const uint64_t losers = contenders & ~cw_node_bit(winner);
-    bool losses_seen = losers && cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
-    bus->error_flag = (cw_flag_watch){.now = false};
-    bus->overload_flag = (cw_flag_watch){.now = false};
-    bus->frame_step.watched = watched;
-    bus->frame_step.hit = false;
-    const bool improper = unusual && wins_improperly(bus, winner);
-    bool whole = !(watched & losers) && !losses_seen && !improper && find_tail(bus, winner) == 0;
-    if (whole && cw_frame_step_whole(bus, winner, contenders, tick))
         return true;
+    const bool at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
+    return watched && (at_work || cw_rules_act_first(bus, watched));
+}
+
+/* Begins a step with a frame that does not pass at once. */
+static void begin_step(cw_bus *bus, unsigned winner, uint64_t contenders, bool plain)
+{
+    const uint64_t self = cw_node_bit(winner), watched = bus->frame_step.watched;
+    const bool losses_seen = contenders != self && cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
+    const bool improper = !plain && (bus->waiting & ~bus->outlook.orderly) &&
+                          wins_improperly(bus, winner);
     cw_frame_step_prepare(bus, winner, contenders);
-    bool rough = watched == cw_node_bit(winner) && !bus->frame_step.hit &&
-                 cw_rules_stop_roughly(&bus->rules, winner);
+    const bool rough = watched == self && !bus->frame_step.hit &&
+                       cw_rules_stop_roughly(&bus->rules, winner);
     choose_frame(bus, (watched && !rough) || losses_seen || improper || bus->frame_step.at_work);
     if (improper)
         find_won(&bus->frame_step);
     start_transmissions(bus);
     if (bus->tt)
         note_times(bus);
+}
+
+bool cw_frame_step_begin(cw_bus *bus, uint64_t tick)
+{
+    unsigned winner;
+    if (bus->waiting == 0)
+        return false;
+    bool plain = waits_plainly(bus);
+    if (!plain) {
+        if (!can_begin(bus))
+            return false;
+        plain = waits_plainly(bus);
+    }
+    if (cw_inbox_first(bus) <= cw_bit_end(bus)) /* it may join the SOF (M6) */
+        return false;
+    const uint64_t contenders = find_contenders(bus, plain, &winner);
+    if (contenders == 0)
+        return false;
+    const bool waits = cw_rules_wait_for_frames(&bus->rules);
+    const uint64_t watched = waits ? cw_find_watched(bus, contenders, winner) : 0;
+    if ((watched || !plain) && rules_need_bits(bus, watched))
+        return false;
+    bus->error_flag = (cw_flag_watch){.now = false};
+    bus->overload_flag = (cw_flag_watch){.now = false};
+    bus->frame_step.watched = watched;
+    bus->frame_step.hit = false;
+    if (plain && (watched & ~cw_node_bit(winner)) == 0 &&
+        cw_frame_step_whole(bus, winner, contenders, tick))
+        return true;
+    begin_step(bus, winner, contenders, plain);
     return true;
 }

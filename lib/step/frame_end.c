@@ -113,5 +113,5 @@ void cw_wake_controllers(cw_bus *bus)
     for (uint64_t rest = step->undecided | cw_node_bit(step->node); rest; rest &= rest - 1)
         resume_sending(bus, cw_lowest_node(rest), &p);
     bind_rules(bus);
-    bus->outlook.valid = false;
+    cw_outlook_forget(bus);
 }

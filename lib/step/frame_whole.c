@@ -34,8 +34,7 @@ bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint
     const unsigned bits = step->length + CW_INTERMISSION_BITS;
     step->at = 0;
     const uint64_t end = cw_frame_step_tick(bus, bits);
-    if (end > tick || bus->rules.awake_count || cw_host_side_acts(bus) ||
-        !cw_frame_step_is_undisturbed_until(bus, end) ||
+    if (end > tick || bus->node_due < end || bus->rules.next_due < end ||
         (step->watched && !cw_rules_count_off(&bus->rules, winner) &&
          !rule_lets_whole_pass(bus, winner, first->frame)))
         return false;

@@ -4,6 +4,8 @@
  */
 #include "step/step.h"
 
+#include "mac/confinement.h"
+
 #include <assert.h>
 
 static bool outlook_is_away(const cw_mac *m)
@@ -45,6 +47,32 @@ static void count_node(cw_outlook *outlook, const cw_bus_node *n, bool has_boxes
         outlook->counting |= self;
 }
 
+/* Returns true when frames need nothing that is rare. Rules that come awake and frames that rules
+ * hold back are left out, since they change without a call: see cw_frame_step_begin(). */
+static bool lacks_rarities(const cw_bus *bus, const cw_outlook *outlook)
+{
+    const cw_rule_set *rules = &bus->rules;
+    return outlook->calm && (outlook->listeners | outlook->away) == bus->all &&
+           !cw_is_off_grid(bus) && !bus->stepping && !bus->watching && bus->group_count == 1 &&
+           !bus->buffers && !bus->tt && !bus->dozing && !bus->listening &&
+           !cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST) && rules->error_rules == 0 &&
+           rules->host_rules == 0 && rules->reply_rules == 0;
+}
+
+/* Returns the senders whose frames are plain. Another node must acknowledge them. */
+static uint64_t find_plain(const cw_bus *bus, const cw_outlook *outlook)
+{
+    uint64_t plain = outlook->orderly & ~outlook->one_shot;
+    if (!lacks_rarities(bus, outlook) || outlook->acknowledgers == 0)
+        return 0;
+    if ((outlook->acknowledgers & (outlook->acknowledgers - 1)) == 0)
+        plain &= ~outlook->acknowledgers;
+    for (uint64_t rest = plain; rest; rest &= rest - 1)
+        if (cw_confinement_passive(&bus->nodes[cw_lowest_node(rest)].mac.confinement))
+            plain &= ~(rest & (~rest + 1)); /* it suspends transmission (M8) */
+    return plain;
+}
+
 /* The own phase of followers is idle, as the shared one is then. */
 static cw_outlook look_around(const cw_bus *bus)
 {
@@ -55,6 +83,7 @@ static cw_outlook look_around(const cw_bus *bus)
         count_node(&outlook, &bus->nodes[i], bus->buffers && bus->buffers[i].boxes,
                    cw_node_bit(i));
     }
+    outlook.plain = find_plain(bus, &outlook);
     return outlook;
 }
 
@@ -66,6 +95,8 @@ void cw_outlook_find(cw_bus *bus)
 void cw_assert_outlook(const cw_bus *bus)
 {
     const cw_outlook *known = &bus->outlook;
+    assert(known->plain == 0 || (known->valid && known->calm && !bus->pending &&
+                                 !(bus->followers && bus->common.phase != CW_MAC_IDLE)));
     if (!known->valid || (bus->followers && bus->common.phase != CW_MAC_IDLE))
         return;
     const cw_outlook outlook = look_around(bus);
@@ -74,4 +105,5 @@ void cw_assert_outlook(const cw_bus *bus)
     assert(known->acknowledgers == outlook.acknowledgers && known->one_shot == outlook.one_shot);
     assert(known->counting == outlook.counting && known->fd == outlook.fd);
     assert(known->orderly == outlook.orderly);
+    assert((known->plain & ~outlook.plain) == 0);
 }

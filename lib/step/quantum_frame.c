@@ -319,7 +319,7 @@ static void go_to_end(cw_bus *bus, const cw_clean_frame *f)
     clean->senders = cw_node_bit(f->sender);
     bus->recessive_bits = f->bit_times - (uint64_t)((f->released - f->now) / bus->timed.bit_time);
     bus->wire = CW_RECESSIVE;
-    bus->outlook.valid = false;
+    cw_outlook_forget(bus);
     cw_take_inbox_before(bus, cw_now(bus));
 }
 

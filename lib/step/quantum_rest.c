@@ -157,7 +157,7 @@ bool cw_timed_rest_go(cw_bus *bus, uint64_t tick)
     bus->wire = CW_RECESSIVE;
     cw_doze_forget(bus);
     bus->recessive_bits += bits;
-    bus->outlook.valid = false;
+    cw_outlook_forget(bus);
     if (bus->timed.clean.parked)
         cw_clean_settle(bus);
     else

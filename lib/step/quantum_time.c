@@ -193,7 +193,7 @@ static void pass_steady(cw_bus *bus, uint64_t tick)
 
 void cw_step_bit_times(cw_bus *bus, uint64_t tick)
 {
-    bus->outlook.valid = false;
+    cw_outlook_forget(bus);
     cw_clean_resume(bus);
     if (!bus->timed.active)
         cw_timed_enter(bus);

@@ -75,7 +75,8 @@ static void skip(cw_bus *bus, cw_mac *m, uint64_t bits, bool level)
 {
     const unsigned phase = m->phase;
     cw_mac_skip(m, bits, level);
-    bus->outlook.valid = bus->outlook.valid && m->phase == phase;
+    if (m->phase != phase)
+        cw_outlook_forget(bus);
 }
 
 void cw_run_go(cw_bus *bus, uint64_t bits, bool level)

@@ -39,7 +39,8 @@ void cw_join(cw_bus *bus, unsigned i)
         begin_common(bus, m);
     else if (!cw_mac_same_point(m, &bus->common))
         return;
-    bus->outlook.valid = bus->outlook.valid && m->phase == CW_MAC_IDLE;
+    if (m->phase != CW_MAC_IDLE)
+        cw_outlook_forget(bus);
     m->phase = CW_MAC_IDLE; /* for searches for transmitters */
     m->role = CW_ROLE_NONE;
     bus->followers |= cw_node_bit(i);
