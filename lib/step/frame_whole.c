@@ -23,7 +23,7 @@ static __attribute__((noinline)) void count_and_save_time(cw_bus *bus, unsigned 
     cw_frame_step_save_time(bus);
 }
 
-bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)
+__attribute__((flatten)) bool cw_frame_step_whole(cw_bus *bus, unsigned winner, uint64_t contenders, uint64_t tick)
 {
     cw_frame_step *step = &bus->frame_step;
     cw_bus_node *n = &bus->nodes[winner];
