@@ -209,6 +209,8 @@ uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
 
 void cw_bus_set_events(cw_bus *bus, uint32_t kinds)
 {
+    if (kinds == bus->wanted)
+        return;
     cw_wake_controllers(bus); /* a frame step in progress relies on the kinds of events wanted
                                  before */
     bus->wanted = kinds;
