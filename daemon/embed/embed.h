@@ -80,6 +80,7 @@ struct canwire_sim {
     uint32_t kinds;   /* of events that are kept */
     bool awaits_any;  /* ... one of them ends the run */
     bool happened;    /* the awaited event */
+    int frame_at;     /* the run ends with a frame at this node, see canwire_sim_run() */
     bool no_memory;
     memo told; /* messages of runs */
     char *message;
@@ -94,6 +95,9 @@ embed_bus *embed_find_bus(canwire_sim *sim, int bus);
 
 /* Returns the bus of a node and the number of the node there, or NULL after noting an error. */
 embed_bus *embed_find_node(canwire_sim *sim, unsigned *number, int node);
+
+/* Returns true for the node of a bus that a number names, see canwire_sim_run(). */
+bool embed_is_meant(const embed_bus *bus, unsigned node, int number);
 
 /* The sink of all events of a bus. */
 void embed_event(void *user, const cw_event *event);

@@ -55,6 +55,11 @@ embed_bus *embed_find_node(canwire_sim *sim, unsigned *number, int node)
     return b;
 }
 
+bool embed_is_meant(const embed_bus *b, unsigned node, int number)
+{
+    return number == CANWIRE_SIM_ANY_NODE || number == b->first_node + (int)node;
+}
+
 int canwire_sim_bus_count(const canwire_sim *sim)
 {
     return (int)sim->count;

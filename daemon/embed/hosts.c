@@ -115,6 +115,8 @@ static void keep_frame(embed_bus *b, unsigned node, const canwire_sim_frame *fra
     kept->tick = tick;
     kept->frame = *frame;
     kept->frame.t = (int64_t)text_ticks_ns(tick);
+    if (embed_is_meant(b, node, b->sim->frame_at))
+        sim_pause(&b->run);
 }
 
 static void keep_error(embed_bus *b, unsigned node, const cw_event *event)
@@ -214,8 +216,10 @@ void embed_event(void *user, const cw_event *event)
         expect_event(j->judge, event);
     if (kept)
         keep_line(b, event);
-    if ((kept && sim->awaits_any) || (b->awaited.text && sim_until_is(&b->awaited, event)))
+    if ((kept && sim->awaits_any) || (b->awaited.text && sim_until_is(&b->awaited, event))) {
         sim->happened = true;
+        sim_pause(&b->run);
+    }
     for (uint64_t rest = event->nodes; rest; rest &= rest - 1) {
         const unsigned node = (unsigned)__builtin_ctzll(rest);
         if (b->nodes[node].listens)

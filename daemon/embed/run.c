@@ -77,32 +77,34 @@ static void await_nothing(canwire_sim *sim)
 
 /* ---- Conditions ------------------------------------------------------------------------------ */
 
-typedef bool is_so(const canwire_sim *sim, const embed_node *node);
-
-static bool has_frame(const canwire_sim *sim, const embed_node *node)
+/* Returns the tick of the first frame that is kept for a node, or for any; CW_NEVER without one. It
+ * may be after `reached`, when a bit had to end after that. */
+static uint64_t first_frame(const canwire_sim *sim, int at)
 {
-    return node->listens && node->count > 0 && node->frames[node->first].tick <= sim->reached;
+    uint64_t first = CW_NEVER;
+    for (size_t i = 0; i < sim->count && at != CANWIRE_SIM_NO_NODE; i++) {
+        const embed_bus *b = &sim->buses[i];
+        for (size_t n = 0; n < b->config->node_count; n++) {
+            const embed_node *node = &b->nodes[n];
+            if (embed_is_meant(b, (unsigned)n, at) && node->listens && node->count > 0)
+                first = least(first, node->frames[node->first].tick);
+        }
+    }
+    return first;
 }
 
-/* Returns true when the program gets more than what a node receives. sim_group_next() does not know
- * when that comes. */
-static bool hears_more(const canwire_sim *sim, const embed_node *node)
+/* Returns true when the program gets more than what a node receives, or any does. sim_group_next()
+ * does not know when that comes. */
+static bool hears_more(const canwire_sim *sim, int at)
 {
-    (void)sim;
-    return node->listens & ~(unsigned)CANWIRE_SIM_LISTEN_RX;
-}
-
-/* Returns true when it is so at a node, or at any. */
-static bool is_at(const canwire_sim *sim, int at, is_so *so)
-{
+    bool more = false;
     for (size_t i = 0; i < sim->count && at != CANWIRE_SIM_NO_NODE; i++) {
         const embed_bus *b = &sim->buses[i];
         for (size_t n = 0; n < b->config->node_count; n++)
-            if ((at == CANWIRE_SIM_ANY_NODE || at == b->first_node + (int)n) &&
-                so(sim, &b->nodes[n]))
-                return true;
+            more = more || (embed_is_meant(b, (unsigned)n, at) &&
+                            (b->nodes[n].listens & ~(unsigned)CANWIRE_SIM_LISTEN_RX));
     }
-    return false;
+    return more;
 }
 
 /* Returns a tick before which nothing can happen on a bus that rests; now otherwise. */
@@ -117,13 +119,24 @@ static uint64_t rests_until(const embed_bus *b)
     return least(cw_bus_next(bus), release_next_tick(b->run.plan));
 }
 
-/* Returns the tick to which time goes next. Buses that do not rest go bit by bit before an event.
- * So they do where only the end of the traffic is to come. */
-static uint64_t next_step(const canwire_sim *sim, uint64_t until, bool awaits)
+/* Lets a bus pause at an event. Returns false where it cannot. What is in a step of several buses,
+ * or of nodes with bits of their own, is not at one tick. A run to the end looks at each bit. */
+static bool pauses(canwire_sim *sim, uint64_t until)
 {
+    sim_run *run = &sim->buses[0].run;
+    const bool pauses = sim->count == 1 && cw_bus_is_on_grid(run->bus) && until != CW_NEVER;
+    sim_go_in_steps(run, pauses);
+    return pauses;
+}
+
+/* Returns the tick to which time goes next. Buses that cannot pause at an event, and do not rest,
+ * go bit by bit before it. So do all where only the end of the traffic is to come. */
+static uint64_t next_step(canwire_sim *sim, uint64_t until, bool awaits)
+{
+    const bool singly = awaits && !pauses(sim, until);
     const uint64_t bit = sim_group_bit(&sim->group);
     uint64_t next = sim_group_next(&sim->group);
-    for (size_t i = 0; awaits && i < sim->count; i++)
+    for (size_t i = 0; singly && i < sim->count; i++)
         next = least(next, rests_until(&sim->buses[i]));
     if (next == CW_NEVER)
         return until == CW_NEVER ? bit : until;
@@ -160,8 +173,10 @@ static int go_to(canwire_sim *sim, uint64_t tick)
            !sim_group_failed(&sim->group))
         sim_group_go_to(&sim->group, sim_group_now(&sim->group) + SLICE_TICKS);
     sim_group_go_to(&sim->group, tick);
-    sim_group_settle(&sim->group, tick);
-    reach(sim, tick);
+    const bool paused = sim->buses[0].run.paused;
+    if (!paused)
+        sim_group_settle(&sim->group, tick);
+    reach(sim, paused ? sim_group_now(&sim->group) : tick);
     return outcome(sim, CANWIRE_SIM_AT_TIME);
 }
 
@@ -176,31 +191,36 @@ static int run_finish(canwire_sim *sim)
     return outcome(sim, CANWIRE_SIM_AT_END);
 }
 
+/* Goes one step on, at most to a tick. */
+static int run_step(canwire_sim *sim, uint64_t until, uint64_t next)
+{
+    if (next >= until)
+        return go_to(sim, until);
+    sim_group_go_to(&sim->group, next);
+    reach(sim, sim_group_known(&sim->group, next));
+    return outcome(sim, CANWIRE_SIM_OK);
+}
+
 /* Goes on in steps, with a look after each of them. */
 static int embed_run_watch(canwire_sim *sim, uint64_t until, bool awaits, int frame_at)
 {
-    for (;;) {
+    int status = CANWIRE_SIM_OK;
+    while (status >= 0) {
+        const uint64_t frame = first_frame(sim, frame_at);
         if (sim->happened) {
             reach(sim, sim_group_now(&sim->group)); /* the bit of the event may end later */
             return CANWIRE_SIM_AT_EVENT;
         }
-        if (is_at(sim, frame_at, has_frame))
+        if (frame <= sim->reached)
             return CANWIRE_SIM_AT_FRAME;
         if (sim->reached >= until)
             return CANWIRE_SIM_AT_TIME;
         if (until == CW_NEVER && sim_group_is_over(&sim->group))
             return CANWIRE_SIM_AT_END;
-        const uint64_t next = next_step(sim, until, awaits);
-        if (next >= until) {
-            (void)go_to(sim, until);
-        } else {
-            sim_group_go_to(&sim->group, next);
-            reach(sim, sim_group_known(&sim->group, next));
-        }
-        const int status = outcome(sim, CANWIRE_SIM_OK);
-        if (status < 0)
-            return status;
+        const bool there = frame <= sim_group_now(&sim->group); /* the buses have gone that far */
+        status = run_step(sim, until, there ? frame : next_step(sim, until, awaits));
     }
+    return status;
 }
 
 /* Returns false after noting that the traffic never ends. */
@@ -226,12 +246,14 @@ int canwire_sim_run(canwire_sim *sim, int64_t until, const char *event, int fram
         return embed_fail(sim, CANWIRE_SIM_NO_MEMORY, "out of memory");
     if ((tick == CW_NEVER && !ends(sim)) || !run_await(sim, event))
         return CANWIRE_SIM_INVALID;
+    sim->frame_at = frame_at;
     if (event || frame_at != CANWIRE_SIM_NO_NODE)
-        status = embed_run_watch(sim, tick, event || is_at(sim, frame_at, hears_more), frame_at);
+        status = embed_run_watch(sim, tick, event || hears_more(sim, frame_at), frame_at);
     else if (tick == CW_NEVER)
         status = run_finish(sim);
     else
         status = tick > sim->reached ? go_to(sim, tick) : outcome(sim, CANWIRE_SIM_AT_TIME);
+    sim_go_in_steps(&sim->buses[0].run, false);
     await_nothing(sim);
     return status;
 }

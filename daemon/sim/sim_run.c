@@ -211,11 +211,11 @@ static void advance_bus(sim_run *s, uint64_t tick)
 {
     cw_status status;
     do {
-        status = cw_bus_advance_some(s->bus, tick, SLICE_WORK);
+        status = cw_bus_advance_some(s->bus, tick, s->in_steps ? 1 : SLICE_WORK);
         pass_on_events(s);
         if (s->show.look)
             s->show.look(s->show.user, s);
-    } while (status != CW_OK && !s->stopped);
+    } while (status != CW_OK && !s->stopped && !s->paused);
 }
 
 /* Returns the start of the first bit from now on that a sink wants, or CW_NEVER. */
@@ -282,7 +282,7 @@ static void advance_bit(sim_run *s)
 /* Returns true when the run must end now, whatever is pending. */
 static bool sim_run_is_over(const sim_run *s)
 {
-    return s->stopped || release_failed(s->plan);
+    return s->stopped || s->paused || release_failed(s->plan);
 }
 
 /* Returns the limit of one step: a replay at full speed must be asked for its next frame there. */
@@ -584,9 +584,21 @@ bool sim_go(sim_run *s)
 
 /* ---- Runs of several buses ------------------------------------------------------------------- */
 
+void sim_go_in_steps(sim_run *s, bool steps)
+{
+    s->in_steps = steps;
+    s->paused = false;
+}
+
+void sim_pause(sim_run *s)
+{
+    s->paused = s->in_steps;
+}
+
 /* Advances to a tick with the releases before a limit: that tick, or the one behind it. */
 static void release_before(sim_run *s, uint64_t limit, uint64_t end)
 {
+    s->paused = false;
     release_look(s->plan, s->bus);
     while (!sim_run_is_over(s)) {
         const uint64_t tick = release_next_tick(s->plan);

@@ -49,6 +49,8 @@ typedef struct sim_run {
     bool step;              /* every bit is simulated, even without observers */
     bool began_off_grid;    /* clocks of nodes differ, or they have delays */
     bool stopped;           /* see sim_stop() */
+    bool in_steps;          /* see sim_go_in_steps() ... */
+    bool paused;            /* ... and sim_pause() */
     FILE *messages;         /* or NULL */
     bool roomy;             /* there is room for more rules, and for longer queues */
     uint64_t careful_from;  /* see sim_be_careful() */
@@ -115,6 +117,15 @@ void sim_release_to(sim_run *s, uint64_t tick);
 
 /* Does the same without the releases of that tick, before which gateways hand in frames. */
 void sim_release_before(sim_run *s, uint64_t tick);
+
+/* Lets the bus go in single steps from now on, or no more. These are single bits, rows of equal
+ * bits, and the parts of a clean frame that has its end behind the tick of the advance. So the bus
+ * is at its last event after each step, or in the bit of it. */
+void sim_go_in_steps(sim_run *s, bool steps);
+
+/* Ends the present advance with the step of the present event. A sink calls it; it does nothing
+ * when the bus does not go in steps. The next advance goes on. */
+void sim_pause(sim_run *s);
 
 /* Returns true when nodes may end bits of their own before the bus does. */
 bool sim_has_own_bits(const sim_run *run);

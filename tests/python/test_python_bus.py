@@ -390,6 +390,48 @@ def test_a_run_ends_with_the_bit_of_own_frames_and_errors():
         assert bus["a"].recv().t == bus.now == bus.events("error")[0]["t"]
 
 
+BUSY = """
+bus: {{ name: busy, bitrate: 500000, {rate} }}
+seed: 7
+defaults: {{ restart-ms: 1, berr-reporting: on, lost-arbitration-reporting: on }}
+nodes:
+  - {{ name: a, {more} traffic: [ {{ send: "100##1001122334455667788", every: 700us }} ] }}
+  - {{ name: b, traffic: [ {{ send: 100#0011, every: 700us, offset: 100us }} ] }}
+  - {{ name: c, traffic: [ {{ send: 7FF#, every: 900us }} ] }}
+faults:
+  - {{ name: noise, do: {{ noise: 1e-3 }} }}
+  - {{ name: off, when: {{ time: 7ms }}, do: {{ bus-off: c }} }}
+"""
+
+
+@pytest.mark.parametrize("more", ["", "ppm: 90,"], ids=["one clock", "own clocks"])
+@pytest.mark.parametrize("rate", ["dbitrate: 2000000", ""])
+def test_a_run_stops_where_each_frame_comes(rate, more):
+    """They are frames, own frames and errors. Nothing but the stops differs from one run."""
+    text = BUSY.format(rate=rate, more=more)
+    text = text if rate else text.replace("100##1001122334455667788", "101#0011223344556677")
+    late = 2000 if rate or more else 0  # ns: a bit, where nodes have bits of their own
+    with Bus.from_yaml(text) as whole, Bus.from_yaml(text) as bus:
+        for node in (*whole, *bus):
+            node.listen(own=True, errors=True)
+        whole.run(0.02)
+        number, found = 0, [[] for _ in bus]
+        while bus.now < 0.02:
+            number += 1
+            end = min(bus.now_ns + number * 7919 % 300_000, 20_000_000)  # in the middle of bits
+            stop = Stop(bus._run(end, None, _library.ANY_NODE))
+            taken = [[*iter(lambda node=node: bus._take(node.number), None)] for node in bus]
+            times = {frame.t_ns for frames in taken for frame in frames}
+            assert stop is (Stop.FRAME if times else Stop.TIME)
+            assert all(0 <= bus.now_ns - time <= late for time in times)
+            for node, frames in zip(found, taken):
+                node += frames
+        assert found == [[*iter(lambda node=node: whole._take(node.number), None)]
+                         for node in whole]
+        assert bus.events() == whole.events() and len(bus.events("error")) > 9
+        assert all(any(frame.error for frame in frames) for frames in found)
+
+
 def test_traffic_without_end_needs_a_time():
     text = EMPTY.replace("{ name: a }", "{ name: a, traffic: [ { send: 123#, every: 1ms } ] }")
     with Bus.from_yaml(text) as bus:
