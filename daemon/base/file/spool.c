@@ -37,8 +37,10 @@ struct spool {
     bool stream;   /* somebody else's descriptor, perhaps a pipe: no file is made or rotated */
     uint64_t written; /* bytes of this file */
     uint64_t whole;   /* ... of records that are whole with all their parts */
+    bool divided;     /* the last record of a batch has more parts */
     bool headless;    /* shortened: records are left out until a cut */
     bool told;        /* somebody else's deed to this file has been reported */
+    spool_packer packer; /* all NULL: records are written as they are */
     spool_notify *notify;
     void *user;
     unsigned char *batch;
@@ -189,13 +191,6 @@ static int begin_file(spool *s, unsigned files)
     return error == 0 ? make_file(s) : error;
 }
 
-static int end_file(spool *s)
-{
-    int error = s->fd >= 0 && close(s->fd) != 0 ? errno : 0;
-    s->fd = -1;
-    return error;
-}
-
 /* Waits for room in a pipe that another program has set to non-blocking. */
 static void wait_for_room(int fd)
 {
@@ -215,6 +210,18 @@ static int write_all(int fd, const unsigned char *bytes, size_t size, size_t *do
         *done += count > 0 ? (size_t)count : 0;
     }
     return 0;
+}
+
+/* Ends the file, also that of a packer. Returns 0 or an errno. */
+static int end_file(spool *s)
+{
+    size_t size = 0, done;
+    const void *end = s->fd >= 0 && s->packer.end ? s->packer.end(s->packer.user, &size) : NULL;
+    int error = end ? write_all(s->fd, end, size, &done) : 0;
+    if (s->fd >= 0 && close(s->fd) != 0 && error == 0)
+        error = errno;
+    s->fd = -1;
+    return error;
 }
 
 /* ---- Before a start -------------------------------------------------------------------------- */
@@ -297,22 +304,26 @@ static uint64_t record_stamp(const spool *s, size_t offset)
     return stamp;
 }
 
-/* Collects records up to a cut, as many as fit into the batch. Returns their bytes in the queue. */
-static size_t fill_batch(const spool *s, size_t used, size_t *batch, bool *cut)
+/* Collects records up to a cut, as many as fit into the batch. Each part of a longer record is by
+ * itself: what is packed is in the file as a whole or not at all. Returns their bytes in the
+ * queue. */
+static size_t fill_batch(spool *s, size_t used, size_t *batch, bool *cut)
 {
     size_t taken = 0;
+    bool alone = false;
     *batch = 0;
     *cut = false;
-    while (taken < used) {
-        uint32_t size = record_size(s, taken) & ~PART;
-        if (*batch + size > BATCH)
+    while (taken < used && !*cut && !alone) {
+        const uint32_t head = record_size(s, taken);
+        const uint32_t size = head & ~PART;
+        alone = s->divided || head & PART;
+        if (*batch + size > BATCH || (alone && taken > 0))
             break;
         *cut = size == 0;
+        s->divided = head & PART;
         copy_out(s, s->batch + *batch, taken + HEAD, size);
         *batch += size;
         taken += HEAD + size;
-        if (*cut)
-            break;
     }
     return taken;
 }
@@ -369,11 +380,32 @@ static void remove_part(spool *s)
     s->written = s->whole;
 }
 
+/* Packs a batch and writes it. Returns 0 or an errno, after removing what is behind the last record
+ * in the file that is whole. */
+static int write_packed(spool *s, extent *whole, size_t size)
+{
+    size_t packed, done = 0;
+    const void *bytes = s->packer.pack(s->packer.user, &packed, s->batch, size);
+    int error = bytes ? write_all(s->fd, bytes, packed, &done) : errno;
+    s->written += done;
+    if (error == 0)
+        *whole = whole_records(s, size);
+    else
+        remove_part(s);
+    if (whole->bytes > 0)
+        s->whole = s->written;
+    if (error != 0 || whole->bytes > 0)
+        s->packer.settle(s->packer.user, error == 0);
+    return error;
+}
+
 /* Writes the records that fill_batch() took; they are still in the queue. Returns 0 or an errno,
  * after removing an incomplete record from the file. */
 static int write_batch(spool *s, extent *whole, size_t size)
 {
     size_t done;
+    if (s->packer.pack)
+        return write_packed(s, whole, size);
     int error = write_all(s->fd, s->batch, size, &done);
     *whole = whole_records(s, done);
     if (whole->bytes > 0)
@@ -397,6 +429,8 @@ static spool_found look_at_file(spool *s)
     if ((uint64_t)own.st_size >= s->written)
         return SPOOL_AS_IT_WAS;
     s->written = s->whole = (uint64_t)own.st_size;
+    if (s->packer.begin)
+        s->packer.begin(s->packer.user);
     return SPOOL_SHORTENED;
 }
 
@@ -457,6 +491,7 @@ static void wait_in_trouble(spool *s, int error)
     s->error = error;
     s->lost += count_records(s, s->used);
     s->used = 0;
+    s->divided = false;
     while (s->error != 0 && !s->ending)
         (void)pthread_cond_wait(&s->changed, &s->lock);
 }
@@ -556,6 +591,8 @@ static void free_spool(spool *s)
 {
     if (s->fd >= 0)
         (void)close(s->fd);
+    if (s->packer.free)
+        s->packer.free(s->packer.user);
     folder_close(&s->folder);
     (void)pthread_cond_destroy(&s->changed);
     (void)pthread_mutex_destroy(&s->lock);
@@ -623,6 +660,13 @@ spool *spool_stream(int fd, spool_notify *notify, void *user, int *error)
     s->stream = true;
     s->open = true;
     return spool_start(s, error);
+}
+
+void spool_pack(spool *s, const spool_packer *packer)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    s->packer = *packer;
+    (void)pthread_mutex_unlock(&s->lock);
 }
 
 bool spool_is_open(spool *s)
@@ -734,6 +778,7 @@ bool spool_write_part(spool *s, const void *part, size_t size)
 
 bool spool_cut(spool *s)
 {
+    assert(!s->packer.pack);
     return spool_put(s, "", 0, 0);
 }
 

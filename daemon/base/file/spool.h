@@ -54,6 +54,25 @@ bool spool_may_wait(int error);
  * Each record is written at once. A cut does nothing, and an error may leave a part of a record. */
 spool *spool_stream(int fd, spool_notify *notify, void *user, int *error);
 
+/* Packs what goes into the file. All functions but `free` run in the spool's thread. */
+typedef struct spool_packer {
+    void *user;
+    /* Packs records so that all of them can be read without what comes later. Returns the bytes,
+     * which are valid until the next call, or NULL with an errno. */
+    const void *(*pack)(void *user, size_t *packed, const void *records, size_t size);
+    /* Says that all that has been packed is in the file, or none of it since the last time. */
+    void (*settle)(void *user, bool written);
+    /* Returns what ends the file, in the same way. */
+    const void *(*end)(void *user, size_t *packed);
+    /* Says that somebody has shortened the file: what follows must not need what was there. */
+    void (*begin)(void *user);
+    void (*free)(void *user);
+} spool_packer;
+
+/* Packs all records. To be called before the first one; the spool frees the packer. There are no
+ * cuts then, and after an error all records of a write are lost. */
+void spool_pack(spool *s, const spool_packer *packer);
+
 /* Returns true when the file has been opened. */
 bool spool_is_open(spool *s);
 
