@@ -314,10 +314,12 @@ static void place(release_plan *plan, source *s)
         push(plan, s);
 }
 
-static void release_add_node(release_plan *plan, const cfg_node *node, unsigned index)
+/* kinds: of traffic, as a set. */
+static void release_add_node(release_plan *plan, const cfg_node *node, unsigned index,
+                             unsigned kinds)
 {
     for (size_t t = 0; t < node->traffic_count; t++) {
-        if (node->traffic[t].kind == CFG_TRAFFIC_REPLY)
+        if (!(kinds >> node->traffic[t].kind & 1u))
             continue;
         unsigned number = (unsigned)plan->source_count++;
         source *s = &plan->sources[number];
@@ -327,7 +329,8 @@ static void release_add_node(release_plan *plan, const cfg_node *node, unsigned 
     }
 }
 
-release_plan *release_plan_new(const cfg *config, release_reporter *report, void *user)
+static release_plan *make_plan(const cfg *config, unsigned kinds, release_reporter *report,
+                               void *user)
 {
     size_t sources = 0;
     for (size_t i = 0; i < config->node_count; i++)
@@ -345,8 +348,18 @@ release_plan *release_plan_new(const cfg *config, release_reporter *report, void
     plan->rate = config->rate;
     plan->sources = all;
     for (size_t i = 0; i < config->node_count; i++)
-        release_add_node(plan, &config->nodes[i], (unsigned)i);
+        release_add_node(plan, &config->nodes[i], (unsigned)i, kinds);
     return plan;
+}
+
+release_plan *release_plan_new(const cfg *config, release_reporter *report, void *user)
+{
+    return make_plan(config, 1u << CFG_TRAFFIC_SEND | 1u << CFG_TRAFFIC_REPLAY, report, user);
+}
+
+release_plan *release_plan_of_sends(const cfg *config)
+{
+    return make_plan(config, 1u << CFG_TRAFFIC_SEND, NULL, NULL);
 }
 
 bool release_read_ahead(release_plan *plan)
@@ -547,6 +560,12 @@ bool release_is_as_written(const release_plan *plan)
     assert(plan->count > 0);
     const cfg_traffic *traffic = plan->heap[0]->traffic;
     return traffic->kind == CFG_TRAFFIC_SEND && !cfg_is_protected(traffic);
+}
+
+bool release_is_determined(const release_plan *plan)
+{
+    assert(plan->count > 0);
+    return plan->heap[0]->traffic->kind == CFG_TRAFFIC_SEND;
 }
 
 /* Moves the first source to its next release, or removes it. */

@@ -22,6 +22,9 @@ typedef void release_reporter(void *user, bool failed, const char *text);
 /* Makes the releases of a configuration, which must live longer. Returns NULL without memory. */
 release_plan *release_plan_new(const cfg *config, release_reporter *report, void *user);
 
+/* Makes those of all `send`, as they come in another run of the same bus, without replays. */
+release_plan *release_plan_of_sends(const cfg *config);
+
 /* Reads the files ahead from now on, in threads, so that no call waits for a disk. A frame that has
  * not been read in time comes late. Returns false without memory or a thread. */
 bool release_read_ahead(release_plan *plan);
@@ -72,6 +75,10 @@ bool release_is_sure(const release_plan *plan);
 /* Returns true when the next release hands in its frame without a new counter or checksum. A
  * release must exist. */
 bool release_is_as_written(const release_plan *plan);
+
+/* Returns true when the configuration alone determines the next release, its frame and its tick. A
+ * release must exist. */
+bool release_is_determined(const release_plan *plan);
 
 /* Hands the next release to its node. Returns the status of cw_node_send(); on CW_FULL nothing has
  * changed. CW_AGAIN: a frame of a file waits for room in its node's queue. A release must exist. */
