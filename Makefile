@@ -65,7 +65,8 @@ LIB_EXEMPT := -fno-stack-protector -fno-stack-clash-protection -U_FORTIFY_SOURCE
 endif
 
 DAEMON_LIBS := -lev -llcm -lsystemd -lm
-TOOL_LIBS := -lyaml -ljansson -lm
+SIM_LIBS := -lyaml -ljansson -lm
+TOOL_LIBS := $(SIM_LIBS) -lzstd
 SCREEN_LIBS := -lncurses -ltinfo # of the tool alone
 
 CFLAGS ?=
@@ -80,7 +81,8 @@ PARTS_SOURCES := $(filter-out daemon/cli/main.c daemon/usb/main.c daemon/preload
   $(wildcard daemon/*/*.c daemon/*/*/*.c))
 PRELOAD_SOURCES := $(wildcard daemon/preload/*.c daemon/preload/*/*.c)
 SIM_FOLDERS := base timing trace config run record sim embed
-SIM_SOURCES := $(LIB_SOURCES) $(filter-out daemon/base/jsonexit.c daemon/base/unit.c, \
+SIM_SOURCES := $(LIB_SOURCES) \
+  $(filter-out daemon/base/jsonexit.c daemon/base/unit.c daemon/run/journal%, \
   $(foreach folder,$(SIM_FOLDERS),$(wildcard daemon/$(folder)/*.c daemon/$(folder)/*/*.c)))
 DAEMON_SOURCES := daemon/main.c \
   $(filter-out daemon/campaign/% daemon/cli/% daemon/usb/%,$(PARTS_SOURCES))
@@ -465,15 +467,15 @@ $(SIM) $(WHEEL_SIM): $(SIM_OBJECTS)
 	@mkdir -p $(@D)
 	$(call tell,LD,$@) $(CC) $(filter-out -fPIE,$(ALL_CFLAGS)) $(LINK_LTO) $(PIC) -shared \
 	  -Wl,-soname,$(@F) -Wl,--gc-sections $(SIM_PATH) $(filter-out -pie,$(HARDEN_LINK)) \
-	  $(filter-out -pie -fPIE,$(LDFLAGS)) -o $@ $^ $(TOOL_LIBS)
+	  $(filter-out -pie -fPIE,$(LDFLAGS)) -o $@ $^ $(SIM_LIBS)
 
 $(USB): $(call objects,daemon/usb/main.c) $(PARTS) $(LIB)
-	$(call link,$(LINK_LTO)) -lsystemd $(TOOL_LIBS)
+	$(call link,$(LINK_LTO)) -lsystemd $(SIM_LIBS)
 
 # The JSON schemas of all files that people write, from the tables of their readers, and the tables
 # of counters.
 $(BUILD)/json-schema: $(call objects,$(wildcard daemon/schema/*.c)) $(PARTS) $(LIB)
-	$(call link,$(LINK_PLAIN)) $(TOOL_LIBS)
+	$(call link,$(LINK_PLAIN)) $(SIM_LIBS)
 
 $(SCHEMA): $(BUILD)/json-schema
 	@mkdir -p $(@D)

@@ -53,7 +53,8 @@ static void go_over_go_over(engine *e)
 {
     reload *r = e->next;
     e->next = NULL;
-    if (inputs_take_over(&e->inputs, r->setup.bus, r->config, r->from) != CW_OK) {
+    if (inputs_take_over(&e->inputs, r->setup.bus, r->config, r->from,
+                         e->released + 1) != CW_OK) {
         log_error("%s: the bus cannot go over to the new configuration", r->config->file);
         reload_free(r);
         return;

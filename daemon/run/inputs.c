@@ -65,9 +65,11 @@ cw_status inputs_release(inputs *in, release_plan *plan)
     const uint64_t at_tick = release_next_tick(plan);
     const cw_frame *first = release_first(plan, &node);
     const cw_frame frame = first ? *first : (cw_frame){.id = 0};
+    const bool determined = release_is_determined(plan);
     cw_status status = release_hand_in(plan, in->bus);
     if (first && status == CW_OK)
-        note(in, (input){.kind = INPUT_SEND, .node = node, .frame = &frame, .at_tick = at_tick});
+        note(in, (input){.kind = INPUT_SEND, .node = node, .frame = &frame,
+                         .determined = determined, .at_tick = at_tick});
     return status;
 }
 
@@ -291,13 +293,13 @@ static void flush_removed(inputs *in, const cfg *config, const uint8_t *from)
 }
 
 cw_status inputs_take_over(inputs *in, cw_bus *next, const cfg *config,
-                           const uint8_t from[CW_NODES_MAX])
+                           const uint8_t from[CW_NODES_MAX], uint64_t tick)
 {
     flush_removed(in, config, from);
     cw_status status = cw_bus_take_over(next, in->bus, from);
     if (status != CW_OK)
         return status;
-    note(in, (input){.kind = INPUT_RELOAD, .config = config});
+    note(in, (input){.kind = INPUT_RELOAD, .config = config, .at_tick = tick});
     in->bus = next;
     return CW_OK;
 }

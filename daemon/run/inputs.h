@@ -22,7 +22,7 @@ typedef enum input_kind {
     INPUT_SET,      /* settings of a node change: node, settings, time */
     INPUT_ATTACH,   /* a node is taken off the bus or put on again: node, on */
     INPUT_SKIP,     /* time passes without simulation: skipped */
-    INPUT_RELOAD,   /* the bus takes over another configuration: config */
+    INPUT_RELOAD,   /* the bus takes over another configuration: config, at_tick */
     INPUT_COUNT
 } input_kind;
 
@@ -34,7 +34,8 @@ typedef struct input {
     bool advanced;
     unsigned node;
     const cw_frame *frame; /* may be invalid */
-    uint64_t at_tick;
+    bool determined;       /* INPUT_SEND: the configuration tells frame and tick */
+    uint64_t at_tick;      /* INPUT_RELOAD: the traffic of the new one begins there */
     const char *text;
     size_t size;
     const char *name; /* of the text */
@@ -119,8 +120,8 @@ cw_event inputs_skip(inputs *in, uint64_t ticks, uint64_t earlier);
 
 /* Drops the frames of removed nodes, with events, and lets another bus take over
  * (cw_bus_take_over()). The other bus is made of config. The caller then calls live_replace() for
- * the names of the nodes. */
+ * the names of the nodes, and release_take_over() with that tick. */
 cw_status inputs_take_over(inputs *in, cw_bus *next, const cfg *config,
-                           const uint8_t from[CW_NODES_MAX]);
+                           const uint8_t from[CW_NODES_MAX], uint64_t tick);
 
 #endif

@@ -16,6 +16,7 @@
 #include "base/unit.h"
 #include "base/version.h"
 #include "run/journal_keep.h"
+#include "run/journal_pack.h"
 #include "run/journal_seal.h"
 #include "run/settings.h"
 #include "trace/frametext.h"
@@ -30,7 +31,10 @@
 #define RECORD_HEAD 16u /* bytes of the queue that a record takes in addition, at most */
 #define RETRY_MARKS 5u /* about this many seconds until a broken journal is tried again */
 #define JOURNAL_WHY_MAX 100
+#define DIGEST_BYTES 17
 #define NAMES_BYTES 640 /* of all buses of a rig */
+#define UNSEALED_MAX 63u /* lines in a row */
+#define PROGRESS_TICKS (CW_CLOCK_HZ / 50u) /* until a line says how far the bus has come */
 #define CLOSE_S 2      /* limit for a disk that takes no more; see PATIENCE_S of recordings.c */
 
 typedef enum journal_state {
@@ -45,6 +49,9 @@ struct journal_part {
     const cfg *config; /* the live one */
     const inputs *in;
     uint64_t last_at; /* tick of its last line */
+    uint64_t sent;    /* frames since then that the configuration determines */
+    uint64_t digest;  /* of all such frames */
+    bool advanced;    /* since its last line */
 };
 
 struct journal {
@@ -54,6 +61,8 @@ struct journal {
     journal_part buses[RIG_BUSES_MAX];
     uint64_t last_at; /* tick of the last line */
     uint64_t number;   /* of lines so far, written or not */
+    unsigned unsealed; /* the last lines, which have no seal ... */
+    uint32_t crc;      /* ... and their checksum */
     journal_state state;
     bool reported;       /* the log reports that it is broken */
     bool reloaded;       /* since the journal is broken */
@@ -112,12 +121,17 @@ static bool write_line(journal *j, const char *line, size_t size)
     return good && spool_write(j->spool, line, size);
 }
 
-/* Writes a line, which has room for a seal. */
-static void put_line(journal *j, char *line, size_t size)
+/* Writes a line, which has room for a seal. `often`: there are many like it, so that most have no
+ * seal of their own. */
+static void put_line(journal *j, char *line, size_t size, bool often)
 {
-    if (j->state != JOURNAL_BROKEN_OFF &&
-        write_line(j, line, journal_seal_put(line, size, j->number + 1))) {
+    const bool seal = !often || j->unsealed == UNSEALED_MAX;
+    if (seal)
+        size = journal_seal_put(line, size, j->number + 1, j->crc);
+    if (j->state != JOURNAL_BROKEN_OFF && write_line(j, line, size)) {
         j->number++;
+        j->unsealed = seal ? 0 : j->unsealed + 1;
+        j->crc = seal ? 0 : journal_crc32(j->crc, line, size);
         return;
     }
     int error = spool_error(j->spool);
@@ -131,7 +145,7 @@ static void put_object(journal *j, json_t *object)
     char *line = text ? realloc(text, size + 2 + JOURNAL_SEAL_BYTES) : NULL;
     if (line) {
         memcpy(line + size, "\n", 2);
-        put_line(j, line, size + 1);
+        put_line(j, line, size + 1, false);
     } else {
         lose_line(j, strerror(ENOMEM));
         free(text);
@@ -142,15 +156,45 @@ static void put_object(journal *j, json_t *object)
 
 /* Makes the beginning of a line. "again": the bus was advanced once more to the tick of the line
  * before. */
-static json_t *begin_line(const journal_part *b, uint64_t now, bool advanced)
+static json_t *begin_line(const journal_part *b, uint64_t now)
 {
     json_t *line = json_object();
     put_count(line, "at", now);
     if (b->named)
         put_text(line, "bus", b->config->bus_name);
-    if (advanced && now == b->last_at)
+    if (b->advanced && now == b->last_at)
         put_bool(line, "again", true);
+    if (b->sent > 0)
+        put_count(line, "sent", b->sent);
     return line;
+}
+
+/* The same without a JSON object, for lines of which there are many. Returns the end. */
+static char *begin_text(const journal_part *b, char *line, uint64_t now)
+{
+    char *at = chars_decimal(chars_text(line, "{\"at\":"), now);
+    if (b->named)
+        at = AT_WORD(at, "bus", b->config->bus_name);
+    if (b->advanced && now == b->last_at)
+        at = chars_text(at, ",\"again\":true");
+    if (b->sent > 0)
+        at = AT_NUMBER(at, "sent", b->sent);
+    return at;
+}
+
+static void end_text(const journal_part *b, char *line, char *at)
+{
+    at = chars_text(at, "}\n");
+    put_line(b->journal, line, (size_t)(at - line), true);
+}
+
+/* Notes that a line has been written, or lost. */
+static void end_line(journal_part *b, uint64_t at)
+{
+    b->last_at = at;
+    b->sent = 0;
+    b->advanced = false;
+    b->journal->last_at = at;
 }
 
 /* Returns a text unchanged or, where JSON cannot hold it, as {"hex": ...}. */
@@ -201,18 +245,12 @@ static bool is_plain(const cw_frame *frame, const char *text)
            memcmp(again.data, frame->data, data_room(frame)) == 0;
 }
 
-/* Writes a frame without a JSON object, since most lines are frames. */
 static void put_send(const journal_part *b, const input *what)
 {
     const cw_frame *frame = what->frame;
     char line[LINE_BYTES + JOURNAL_SEAL_BYTES];
     char text[FRAME_TEXT_MAX];
-    char *at = chars_decimal(chars_text(line, "{\"at\":"), what->now);
-    if (b->named)
-        at = AT_WORD(at, "bus", b->config->bus_name);
-    if (what->advanced && what->now == b->last_at)
-        at = chars_text(at, ",\"again\":true");
-    at = AT_WORD(at, "send", b->config->nodes[what->node].name);
+    char *at = AT_WORD(begin_text(b, line, what->now), "send", b->config->nodes[what->node].name);
     text_print_frame(text, frame);
     if (is_plain(frame, text)) {
         at = AT_WORD(at, "frame", text);
@@ -223,8 +261,32 @@ static void put_send(const journal_part *b, const input *what)
         at = chars_bytes(chars_text(at, ",\"data\":\""), frame->data, (unsigned)data_room(frame));
         *at++ = '"';
     }
-    at = chars_text(AT_NUMBER(at, "tick", what->at_tick), "}\n");
-    put_line(b->journal, line, (size_t)(at - line));
+    if (what->determined)
+        at = chars_text(at, ",\"late\":true");
+    else if (what->at_tick > what->now)
+        at = AT_NUMBER(at, "in", what->at_tick - what->now);
+    end_text(b, line, at);
+}
+
+/* Returns true for a frame that another run hands in by itself: before the bus gets to its tick.
+ * Too much traffic may come later. */
+static bool is_implied(const input *what)
+{
+    return what->kind == INPUT_SEND && what->determined &&
+           (what->at_tick > what->now || what->now == 0);
+}
+
+/* Counts such a frame. A line says now and then how far the bus has come, since after a crash the
+ * journal tells that. */
+static void count_send(journal_part *b, const input *what)
+{
+    char line[LINE_BYTES + JOURNAL_SEAL_BYTES];
+    b->sent++;
+    b->digest = journal_digest(b->digest, what->node, what->frame, what->at_tick);
+    if (what->now < b->last_at + PROGRESS_TICKS || b->journal->state == JOURNAL_BROKEN_OFF)
+        return;
+    end_text(b, line, begin_text(b, line, what->now));
+    end_line(b, what->now);
 }
 
 static void put_inject(json_t *line, const input *what)
@@ -237,7 +299,7 @@ static void put_inject(json_t *line, const input *what)
 
 static void put_other(const journal_part *b, const input *what)
 {
-    json_t *line = begin_line(b, what->now, what->advanced);
+    json_t *line = begin_line(b, what->now);
     const char *node = what->node < b->config->node_count ? b->config->nodes[what->node].name : "";
     switch (what->kind) {
     case INPUT_INJECT:
@@ -267,6 +329,7 @@ static void put_other(const journal_part *b, const input *what)
         break;
     case INPUT_RELOAD:
         put(line, "reload", files_to_json(what->config));
+        put_count(line, "traffic", what->at_tick);
         break;
     case INPUT_SEND:
     case INPUT_COUNT:
@@ -275,17 +338,16 @@ static void put_other(const journal_part *b, const input *what)
     put_object(b->journal, line);
 }
 
-static void end_line(journal_part *b, uint64_t at)
-{
-    b->last_at = at;
-    b->journal->last_at = at;
-}
-
 void journal_part_input(void *user, const input *what)
 {
     journal_part *b = user;
     journal *j = b->journal;
     spool_stamp(j->spool, what->now);
+    b->advanced = b->advanced || what->advanced;
+    if (is_implied(what)) {
+        count_send(b, what);
+        return;
+    }
     if (what->kind == INPUT_RELOAD && j->state != JOURNAL_WRITING)
         j->reloaded = true;
     if (j->state == JOURNAL_BROKEN_OFF)
@@ -313,14 +375,18 @@ journal_part *journal_part_at(journal *j, size_t bus)
 static void put_mark(journal_part *b, const char *key)
 {
     cw_bus_stats stats;
+    char digest[DIGEST_BYTES];
     json_t *counters = json_object();
     cw_bus_get_stats(b->in->bus, &stats);
     spool_stamp(b->journal->spool, stats.ticks);
-    json_t *line = begin_line(b, stats.ticks, b->in->advanced);
+    b->advanced = b->advanced || b->in->advanced;
+    json_t *line = begin_line(b, stats.ticks);
     for (size_t i = 0; i < JOURNAL_COUNTERS; i++)
         put_count(counters, journal_counters[i].name,
                   cw_stat_value(&journal_counters[i], &stats, 0));
     put(line, key, counters);
+    (void)snprintf(digest, sizeof digest, "%016" PRIx64, b->digest);
+    put_text(line, "digest", digest);
     put_object(b->journal, line);
     end_line(b, stats.ticks);
 }
@@ -359,7 +425,7 @@ static void put_header(journal *j)
     const bool several = j->buses[0].named;
     json_t *header = json_object();
     print_names(names, j);
-    put_count(header, "canwire-journal", several ? JOURNAL_VERSION_RIG : JOURNAL_VERSION);
+    put_count(header, "canwire-journal", JOURNAL_VERSION);
     put_text(header, "canwire", CANWIRE_VERSION);
     put_text(header, "bus", names);
     if (several)
@@ -373,7 +439,10 @@ static void put_configs(journal *j, size_t first)
 {
     for (size_t i = first; i < j->count; i++) {
         const journal_part *b = &j->buses[i];
-        json_t *line = begin_line(b, 0, false);
+        json_t *line = json_object();
+        put_count(line, "at", 0);
+        if (b->named)
+            put_text(line, "bus", b->config->bus_name);
         put(line, "config", files_to_json(b->config));
         put_object(j, line);
     }
@@ -420,7 +489,8 @@ static void put_gap(journal_part *b)
 {
     const uint64_t now = cw_bus_now(b->in->bus);
     spool_stamp(b->journal->spool, now);
-    json_t *line = begin_line(b, now, false);
+    b->advanced = false;
+    json_t *line = begin_line(b, now);
     put(line, "gap", gap_to_json(b));
     put_object(b->journal, line);
     end_line(b, now);
@@ -434,6 +504,8 @@ static void take_up(journal *j)
     const uint64_t there = spool_kept(j->spool);
     spool_resume(j->spool);
     j->state = JOURNAL_TRYING;
+    j->unsealed = 0; /* seals of before are not in the file */
+    j->crc = 0;
     if (there == 0)
         put_header(j);
     if (there <= j->count)
@@ -547,8 +619,26 @@ static void free_journal(journal *j)
     free(j);
 }
 
+/* Opens a file whose lines are packed, in virtual time so that two runs give the same file. Returns
+ * NULL with an errno. */
+static spool *open_packed(const char *file, const cfg *config, int *problem)
+{
+    spool_packer packer;
+    if (!journal_packer(&packer, config->pacing == CFG_PACING_VIRTUAL)) {
+        *problem = ENOMEM;
+        return NULL;
+    }
+    spool *s = spool_open(file, 1, NULL, NULL, problem);
+    if (s)
+        spool_pack(s, &packer);
+    else
+        packer.free(packer.user);
+    return s;
+}
+
 /* Opens the file. Returns NULL after writing the reason. */
-static journal *journal_open_file(const char *file, unsigned files, char error[JOURNAL_ERROR_MAX])
+static journal *journal_open_file(const char *file, unsigned files, const cfg *config,
+                                  char error[JOURNAL_ERROR_MAX])
 {
     journal *j = calloc(1, sizeof *j);
     int problem = ENOMEM;
@@ -557,7 +647,7 @@ static journal *journal_open_file(const char *file, unsigned files, char error[J
     if (j && j->file)
         problem = journal_make_room(file, files);
     if (j && j->file && problem == 0)
-        j->spool = spool_open(file, 1, NULL, NULL, &problem);
+        j->spool = open_packed(file, config, &problem);
     if (j && j->spool)
         return j;
     (void)snprintf(error, JOURNAL_ERROR_MAX, "journal %s: %s", file, spool_explain(problem));
@@ -579,7 +669,7 @@ static journal *journal_begin(journal *j)
 journal *journal_start(const char *file, unsigned files, const cfg *config,
                        char error[JOURNAL_ERROR_MAX])
 {
-    journal *j = journal_open_file(file, files, error);
+    journal *j = journal_open_file(file, files, config, error);
     if (!j)
         return NULL;
     j->count = 1;
@@ -590,7 +680,7 @@ journal *journal_start(const char *file, unsigned files, const cfg *config,
 journal *journal_start_rig(const char *file, unsigned files, const inputs *const *buses,
                            size_t count, char error[JOURNAL_ERROR_MAX])
 {
-    journal *j = journal_open_file(file, files, error);
+    journal *j = journal_open_file(file, files, live_config(buses[0]->config), error);
     if (!j)
         return NULL;
     for (j->count = 0; j->count < count; j->count++) {

@@ -2,10 +2,12 @@
  *
  * journal.h - records all inputs of the buses of a process, so that the run can be repeated.
  *
- * A file of lines, each a JSON object; canwire-journal(7) describes them. A thread writes them
- * (spool.h): the bus never waits for the disk. A line that cannot be written breaks the journal: no
- * run can go on behind it. Writing is tried again from time to time. Later lines follow a line that
- * describes the gap; they can be read, but not run.
+ * A file of lines, each a JSON object, packed (journal_pack.h); canwire-journal(7) describes them.
+ * A thread packs and writes them (spool.h): the bus never waits for the disk. Frames that the
+ * configuration determines are not written, only how many there were, and what they come to. A
+ * line that cannot be written breaks the journal: no run can go on behind it. Writing is tried
+ * again from time to time. Later lines follow a line that describes the gap; they can be read, but
+ * not run.
  */
 #ifndef CANWIRE_RUN_JOURNAL_H
 #define CANWIRE_RUN_JOURNAL_H
@@ -16,8 +18,11 @@
 
 #include <jansson.h>
 
-#define JOURNAL_VERSION 2 /* 1 had no seals (journal_seal.h) and no gaps */
-#define JOURNAL_VERSION_RIG 3 /* each line names its bus */
+#define JOURNAL_VERSION 4
+#define JOURNAL_VERSION_SEALS 2 /* the first one with seals (journal_seal.h) and gaps */
+#define JOURNAL_VERSION_RIG 3   /* ... of a rig: each line names its bus; 4 may be of either */
+#define JOURNAL_VERSION_GROUPS 4 /* ... in which a seal is of several lines, and frames that the
+                                    configuration determines are missing */
 #define JOURNAL_ERROR_MAX 300
 
 /* Counters of a bus that are noted from time to time, to check a run against them. */

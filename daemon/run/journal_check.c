@@ -92,8 +92,10 @@ static bool check_entry(checker *c, const journal_entry *entry)
         break;
     case JOURNAL_CONFIG:
     case JOURNAL_MARK:
+    case JOURNAL_SENT:
         break;
     }
+    c->inputs += entry->sent;
     if (entry->at < c->ticks[entry->bus]) {
         journal_check_complain(c, "damaged: it is before the line above");
         c->damages++;

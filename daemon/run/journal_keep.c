@@ -7,7 +7,9 @@
 #include "base/file/filelock.h"
 #include "base/file/folder.h"
 #include "base/log.h"
+#include "base/text/buffer.h"
 #include "base/text/number.h"
+#include "run/journal_pack.h"
 #include "run/journal_seal.h"
 
 #include <errno.h>
@@ -23,7 +25,7 @@
 #include <unistd.h>
 
 #define HEAD_BYTES 4096u
-#define TAIL_BYTES (16u << 20) /* that are searched for the last line */
+#define TAIL_BYTES (16u << 20) /* that are searched for the last line, packed or not */
 #define WORD_BYTES 64u
 
 /* An older journal. */
@@ -55,10 +57,33 @@ static void print_name(char name[PATH_MAX], const char *file, unsigned number)
 
 /* ---- Content --------------------------------------------------------------------------------- */
 
-/* Returns NULL for damaged lines and for other text. */
-static json_t *parse_line(const char *line, size_t length)
+/* Returns the begin of the line that ends before a place. */
+static const char *line_before(const char *text, const char *end)
 {
-    if (journal_seal_check(line, length) == JOURNAL_SEAL_WRONG)
+    const char *before = end - text > 1 ? memrchr(text, '\n', (size_t)(end - text) - 1) : NULL;
+    return before ? before + 1 : text;
+}
+
+/* Returns true for a line of a text with a wrong seal. It is of the lines before that have none,
+ * too; when the first of these is not in the text, it cannot be checked. */
+static bool is_damaged(const char *text, const char *line, size_t length)
+{
+    const char *group = line;
+    while (group > text) {
+        const char *before = line_before(text, group);
+        if (journal_seal_is_there(before, (size_t)(group - before) - 1))
+            break;
+        group = before;
+    }
+    const uint32_t crc = journal_crc32(0, group, (size_t)(line - group));
+    return group > text && journal_seal_check(line, length, crc) == JOURNAL_SEAL_WRONG &&
+           journal_seal_check(line, length, 0) == JOURNAL_SEAL_WRONG;
+}
+
+/* Returns NULL for damaged lines and for other text. */
+static json_t *parse_line(const char *text, const char *line, size_t length)
+{
+    if (is_damaged(text, line, length))
         return NULL;
     json_t *object = json_loadb(line, length, JSON_ALLOW_NUL, NULL);
     if (json_is_object(object))
@@ -73,52 +98,88 @@ static void copy_word(char word[WORD_BYTES], const json_t *text)
     (void)snprintf(word, WORD_BYTES, "%s", from ? from : "?");
 }
 
+/* Reads a file from a place on, unpacked, up to so many bytes or as far as it can be. */
+static void read_text(buffer *text, int fd, off_t from, size_t most)
+{
+    const char *problem;
+    bool damaged;
+    ssize_t count = 1;
+    journal_unpacker *u = lseek(fd, from, SEEK_SET) == from ? journal_unpack(fd) : NULL;
+    while (u && count > 0 && buffer_length(text) < most && buffer_reserve(text, HEAD_BYTES)) {
+        count = journal_unpack_read(u, text->data + text->end, HEAD_BYTES, &problem, &damaged);
+        text->end += count > 0 ? (size_t)count : 0;
+    }
+    journal_unpack_end(u);
+}
+
 static void read_head(found *f, int fd)
 {
-    char head[HEAD_BYTES];
-    ssize_t count = pread(fd, head, sizeof head, 0);
-    const char *end = count > 0 ? memchr(head, '\n', (size_t)count) : NULL;
-    json_t *line = end ? parse_line(head, (size_t)(end - head)) : NULL;
+    buffer text = {.data = NULL};
+    read_text(&text, fd, 0, HEAD_BYTES);
+    const char *head = buffer_length(&text) > 0 ? buffer_first(&text) : "";
+    const char *end = memchr(head, '\n', buffer_length(&text));
+    json_t *line = end ? parse_line(head, head, (size_t)(end - head)) : NULL;
     f->begun = json_object_get(line, "canwire-journal");
     copy_word(f->bus, json_object_get(line, "bus"));
     copy_word(f->started, json_object_get(line, "started"));
     json_decref(line);
+    buffer_free(&text);
 }
 
 /* Reads a line of a journal. last: it is the last line of the file, and complete. */
-static bool journal_keep_take_line(found *f, const char *line, size_t length, bool last)
+static bool journal_keep_take_line(found *f, const json_t *line, bool last)
 {
-    json_t *object = parse_line(line, length);
-    const json_t *at = json_object_get(object, "at");
+    const json_t *at = json_object_get(line, "at");
     f->timed = json_is_integer(at) && json_integer_value(at) >= 0;
     f->tick = f->timed ? (uint64_t)json_integer_value(at) : 0;
-    f->ended = last && f->timed && json_object_get(object, "end");
-    json_decref(object);
+    f->ended = last && f->timed && json_object_get(line, "end");
     return f->timed;
 }
 
 /* Searches backwards for a readable line; an incomplete line does not count. */
-static void search_tail(found *f, const char *tail, size_t size)
+static bool search_text(found *f, const char *text, size_t size)
 {
-    const char *end = memrchr(tail, '\n', size);
-    bool last = end == tail + size - 1;
-    while (end) {
-        const char *before = memrchr(tail, '\n', (size_t)(end - tail));
-        const char *line = before ? before + 1 : tail;
-        if (journal_keep_take_line(f, line, (size_t)(end - line), last))
-            return;
+    const char *end = memrchr(text, '\n', size);
+    bool last = end == text + size - 1;
+    bool taken = false;
+    while (end && !taken) {
+        const char *line = line_before(text, end);
+        json_t *object = parse_line(text, line, (size_t)(end - line));
+        taken = journal_keep_take_line(f, object, last);
+        json_decref(object);
         last = false;
-        end = before;
+        end = line > text ? line - 1 : NULL;
     }
+    return taken;
 }
 
+/* Searches in what the file has from a place on. */
+static bool search_from(found *f, int fd, off_t from)
+{
+    buffer text = {.data = NULL};
+    read_text(&text, fd, from, TAIL_BYTES);
+    const bool good =
+        buffer_length(&text) > 0 && search_text(f, buffer_first(&text), buffer_length(&text));
+    buffer_free(&text);
+    return good;
+}
+
+/* Searches the last part of the file. A packed one can be read from the beginning of a frame on: from
+ * the last one, or one before it. */
 static void read_tail(found *f, int fd, off_t size)
 {
     size_t want = size < (off_t)TAIL_BYTES ? (size_t)size : TAIL_BYTES;
+    const off_t from = size - (off_t)want;
     char *tail = malloc(want + 1);
-    ssize_t count = tail ? pread(fd, tail, want, size - (off_t)want) : -1;
-    if (count > 0)
-        search_tail(f, tail, (size_t)count);
+    const ssize_t count = tail ? pread(fd, tail, want, from) : -1;
+    size_t begin = count > 0 ? (size_t)count : 0;
+    bool packed = false, done = false;
+    while (!done && (begin = journal_pack_last_frame(tail, begin)) != SIZE_MAX) {
+        packed = true;
+        done = search_from(f, fd, from + (off_t)begin);
+    }
+    if (!packed && count > 0)
+        (void)search_text(f, tail, (size_t)count);
     free(tail);
 }
 

@@ -2,23 +2,31 @@
  *
  * journal_play.c - repeats the run of a journal: the same inputs, the same events.
  *
- * The journal contains frames of traffic like all others, so the releases of the configuration are
- * not used here.
+ * Since version 4 a journal does not have the frames that the configuration determines. It says how
+ * many there were up to each line, so that they are handed in here between the same lines.
  */
 #include "run/journal_play.h"
 
 #include "base/text/number.h"
 #include "base/text/memo.h"
 #include "run/bus_make.h"
+#include "run/journal_seal.h"
 
+#include <errno.h>
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
+
+#define DIFFERENCE_BYTES 120 /* of a message about another run */
 
 typedef struct played {
     live *live;
     void *memory; /* of the bus */
     inputs inputs;
+    release_plan *plan; /* of the traffic that the configuration determines */
+    uint64_t due;       /* its frames to come up to the present line */
+    uint64_t digest;    /* of those that have come */
+    uint64_t good;      /* tick up to which that was as recorded */
     void *user;
     bool stopped; /* by `advance` */
 } played;
@@ -54,8 +62,10 @@ static bool make_bus(journal_player *p, played *b)
     if (!b->live)
         cfg_free(config);
     cw_bus *bus = b->live ? bus_make(&b->memory, config) : NULL;
-    if (!bus)
-        return journal_play_fail(p, NULL, bus_why_not());
+    if (bus)
+        b->plan = release_plan_of_sends(config);
+    if (!bus || !b->plan)
+        return journal_play_fail(p, NULL, bus ? strerror(ENOMEM) : bus_why_not());
     b->user = journal_buses(p->reader) > 0 ? p->calls.of_bus(p->user, p->count) : p->user;
     inputs_init(&b->inputs, b->live, bus, p->calls.drain, b->user);
     b->inputs.renaming = p->calls.renaming;
@@ -106,6 +116,7 @@ void journal_player_close(journal_player *p)
         return;
     journal_close(p->reader);
     for (size_t i = 0; i < RIG_BUSES_MAX; i++) {
+        release_plan_free(p->buses[i].plan);
         live_free(p->buses[i].live);
         free(p->buses[i].memory);
     }
@@ -185,6 +196,89 @@ static bool journal_play_find_rule(journal_player *p, unsigned *rule)
     return false;
 }
 
+/* ---- Traffic of the configuration ------------------------------------------------------------ */
+
+/* Hands in the next frame of the configuration. */
+static cw_status hand_in(played *b)
+{
+    unsigned node;
+    const uint64_t tick = release_next_tick(b->plan);
+    const cw_frame frame = *release_first(b->plan, &node);
+    const cw_status status = inputs_release(&b->inputs, b->plan);
+    if (status == CW_OK)
+        b->digest = journal_digest(b->digest, node, &frame, tick);
+    return status;
+}
+
+/* Advances until a frame has left the inbox, at most to a tick. Returns false when none can. */
+static bool journal_play_make_room(const journal_player *p, uint64_t tick)
+{
+    played *b = p->now;
+    const cw_bus *bus = b->inputs.bus;
+    const uint64_t bit = cw_rate_ticks(live_config(b->live)->rate, 1);
+    const uint64_t left = cw_bus_inbox_first(bus) + bit - 1;
+    if (cw_bus_now(bus) >= tick)
+        return false;
+    b->stopped = !p->calls.advance(b->user, left < tick ? left : tick);
+    return !b->stopped && cw_bus_inbox_room(b->inputs.bus) > 0;
+}
+
+/* Hands in those frames of the configuration that come before the present line and not behind a
+ * tick. */
+static void hand_in_to(const journal_player *p, uint64_t tick)
+{
+    played *b = p->now;
+    while (b->due > 0 && release_next_tick(b->plan) <= tick &&
+           release_next_tick(b->plan) != CW_NEVER) {
+        const cw_status status = hand_in(b);
+        if (status == CW_OK)
+            b->due--;
+        else if (tick == CW_NEVER || !journal_play_make_room(p, tick))
+            break;
+    }
+}
+
+/* Checks the frames of the configuration, up to a line that says what they come to. */
+static void check_digest(journal_player *p)
+{
+    char how[DIFFERENCE_BYTES], begin[TIME_TEXT_MAX], end[TIME_TEXT_MAX];
+    played *b = p->now;
+    if (p->entry.has_digest && p->entry.digest != b->digest) {
+        text_print_seconds(begin, b->good);
+        text_print_seconds(end, p->entry.at);
+        (void)snprintf(how, sizeof how,
+                       "the configuration sends something else between %s s and %s s", begin, end);
+        differ(p, "digest", how);
+    }
+    b->good = p->entry.at;
+}
+
+/* Hands in the rest of them, whose ticks are to come. */
+static void hand_in_rest(journal_player *p)
+{
+    char how[DIFFERENCE_BYTES];
+    played *b = p->now;
+    hand_in_to(p, CW_NEVER);
+    if (b->due == 0)
+        return;
+    (void)snprintf(how, sizeof how, "%" PRIu64 " of the frames of the configuration do not come",
+                   b->due);
+    differ(p, "sent", how);
+}
+
+/* Hands in a frame of the configuration that came late then. */
+static cw_status send_late(journal_player *p)
+{
+    unsigned node, other;
+    played *b = p->now;
+    if (!journal_play_find_node(p, &node) || release_next_tick(b->plan) == CW_NEVER ||
+        !cw_frame_equal(release_first(b->plan, &other), &p->entry.frame) || other != node)
+        return CW_INVALID;
+    return inputs_release(&b->inputs, b->plan);
+}
+
+/* ---- Rules and nodes ------------------------------------------------------------------------- */
+
 /* Injects the rules of an entry. The messages are about the text; they are suppressed when the
  * recorded run refused it, too. */
 static bool inject(journal_player *p)
@@ -263,7 +357,9 @@ static bool act_on_node(journal_player *p)
     unsigned node;
     if (!journal_play_find_node(p, &node))
         return false;
-    if (what->kind == INPUT_SEND)
+    if (what->kind == INPUT_SEND && p->entry.late)
+        expect_ok(p, "late", send_late(p));
+    else if (what->kind == INPUT_SEND)
         expect_ok(p, "send", inputs_send(&p->now->inputs, node, what->frame, what->at_tick));
     else if (what->kind == INPUT_RESTART)
         expect_ok(p, "restart", inputs_restart(&p->now->inputs, node));
@@ -282,19 +378,34 @@ static bool skip(journal_player *p)
     return true;
 }
 
+/* Puts the traffic of another configuration into the place of the present one's. */
+static void take_over_traffic(journal_player *p, release_plan *plan,
+                              const uint8_t from[CW_NODES_MAX])
+{
+    release_take_over(plan, p->now->plan, from, p->entry.what.at_tick);
+    release_plan_free(p->now->plan);
+    p->now->plan = plan;
+}
+
 static bool journal_play_go_over(journal_player *p, cfg *config)
 {
     uint8_t from[CW_NODES_MAX];
     void *memory;
     cw_bus *bus = bus_make(&memory, config);
+    release_plan *plan = release_plan_of_sends(config);
     cfg_match_nodes(from, config, live_config(p->now->live));
-    if (!bus || inputs_take_over(&p->now->inputs, bus, config, from) != CW_OK) {
-        const char *why = bus ? "the bus cannot go over to it" : bus_why_not();
+    if (!bus || !plan ||
+        inputs_take_over(&p->now->inputs, bus, config, from, p->entry.what.at_tick) != CW_OK) {
+        const char *why = !bus   ? bus_why_not()
+                          : plan ? "the bus cannot go over to it"
+                                 : strerror(ENOMEM);
         free(memory);
+        release_plan_free(plan);
         cfg_free(config);
         return journal_play_fail(p, "reload", why);
     }
     p->calls.leaving(p->now->user, config, from);
+    take_over_traffic(p, plan, from);
     free(p->now->memory);
     p->now->memory = memory;
     live_replace(p->now->live, config);
@@ -356,7 +467,7 @@ static bool check_reached(journal_player *p)
 static void check_counters(journal_player *p)
 {
     cw_bus_stats stats;
-    char how[80];
+    char how[DIFFERENCE_BYTES];
     cw_bus_get_stats(p->now->inputs.bus, &stats);
     for (size_t i = 0; i < JOURNAL_COUNTERS; i++) {
         uint64_t now = cw_stat_value(&journal_counters[i], &stats, 0);
@@ -414,7 +525,10 @@ static bool play_entry(journal_player *p)
         return act(p);
     case JOURNAL_MARK:
     case JOURNAL_END:
+        check_digest(p);
         check_counters(p);
+        return true;
+    case JOURNAL_SENT:
         return true;
     case JOURNAL_CONFIG:
         return journal_play_fail(p, "config", "there is a second configuration");
@@ -440,11 +554,17 @@ static bool all_stopped(const journal_player *p)
 static bool play_at(journal_player *p)
 {
     const journal_entry *e = &p->entry;
+    played *b = p->now;
     if (!check_order(p))
         return false;
-    bool advance = e->at > cw_bus_now(p->now->inputs.bus) || e->what.advanced;
-    p->now->stopped = advance && !p->calls.advance(p->now->user, e->at);
-    return p->now->stopped || (check_reached(p) && play_entry(p));
+    b->due = e->sent;
+    hand_in_to(p, e->at);
+    bool advance = e->at > cw_bus_now(b->inputs.bus) || e->what.advanced;
+    b->stopped = b->stopped || (advance && !p->calls.advance(b->user, e->at));
+    if (b->stopped)
+        return true;
+    hand_in_rest(p);
+    return check_reached(p) && play_entry(p);
 }
 
 journal_outcome journal_play(journal_player *p)

@@ -14,6 +14,7 @@
 #include "base/text/number.h"
 #include "base/text/memo.h"
 #include "config/values.h"
+#include "run/journal_pack.h"
 #include "run/journal_seal.h"
 #include "run/settings.h"
 #include "trace/frametext.h"
@@ -33,23 +34,31 @@
 #define KEYS_MAX 8
 #define FILES_MAX 200u
 #define FLAGS_MAX 31u
+#define DIGEST_DIGITS 16u
+#define LINES_TEXT_MAX 64
 
 struct journal_reader {
     const char *file; /* of the caller */
     FILE *errors;
     int fd;
+    journal_unpacker *unpacker;
     buffer bytes;  /* read and not yet used */
     bool at_end;   /* of the file */
     bool over;     /* no entry follows */
     bool failed;   /* to read the file */
+    bool torn;     /* the next part of the file cannot be unpacked */
+    bool unchecked; /* such a part has been left out, which the next seal is of, too */
     size_t number; /* of the present line, from 1 */
     uint64_t byte; /* the first of it */
+    size_t group;  /* bytes of lines to come that a seal has been checked for ... */
+    size_t lines;  /* ... and of these lines, when the present one is damaged */
     unsigned version;
     size_t buses;        /* of a rig, or 0 */
     size_t known;        /* of these, by their configurations */
     char *names[RIG_BUSES_MAX];
     size_t ended;        /* buses that have ended */
-    uint64_t last; /* the number of the line before */
+    uint64_t last; /* the number of the last line that has one */
+    uint64_t bare; /* lines since then, which have none */
     uint64_t missing; /* missing lines before that one, which the line of a gap must still
                          explain */
     uint64_t tick; /* its `at` */
@@ -141,6 +150,20 @@ wrong(journal_reader *r, const char *key, const char *format, ...)
     complain_at(r, column_of(r, key), format, args);
     va_end(args);
     return false;
+}
+
+/* Says where the present line, or lines, are. */
+static bool damaged(journal_reader *r, const char *how)
+{
+    char time[TIME_TEXT_MAX], lines[LINES_TEXT_MAX] = "";
+    text_print_seconds(time, r->tick);
+    r->damaged = true;
+    if (r->lines > 1)
+        (void)snprintf(lines, sizeof lines, "lines %zu to %zu, ", r->number,
+                       r->number + r->lines - 1);
+    return wrong(r, NULL, "damaged: %s, %sbytes %" PRIu64 " to %" PRIu64 " of the %s, behind %s s",
+                 how, lines, r->byte, r->byte + r->length,
+                 journal_is_packed(r->unpacker) ? "text" : "file", time);
 }
 
 static bool no_memory(journal_reader *r)
@@ -245,12 +268,28 @@ static bool read_raw_frame(journal_reader *r, cw_frame *frame)
     return true;
 }
 
+/* Reads the tick of a frame: from bus time 0 on, or since version 4 from that of the line. */
+static bool read_send_tick(journal_reader *r, journal_entry *entry)
+{
+    uint64_t in = 0;
+    if (r->version < JOURNAL_VERSION_GROUPS) {
+        if (!journal_read_value_of(r, "tick"))
+            return wrong(r, NULL, "send: the key 'tick' is missing");
+        return journal_read_read_number(r, &entry->what.at_tick, "tick", INT64_MAX);
+    }
+    if (journal_read_value_of(r, "in") && !journal_read_read_number(r, &in, "in", INT64_MAX))
+        return false;
+    entry->what.at_tick = entry->at + in;
+    return true;
+}
+
 static bool read_send(journal_reader *r, journal_entry *entry)
 {
     const char *frame = journal_read_text_of(r, "frame");
     entry->node = journal_read_text_of(r, "send");
     entry->what.frame = &entry->frame;
-    if (!journal_read_read_number(r, &entry->what.at_tick, "tick", INT64_MAX))
+    entry->late = journal_read_value_of(r, "late");
+    if (!read_send_tick(r, entry))
         return false;
     if (!frame)
         return read_raw_frame(r, &entry->frame);
@@ -342,6 +381,28 @@ static bool read_files(journal_reader *r, journal_entry *entry)
     return true;
 }
 
+static bool read_reload(journal_reader *r, journal_entry *entry)
+{
+    if (journal_read_value_of(r, "traffic") &&
+        !journal_read_read_number(r, &entry->what.at_tick, "traffic", INT64_MAX))
+        return false;
+    return read_files(r, entry);
+}
+
+static bool read_digest(journal_reader *r, journal_entry *entry)
+{
+    const char *text = journal_read_text_of(r, "digest");
+    uint32_t high, low;
+    entry->has_digest = text != NULL;
+    if (!text)
+        return true;
+    if (strlen(text) != DIGEST_DIGITS || !text_parse_hex(&high, text, 8) ||
+        !text_parse_hex(&low, text + 8, 8))
+        return wrong(r, "digest", "digest: expected %u hexadecimal digits", DIGEST_DIGITS);
+    entry->digest = (uint64_t)high << 32 | low;
+    return true;
+}
+
 static bool read_counters(journal_reader *r, journal_entry *entry)
 {
     const char *key = entry->kind == JOURNAL_MARK ? "mark" : "end";
@@ -353,8 +414,9 @@ static bool read_counters(journal_reader *r, journal_entry *entry)
                          journal_counters[i].name);
         entry->counters[i] = (uint64_t)json_integer_value(value);
     }
-    return json_object_size(counters) == JOURNAL_COUNTERS ||
-           wrong(r, key, "%s: there are more counters than are known", key);
+    if (json_object_size(counters) != JOURNAL_COUNTERS)
+        return wrong(r, key, "%s: there are more counters than are known", key);
+    return read_digest(r, entry);
 }
 
 static bool read_gap(journal_reader *r, journal_entry *entry)
@@ -373,7 +435,9 @@ static bool read_nothing(journal_reader *r, journal_entry *entry)
 static const line_spec specs[] = {
     {"config", JOURNAL_CONFIG, INPUT_COUNT, read_files, JSON_ARRAY, {{NULL, JSON_NULL, false}}},
     {"send", JOURNAL_INPUT, INPUT_SEND, read_send, JSON_STRING,
-     {{"tick", JSON_INTEGER, true},
+     {{"tick", JSON_INTEGER, false},
+      {"in", JSON_INTEGER, false},
+      {"late", JSON_TRUE, false},
       {"frame", JSON_STRING, false},
       {"id", JSON_INTEGER, false},
       {"flags", JSON_INTEGER, false},
@@ -391,11 +455,16 @@ static const line_spec specs[] = {
     {"detach", JOURNAL_INPUT, INPUT_ATTACH, read_attach, JSON_STRING, {{NULL, JSON_NULL, false}}},
     {"skip", JOURNAL_INPUT, INPUT_SKIP, read_skip, JSON_INTEGER,
      {{"earlier", JSON_INTEGER, false}}},
-    {"reload", JOURNAL_INPUT, INPUT_RELOAD, read_files, JSON_ARRAY, {{NULL, JSON_NULL, false}}},
-    {"mark", JOURNAL_MARK, INPUT_COUNT, read_counters, JSON_OBJECT, {{NULL, JSON_NULL, false}}},
-    {"end", JOURNAL_END, INPUT_COUNT, read_counters, JSON_OBJECT, {{NULL, JSON_NULL, false}}},
+    {"reload", JOURNAL_INPUT, INPUT_RELOAD, read_reload, JSON_ARRAY,
+     {{"traffic", JSON_INTEGER, false}}},
+    {"mark", JOURNAL_MARK, INPUT_COUNT, read_counters, JSON_OBJECT,
+     {{"digest", JSON_STRING, false}}},
+    {"end", JOURNAL_END, INPUT_COUNT, read_counters, JSON_OBJECT,
+     {{"digest", JSON_STRING, false}}},
     {"gap", JOURNAL_GAP, INPUT_COUNT, read_gap, JSON_OBJECT, {{NULL, JSON_NULL, false}}},
     {"broken", JOURNAL_BROKEN, INPUT_COUNT, read_nothing, JSON_TRUE, {{NULL, JSON_NULL, false}}},
+    /* a key of other lines, too, so it is looked for last */
+    {"sent", JOURNAL_SENT, INPUT_COUNT, read_nothing, JSON_INTEGER, {{NULL, JSON_NULL, false}}},
 };
 
 #define SPECS (sizeof specs / sizeof specs[0])
@@ -407,7 +476,9 @@ static bool is_common(const journal_reader *r, const char *key)
 {
     return strcmp(key, "at") == 0 ||
            (r->buses > 0 && strcmp(key, "bus") == 0) ||
-           (r->version > 1 && (strcmp(key, "n") == 0 || strcmp(key, "crc") == 0));
+           (r->version >= JOURNAL_VERSION_SEALS &&
+            (strcmp(key, "n") == 0 || strcmp(key, "crc") == 0)) ||
+           (r->version >= JOURNAL_VERSION_GROUPS && strcmp(key, "sent") == 0);
 }
 
 /* Checks the type of a value; JSON_NULL allows any type. */
@@ -478,12 +549,18 @@ static bool journal_read_check_keys(journal_reader *r, const line_spec *spec)
 static bool check_number(journal_reader *r, journal_entry *entry)
 {
     uint64_t number = 0;
-    if (r->version < 2)
+    if (r->version < JOURNAL_VERSION_SEALS)
         return true;
+    if (r->version >= JOURNAL_VERSION_GROUPS && !journal_read_value_of(r, "n")) {
+        r->bare++;
+        return true;
+    }
     if (!journal_read_read_number(r, &number, "n", INT64_MAX))
         return false;
-    const uint64_t missing = r->missing + (number > r->last ? number - r->last - 1 : 0);
-    const bool again = number <= r->last;
+    const uint64_t last = r->last + r->bare;
+    const uint64_t missing = r->missing + (number > last ? number - last - 1 : 0);
+    const bool again = number <= last;
+    r->bare = 0;
     const bool known = r->damaged || journal_read_value_of(r, "gap");
     const bool reported_later = !known && journal_read_value_of(r, "config");
     r->last = number;
@@ -495,6 +572,12 @@ static bool check_number(journal_reader *r, journal_entry *entry)
     return missing == 0 || known || reported_later ||
            wrong(r, "n", "damaged: %s before this one %s missing",
                  counted(missing, "line").text, missing == 1 ? "is" : "are");
+}
+
+/* Returns true for lines that need no seal of their own. */
+static bool may_be_bare(const line_spec *spec)
+{
+    return spec->kind == JOURNAL_SENT || spec->input == INPUT_SEND;
 }
 
 /* Notes the bus of a configuration. Returns false after a complaint. */
@@ -539,19 +622,40 @@ static bool understand(journal_reader *r, journal_entry *entry)
         return false;
     if (journal_read_value_of(r, "again") && !check_type(r, "again", JSON_TRUE))
         return false;
+    if (!may_be_bare(spec) && r->version >= JOURNAL_VERSION_GROUPS &&
+        !journal_read_value_of(r, "crc"))
+        return damaged(r, "no checksum");
     entry->kind = spec->kind;
     entry->what.kind = spec->input;
     entry->what.now = entry->at;
     entry->what.advanced = journal_read_value_of(r, "again") != NULL;
     r->tick = entry->at;
+    if (journal_read_value_of(r, "sent") &&
+        !journal_read_read_number(r, &entry->sent, "sent", INT64_MAX))
+        return false;
     return spec->read(r, entry);
 }
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
+/* Complains about a file that cannot be read, or a part that cannot be unpacked. */
+static bool unreadable(journal_reader *r, const char *problem, bool damaged)
+{
+    char time[TIME_TEXT_MAX];
+    if (!damaged)
+        return wrong(r, NULL, "cannot read: %s", problem);
+    text_print_seconds(time, r->tick);
+    r->torn = true;
+    r->failed = false;
+    return wrong(r, NULL, "damaged: it cannot be unpacked (%s), byte %" PRIu64
+                 " of the file, behind %s s", problem, journal_unpack_place(r->unpacker), time);
+}
+
 /* Reads on. Returns false at the end of the file, and after a complaint, which ends the reading. */
 static bool read_more(journal_reader *r)
 {
+    const char *problem;
+    bool damaged;
     if (r->at_end)
         return false;
     r->over = true;
@@ -560,12 +664,10 @@ static bool read_more(journal_reader *r)
         return wrong(r, NULL, "the line is too long");
     if (!buffer_reserve(&r->bytes, READ_BYTES))
         return no_memory(r);
-    ssize_t count;
-    do
-        count = read(r->fd, r->bytes.data + r->bytes.end, READ_BYTES);
-    while (count < 0 && errno == EINTR);
+    ssize_t count = journal_unpack_read(r->unpacker, r->bytes.data + r->bytes.end, READ_BYTES,
+                                        &problem, &damaged);
     if (count < 0)
-        return wrong(r, NULL, "cannot read: %s", strerror(errno));
+        return unreadable(r, problem, damaged);
     r->over = false;
     r->failed = false;
     r->bytes.end += (size_t)count;
@@ -573,45 +675,100 @@ static bool read_more(journal_reader *r)
     return count > 0;
 }
 
-/* Returns the next line without its end. Returns false when there is none; an incomplete line
- * does not count. */
-static bool next_line(journal_reader *r)
+/* Finds the line that begins at an offset, reading on for it. Returns false when there is none; an
+ * incomplete line does not count. */
+static bool find_line(journal_reader *r, size_t offset, size_t *length)
 {
-    size_t searched = 0;
-    if (r->line) {
-        buffer_take(&r->bytes, r->length + 1);
-        r->byte += r->length + 1;
-    }
-    r->line = NULL;
-    r->length = 0;
-    r->number++;
+    size_t searched = offset;
     for (;;) {
-        size_t length = buffer_length(&r->bytes);
-        const char *first = length > 0 ? buffer_first(&r->bytes) : NULL;
-        const char *end = first ? memchr(first + searched, '\n', length - searched) : NULL;
-        if (end) {
-            r->line = first;
-            r->length = (size_t)(end - first);
+        const size_t end = buffer_length(&r->bytes);
+        const char *first = end > searched ? buffer_first(&r->bytes) : NULL;
+        const char *found = first ? memchr(first + searched, '\n', end - searched) : NULL;
+        if (found) {
+            *length = (size_t)(found - first) - offset;
             return true;
         }
-        searched = length;
+        searched = end;
         if (!read_more(r))
             return false;
     }
 }
 
+/* Returns true when the seal of the last line of a group is good: for all lines or, where others
+ * are lost, for itself. One behind a part that cannot be read cannot be checked. */
+static bool is_good(journal_reader *r, const char *line, size_t length, uint32_t crc)
+{
+    const bool unchecked = r->unchecked;
+    r->unchecked = false;
+    return unchecked || journal_seal_check(line, length, crc) == JOURNAL_SEAL_GOOD ||
+           journal_seal_check(line, length, 0) == JOURNAL_SEAL_GOOD;
+}
+
+/* Checks the next lines, up to the first one with a seal. At the end of a file that is cut off some
+ * have none. Returns false after a complaint about the file. */
+static bool check_group(journal_reader *r)
+{
+    uint32_t crc = 0;
+    size_t length;
+    r->group = 0;
+    for (size_t lines = 1; find_line(r, r->group, &length); lines++) {
+        const char *line = buffer_first(&r->bytes) + r->group;
+        r->group += length + 1;
+        if (journal_seal_is_there(line, length)) {
+            r->lines = is_good(r, line, length, crc) ? 0 : lines;
+            return true;
+        }
+        crc = journal_crc32(crc, line, length + 1);
+    }
+    return !r->over;
+}
+
+/* Leaves the present line, or all lines of a group that is damaged. */
+static void leave_line(journal_reader *r)
+{
+    if (r->line) {
+        buffer_take(&r->bytes, r->length + 1);
+        r->byte += r->length + 1;
+    }
+    r->number += r->lines > 0 ? r->lines : 1;
+    r->line = NULL;
+    r->length = 0;
+    r->lines = 0;
+}
+
+/* Takes the next line without its end. Returns false when there is none; an incomplete line does
+ * not count. Lines that are damaged come as one. */
+static bool next_line(journal_reader *r)
+{
+    const bool grouped = r->version >= JOURNAL_VERSION_GROUPS;
+    leave_line(r);
+    if (grouped && r->group == 0 && !check_group(r))
+        return false;
+    if (r->lines > 0)
+        r->length = r->group - 1;
+    else if (!find_line(r, 0, &r->length))
+        return false;
+    r->line = buffer_first(&r->bytes);
+    r->group -= grouped ? r->length + 1 : 0;
+    return true;
+}
+
 /* Checks the seal. The header announces seals, but its own is checked before it is read. */
 static bool check_seal(journal_reader *r)
 {
-    char time[TIME_TEXT_MAX];
-    journal_seal seal = journal_seal_check(r->line, r->length);
-    if (seal == JOURNAL_SEAL_GOOD || (seal == JOURNAL_SEAL_NONE && r->version < 2))
+    if (r->lines > 0)
+        return damaged(r, "wrong checksum");
+    if (r->version >= JOURNAL_VERSION_GROUPS)
         return true;
-    text_print_seconds(time, r->tick);
-    r->damaged = true;
-    return wrong(r, NULL, "damaged: %s, bytes %" PRIu64 " to %" PRIu64 " of the file, behind %s s",
-                 seal == JOURNAL_SEAL_NONE ? "no checksum" : "wrong checksum", r->byte,
-                 r->byte + r->length, time);
+    switch (journal_seal_check(r->line, r->length, 0)) {
+    case JOURNAL_SEAL_NONE:
+        return r->version < JOURNAL_VERSION_SEALS || damaged(r, "no checksum");
+    case JOURNAL_SEAL_WRONG:
+        return damaged(r, "wrong checksum");
+    case JOURNAL_SEAL_GOOD:
+        break;
+    }
+    return true;
 }
 
 /* Parses the line as an object; returns false after a complaint. */
@@ -632,6 +789,21 @@ static bool parse_line(journal_reader *r)
     return false;
 }
 
+/* Reads how many buses the journal is of. */
+static bool read_buses(journal_reader *r, unsigned version)
+{
+    uint64_t buses = 0;
+    const bool has = journal_read_value_of(r, "buses");
+    if (version < JOURNAL_VERSION_RIG || (version > JOURNAL_VERSION_RIG && !has))
+        return true;
+    if (!journal_read_read_number(r, &buses, "buses", RIG_BUSES_MAX))
+        return false;
+    if (buses == 0)
+        return wrong(r, "buses", "buses: expected a whole number from 1 to %u", RIG_BUSES_MAX);
+    r->buses = (size_t)buses;
+    return true;
+}
+
 static bool read_header(journal_reader *r)
 {
     static const char none[] = "this is no journal: expected {\"canwire-journal\": ...}";
@@ -645,18 +817,12 @@ static bool read_header(journal_reader *r)
         return wrong(r, NULL, "%s", none);
     if (!journal_read_read_number(r, &version, "canwire-journal", INT64_MAX))
         return false;
-    if (version < 1 || version > JOURNAL_VERSION_RIG)
+    if (version < 1 || version > JOURNAL_VERSION)
         return wrong(r, "canwire-journal",
                      "version %" PRIu64 " of journals is not known, only 1 to %d", version,
-                     JOURNAL_VERSION_RIG);
-    r->version = (unsigned)version;
-    uint64_t buses = 0;
-    if (version == JOURNAL_VERSION_RIG &&
-        !journal_read_read_number(r, &buses, "buses", RIG_BUSES_MAX))
+                     JOURNAL_VERSION);
+    if (!read_buses(r, (unsigned)version))
         return false;
-    if (version == JOURNAL_VERSION_RIG && buses == 0)
-        return wrong(r, "buses", "buses: expected a whole number from 1 to %u", RIG_BUSES_MAX);
-    r->buses = (size_t)buses;
     const char *bus = journal_read_text_of(r, "bus");
     const char *started = journal_read_text_of(r, "started");
     r->writer = strdup(writer);
@@ -664,10 +830,14 @@ static bool read_header(journal_reader *r)
     r->started = strdup(started ? started : "");
     if (!r->writer || !r->bus || !r->started)
         return no_memory(r);
-    if (r->version < 2)
+    if (version < JOURNAL_VERSION_SEALS) {
+        r->version = (unsigned)version;
         return true;
+    }
+    r->version = JOURNAL_VERSION_SEALS; /* the header has a seal of its own */
     if (!check_seal(r) || !journal_read_read_number(r, &r->last, "n", INT64_MAX))
         return false;
+    r->version = (unsigned)version;
     r->missing = r->last > 0 ? r->last - 1 : 0;
     return true;
 }
@@ -686,7 +856,8 @@ journal_reader *journal_open(const char *file, FILE *errors)
         return NULL;
     }
     *r = (journal_reader){.file = file, .errors = errors, .fd = fd};
-    if (read_header(r))
+    r->unpacker = journal_unpack(fd);
+    if (r->unpacker ? read_header(r) : no_memory(r))
         return r;
     journal_close(r);
     return NULL;
@@ -697,6 +868,7 @@ void journal_close(journal_reader *r)
     if (!r)
         return;
     (void)close(r->fd);
+    journal_unpack_end(r->unpacker);
     json_decref(r->object);
     arena_free(&r->arena);
     buffer_free(&r->bytes);
@@ -732,15 +904,32 @@ void journal_next(journal_reader *r, journal_entry *entry)
     entry->last = r->over;
 }
 
+/* Goes on with the first line that begins behind a part that cannot be unpacked. */
+static void go_on_behind(journal_reader *r)
+{
+    size_t length;
+    buffer_clear(&r->bytes);
+    r->line = NULL;
+    r->group = 0;
+    r->torn = false;
+    r->damaged = true;
+    r->unchecked = true;
+    if (!r->over && find_line(r, 0, &length))
+        buffer_take(&r->bytes, length + 1);
+}
+
 bool journal_go_on(journal_reader *r)
 {
-    r->over = r->failed;
+    r->over = r->failed || (r->torn && !journal_unpack_go_on(r->unpacker));
+    if (r->torn)
+        go_on_behind(r);
     return !r->over;
 }
 
 bool journal_is_at_end(journal_reader *r)
 {
-    return buffer_length(&r->bytes) <= r->length + (r->line != NULL) && !read_more(r);
+    return buffer_length(&r->bytes) <= r->length + (r->line != NULL) && !read_more(r) &&
+           r->at_end;
 }
 
 size_t journal_line(const journal_reader *r)

@@ -13,8 +13,9 @@ typedef struct journal_reader journal_reader;
 typedef enum journal_kind {
     JOURNAL_CONFIG = 0, /* the first entry: files */
     JOURNAL_INPUT,
-    JOURNAL_MARK,   /* counters */
-    JOURNAL_END,    /* the bus was stopped; counters */
+    JOURNAL_SENT,   /* the tick that the bus has reached */
+    JOURNAL_MARK,   /* counters, digest */
+    JOURNAL_END,    /* the bus was stopped; counters, digest */
     JOURNAL_GAP,    /* the inputs up to here are unknown; why, missing */
     JOURNAL_BROKEN, /* the inputs from here on are unknown */
     JOURNAL_CUT,    /* in the same way; the file ends */
@@ -27,7 +28,9 @@ typedef struct journal_entry {
     uint64_t at;        /* tick */
     size_t bus;         /* of a rig, in the order of the configurations */
     bool last;          /* nothing may follow */
+    uint64_t sent;      /* frames before it that the configuration determines */
     const char *node;   /* of an input about one node */
+    bool late;          /* INPUT_SEND: it is such a frame, but comes late */
     input what;         /* without node and config; now and advanced are set */
     cw_frame frame;     /* target of what.frame */
     cw_settings settings;
@@ -35,6 +38,8 @@ typedef struct journal_entry {
     const cfg_file *files; /* JOURNAL_CONFIG, INPUT_RELOAD; at least one */
     size_t file_count;
     uint64_t counters[JOURNAL_COUNTERS];
+    bool has_digest;
+    uint64_t digest;    /* of all frames that the configuration has determined */
     const char *why;    /* JOURNAL_GAP */
     uint64_t missing;   /* in the same way: lines */
 } journal_entry;
@@ -56,8 +61,8 @@ bool journal_go_on(journal_reader *r);
 /* Returns true when nothing follows the present entry. */
 bool journal_is_at_end(journal_reader *r);
 
-/* Return the place of the present or the missing next entry: the line, from 1, and its first byte,
- * from 0. The third returns the tick that the journal had reached before. */
+/* Return the place in the text of the present or the missing next entry: the line, from 1, and its
+ * first byte, from 0. The third returns the tick that the journal had reached before. */
 size_t journal_line(const journal_reader *r);
 uint64_t journal_byte(const journal_reader *r);
 uint64_t journal_tick(const journal_reader *r);

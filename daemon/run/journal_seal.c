@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * journal_seal.c - the end of each line of a journal: its number and a checksum of the line.
+ * journal_seal.c - the end of a line of a journal, and what the traffic of the configuration comes
+ *                  to.
  */
 #include "run/journal_seal.h"
 
@@ -37,27 +38,60 @@ uint32_t journal_crc32(uint32_t before, const void *bytes, size_t size)
     return ~crc;
 }
 
-size_t journal_seal_put(char *line, size_t size, uint64_t number)
+size_t journal_seal_put(char *line, size_t size, uint64_t number, uint32_t before)
 {
     assert(size > 2 && line[size - 2] == '}' && line[size - 1] == '\n');
     size_t used = size - 2;
     used += (size_t)sprintf(line + used, "%s\"n\":%" PRIu64, used > 1 ? "," : "", number);
-    uint32_t crc = journal_crc32(0, line, used);
+    uint32_t crc = journal_crc32(before, line, used);
     used += (size_t)sprintf(line + used, CRC_KEY "%08" PRIx32 CRC_END "\n", crc);
     return used;
 }
 
-journal_seal journal_seal_check(const char *line, size_t length)
+bool journal_seal_is_there(const char *line, size_t length)
+{
+    const char *tail = line + length - TAIL_BYTES;
+    return length >= TAIL_BYTES && memcmp(tail, CRC_KEY, sizeof CRC_KEY - 1) == 0 &&
+           memcmp(line + length - (sizeof CRC_END - 1), CRC_END, sizeof CRC_END - 1) == 0;
+}
+
+journal_seal journal_seal_check(const char *line, size_t length, uint32_t before)
 {
     char expected[TAIL_BYTES + 1];
-    if (length < TAIL_BYTES)
+    if (!journal_seal_is_there(line, length))
         return JOURNAL_SEAL_NONE;
-    size_t size = length - TAIL_BYTES;
-    const char *tail = line + size;
-    if (memcmp(tail, CRC_KEY, sizeof CRC_KEY - 1) != 0 ||
-        memcmp(tail + TAIL_BYTES - (sizeof CRC_END - 1), CRC_END, sizeof CRC_END - 1) != 0)
-        return JOURNAL_SEAL_NONE;
+    const size_t size = length - TAIL_BYTES;
     (void)snprintf(expected, sizeof expected, CRC_KEY "%08" PRIx32 CRC_END,
-                   journal_crc32(0, line, size));
-    return memcmp(tail, expected, TAIL_BYTES) == 0 ? JOURNAL_SEAL_GOOD : JOURNAL_SEAL_WRONG;
+                   journal_crc32(before, line, size));
+    return memcmp(line + size, expected, TAIL_BYTES) == 0 ? JOURNAL_SEAL_GOOD : JOURNAL_SEAL_WRONG;
+}
+
+/* ---- Digest ---------------------------------------------------------------------------------- */
+
+/* Adds a word so that each of its bits changes about half of all. */
+static uint64_t mix(uint64_t digest, uint64_t word)
+{
+    digest = (digest ^ word) * 0x9E3779B97F4A7C15u;
+    return digest ^ digest >> 32;
+}
+
+/* Returns eight bytes as a number that is the same on all machines. */
+static uint64_t word_at(const uint8_t *bytes)
+{
+    uint64_t word = 0;
+    for (unsigned i = 0; i < 8; i++)
+        word |= (uint64_t)bytes[i] << 8 * i;
+    return word;
+}
+
+uint64_t journal_digest(uint64_t before, unsigned node, const cw_frame *frame, uint64_t tick)
+{
+    const unsigned room =
+        frame->flags & CW_FRAME_FD ? CW_FRAME_DATA_MAX : CW_CLASSICAL_DATA_MAX;
+    uint64_t digest = mix(before, tick);
+    digest = mix(digest, (uint64_t)frame->id << 32 | (uint64_t)node << 16 |
+                             (uint64_t)frame->flags << 8 | frame->dlc);
+    for (unsigned i = 0; i < room; i += 8)
+        digest = mix(digest, word_at(frame->data + i));
+    return digest;
 }

@@ -19,7 +19,7 @@ import threading
 
 import pytest
 
-from simtool import CANWIRE, CANWIRED, ROOT, answer, kill_all, stop_canwired
+from simtool import CANWIRE, CANWIRED, ROOT, answer, journal_text, kill_all, stop_canwired
 from test_record import wait_until
 
 PATIENCE_S = 60
@@ -219,7 +219,7 @@ def test_it_ends_while_a_reload_waits(bus, how):
                 running.stop()
                 assert client.wait(PATIENCE_S) == 1
                 assert "canwired is stopping" in client.stderr.read()
-    assert '"end":' in (running.folder / "day.journal").read_text()
+    assert '"end":' in journal_text(running.folder / "day.journal")
 
 
 def test_who_asks_meanwhile_gets_what_the_file_says_then(bus):
@@ -322,7 +322,7 @@ def test_it_ends_while_a_recording_waits_for_its_file(bus):
         running.wait_hanging()
         running.carries_frames()
         assert "record disk/data/a.log: not all of it could be written" in running.stop()
-    assert '"end":' in (running.folder / "day.journal").read_text()
+    assert '"end":' in journal_text(running.folder / "day.journal")
 
 
 def test_a_recording_that_cannot_be_begun_is_refused_by_reload_and_start_alike(bus):

@@ -18,7 +18,7 @@ from collections import defaultdict
 import pytest
 
 from busrig import BusRig, rig_fixture
-from simtool import kill_all
+from simtool import journal_lines, kill_all
 from test_record import wait_until
 
 PATIENCE_S = 120
@@ -200,8 +200,8 @@ def test_the_bus_has_no_gap_while_a_program_waits(rig):
     r.stop()
     lines = r.again()
     ends = [round(e["t"] * 1e9) for e in lines if e["event"] == "tx"]
-    journal = map(json.loads, (r.folder / "bus.journal").read_text().splitlines())
-    arrivals = [line["tick"] * 25 // 2 for line in journal if "send" in line]
+    arrivals = [(line["at"] + line.get("in", 0)) * 25 // 2
+                for line in journal_lines(r.folder / "bus.journal") if "send" in line]
     assert len(ends) == len(arrivals) == count
     bits = {(end - max(before, arrival)) // 8000
             for before, end, arrival in zip(ends, ends[1:], arrivals[1:])}

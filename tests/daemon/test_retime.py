@@ -10,7 +10,7 @@ import subprocess
 
 import pytest
 
-from simtool import CANWIRE, kill_all, sim
+from simtool import CANWIRE, journal_lines, kill_all, sim
 from test_daemon import Daemon
 from test_record import PATIENCE_S, wait_until
 
@@ -102,7 +102,7 @@ class Watched:
         again = sim("--journal", journal, "--events", "-").stdout
         assert_is_part(live.splitlines(), again.splitlines())
         assert sim("--journal", journal, "--events", "-").stdout == again
-        return [json.loads(line) for line in journal.read_text().splitlines()]
+        return journal_lines(journal)
 
 
 @pytest.fixture(name="watched")

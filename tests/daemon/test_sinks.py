@@ -13,7 +13,7 @@ import time
 
 import pytest
 
-from simtool import CANWIRED, answer, canwire, kill_all, stop_canwired
+from simtool import CANWIRED, answer, canwire, journal_text, kill_all, stop_canwired
 from test_record import wait_until
 
 PATIENCE_S = 60
@@ -126,7 +126,7 @@ def test_a_journal_that_somebody_takes_away_is_told(bus, tmp_path):
     assert (sink["state"], sink["good"]) == ("renamed", False)
     assert sink["why"] == "what is written goes on there; a restart begins another"
     assert running.stop().count("somebody has renamed the file") == 1
-    assert '"end":' in (tmp_path / "old.journal").read_text().splitlines()[-1]
+    assert '"end":' in journal_text(tmp_path / "old.journal").splitlines()[-1]
 
 
 def test_lcm_counts_what_it_sends_and_is_blocked_by_a_server_that_stalls(bus):

@@ -104,8 +104,9 @@ static void go_over(world *w, cfg *config)
     release_plan *plan = release_plan_new(config, tell, NULL);
     REQUIRE(bus && plan);
     cfg_match_nodes(from, config, live_config(w->live));
-    REQUIRE(inputs_take_over(&w->inputs, bus, config, from) == CW_OK);
-    release_take_over(plan, w->plan, from, cw_bus_now(bus));
+    const uint64_t now = cw_bus_now(w->inputs.bus);
+    REQUIRE(inputs_take_over(&w->inputs, bus, config, from, now) == CW_OK);
+    release_take_over(plan, w->plan, from, now);
     release_plan_free(w->plan);
     free(w->memory);
     w->plan = plan;

@@ -17,6 +17,7 @@ import pytest
 
 from canbits import Frame
 from conftest import PATIENCE_S, ip, wait_until
+from simtool import journal_text
 from test_faults import CANWIRE, Shell
 
 BUS = """
@@ -200,7 +201,8 @@ def test_a_kill_leaves_what_is_complete(launch, ecus, tmp_path):
     night = Night(launch, tmp_path, bus(NODES[:3]))
     for n in range(200):
         ecus[n % 3].send(Frame.parse(f"{n:03X}#"))
-    wait_until(lambda: night.journal.read_text().count('"send":"engine"') == 67, "the frames in it")
+    wait_until(lambda: journal_text(night.journal).count('"send":"engine"') == 67,
+               "the frames in it")
     night.daemon.process.kill()
     night.daemon.process.wait()
     replayed, messages = again(night.journal)

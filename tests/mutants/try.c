@@ -195,14 +195,15 @@ static void run(world *w, uint64_t bits)
 /* Changes the configuration as engine/go_over.c does. */
 static void go_over(world *w, reload *r)
 {
-    if (inputs_take_over(&w->inputs, r->setup.bus, r->config, r->from) != CW_OK)
+    const uint64_t now = cw_bus_now(w->inputs.bus);
+    if (inputs_take_over(&w->inputs, r->setup.bus, r->config, r->from, now) != CW_OK)
         fail("the bus does not go over", r->config->file);
     for (unsigned i = 0; i < r->config->node_count; i++)
         if (r->port_from[i] != CW_NO_NODE) {
             r->setup.ports[i] = w->setup.ports[r->port_from[i]];
             w->setup.ports[r->port_from[i]] = NULL;
         }
-    release_take_over(r->setup.plan, w->setup.plan, r->from, cw_bus_now(r->setup.bus));
+    release_take_over(r->setup.plan, w->setup.plan, r->from, now);
     setup_free(&w->setup);
     w->setup = r->setup;
     r->setup = (setup){.memory = NULL};

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from compiled import compiled
-from simtool import (CANWIRE, CANWIRED, ROOT, TIMEOUT_S, canwire, events, kill_all, listens,
-                     stop_canwired)
+from simtool import (CANWIRE, CANWIRED, ROOT, TIMEOUT_S, canwire, events, journal_text,
+                     kill_all, listens, stop_canwired)
 from test_record import wait_until
 
 BUS = """bus: {{ name: slow, bitrate: 500000 }}
@@ -173,7 +173,7 @@ def drive(b):
 
 
 def without_configuration(journal):
-    return [line for line in journal.read_text().splitlines() if '"config"' not in line]
+    return [line for line in journal_text(journal).splitlines() if '"config"' not in line]
 
 
 def test_two_runs_are_the_same_byte_for_byte(bus):

@@ -55,6 +55,16 @@ def raw(frame):
     return bits[:-9] + "0" + bits[-8:]
 
 
+def journal_text(path):
+    """Returns the text of a journal, as far as it is there."""
+    return subprocess.run(["zstdcat", path], capture_output=True, text=True, timeout=TIMEOUT_S,
+                          check=False).stdout
+
+
+def journal_lines(path):
+    return [json.loads(line) for line in journal_text(path).splitlines()]
+
+
 def listens(path):
     """Returns True when a program listens at a socket, whose file exists a moment before."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:

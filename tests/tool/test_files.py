@@ -16,7 +16,8 @@ import subprocess
 
 import pytest
 
-from simtool import CANWIRE, CANWIRED, TIMEOUT_S, canwire, kill_all, sim, stop_canwired
+from simtool import (CANWIRE, CANWIRED, TIMEOUT_S, canwire, journal_text, kill_all, sim,
+                     stop_canwired)
 from test_record import wait_until
 
 BUS = """bus: {{ name: day, bitrate: 500000 }}
@@ -400,7 +401,7 @@ def test_a_reload_is_refused_as_a_start_is(folder, record):
         assert (folder / "profile.yaml").read_text() == PROFILE
         write_records(folder, "file: a.log", "file: b.log")
         canwire("reload", "./day.sock", cwd=folder)
-    assert '"end":' in (folder / "day.journal").read_text()
+    assert '"end":' in journal_text(folder / "day.journal")
 
 
 SECOND = "bus: { name: other, bitrate: 500000 }\nnodes: [ { name: a }, { name: b } ]\n"

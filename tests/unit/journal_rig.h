@@ -12,14 +12,17 @@
 #include "run/inputs.h"
 #include "run/journal.h"
 #include "run/journal_check.h"
+#include "run/journal_pack.h"
 #include "run/journal_play.h"
 #include "run/live.h"
 
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #define BIT 160u /* ticks, at 500 kbit/s */
 #define PATH_MAX_BYTES 64
+#define SMALL_SENDS 3u /* frames in a small journal */
 
 static char folder[] = "/tmp/test_journal.XXXXXX";
 
@@ -60,17 +63,56 @@ static inline void write_file(const char *name, const char *text)
     assert_int_equal(fclose(out), 0);
 }
 
-static inline char *read_file(const char *name)
+static inline void write_bytes(const char *name, const char *bytes, size_t size)
+{
+    FILE *out = fopen(path_of(name), "we");
+    assert_non_null(out);
+    assert_int_equal(fwrite(bytes, 1, size, out), size);
+    assert_int_equal(fclose(out), 0);
+}
+
+/* Returns the bytes of a file, with a 0 behind them. */
+static inline char *read_bytes(const char *name, size_t *size)
 {
     struct stat there;
     FILE *in = fopen(path_of(name), "re");
     assert_non_null(in);
     assert_int_equal(fstat(fileno(in), &there), 0);
-    const size_t size = (size_t)there.st_size;
-    char *text = calloc(1, size + 1);
-    assert_non_null(text);
-    assert_int_equal(fread(text, 1, size, in), size);
+    *size = (size_t)there.st_size;
+    char *bytes = calloc(1, *size + 1);
+    assert_non_null(bytes);
+    assert_int_equal(fread(bytes, 1, *size, in), *size);
     fclose(in);
+    return bytes;
+}
+
+static inline char *read_file(const char *name)
+{
+    size_t size;
+    return read_bytes(name, &size);
+}
+
+/* Returns the text of a journal, which is packed, as far as it can be read. */
+static inline char *read_text(const char *name)
+{
+    enum { CHUNK = 4096 };
+    const char *problem;
+    bool damaged;
+    size_t size = 0;
+    ssize_t count = 1;
+    char *text = malloc(CHUNK + 1);
+    int fd = open(path_of(name), O_RDONLY | O_CLOEXEC);
+    journal_unpacker *u = journal_unpack(fd);
+    assert_non_null(u);
+    while (count > 0) {
+        count = journal_unpack_read(u, text + size, CHUNK, &problem, &damaged);
+        size += count > 0 ? (size_t)count : 0;
+        text = realloc(text, size + CHUNK + 1);
+        assert_non_null(text);
+    }
+    text[size] = '\0';
+    journal_unpack_end(u);
+    close(fd);
     return text;
 }
 
@@ -156,11 +198,10 @@ static inline void note_input(void *user, const input *what)
     journal_input(h->journal, what);
 }
 
-static inline void host_begin(host *h, uint64_t seed)
+/* Begins the run of a configuration, which is the host's. */
+static inline void host_begin_with(host *h, cfg *config)
 {
     char error[JOURNAL_ERROR_MAX];
-    *h = (host){.state = seed * 0x9E3779B97F4A7C15u | 1u};
-    cfg *config = load_config(0);
     h->live = live_new(config);
     cw_bus *bus = bus_make(&h->memory, config);
     assert_non_null(bus);
@@ -170,6 +211,12 @@ static inline void host_begin(host *h, uint64_t seed)
         fail_msg("%s", error);
     inputs_observe(&h->inputs, note_input, h);
     record_begin(&h->events);
+}
+
+static inline void host_begin(host *h, uint64_t seed)
+{
+    *h = (host){.state = seed * 0x9E3779B97F4A7C15u | 1u};
+    host_begin_with(h, load_config(0));
 }
 
 /* Ends a host; its files have gone or changed when the journal is read. */
@@ -261,11 +308,8 @@ static inline journal_outcome play(char **events, char **messages)
 static inline bool check_text(const char *text, size_t size, char **messages)
 {
     record errors;
-    FILE *out = fopen(path_of("journal"), "we");
     FILE *nowhere = fopen("/dev/null", "we");
-    assert_non_null(out);
-    assert_int_equal(fwrite(text, 1, size, out), size);
-    fclose(out);
+    write_bytes("journal", text, size);
     record_begin(&errors);
     bool good = journal_check(path_of("journal"), nowhere, errors.out);
     record_end(&errors);
@@ -274,33 +318,51 @@ static inline bool check_text(const char *text, size_t size, char **messages)
     return good;
 }
 
-/* Returns a small journal with lines of all kinds. */
+/* Makes a small journal, and returns its text. */
 static inline char *make_small_journal(size_t *size)
 {
     const cw_frame frame = {.id = 0x123, .dlc = 2, .data = {1, 2}};
     host h;
     host_begin(&h, 1);
-    (void)inputs_send(&h.inputs, 0, &frame, 0);
+    for (unsigned i = 0; i < SMALL_SENDS; i++)
+        (void)inputs_send(&h.inputs, 0, &frame, i);
     inputs_advance(&h.inputs, 300 * BIT);
     journal_mark(h.journal, &h.inputs);
     inputs_advance(&h.inputs, 400 * BIT);
     host_end(&h);
     free(h.events.text);
-    char *text = read_file("journal");
+    char *text = read_text("journal");
     *size = strlen(text);
     return text;
 }
 
 /* ---- The journals of before ------------------------------------------------------------------ */
 
-static inline void write_numbered(unsigned number, const char *text)
+static inline void write_packed(const char *name, const char *text)
+{
+    spool_packer packer;
+    size_t size;
+    FILE *out = fopen(path_of(name), "we");
+    assert_non_null(out);
+    assert_true(journal_packer(&packer, false));
+    const void *bytes = packer.pack(packer.user, &size, text, strlen(text));
+    assert_int_equal(fwrite(bytes, 1, size, out), size);
+    bytes = packer.end(packer.user, &size);
+    assert_int_equal(fwrite(bytes, 1, size, out), size);
+    packer.free(packer.user);
+    assert_int_equal(fclose(out), 0);
+}
+
+static inline void write_numbered(unsigned number, const char *text, bool packed)
 {
     char name[32];
     snprintf(name, sizeof name, number ? "journal.%u" : "journal", number);
-    if (text)
-        write_file(name, text);
-    else
+    if (!text)
         unlink(path_of(name));
+    else if (packed)
+        write_packed(name, text);
+    else
+        write_file(name, text);
 }
 
 #endif

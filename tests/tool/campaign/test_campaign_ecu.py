@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 from compiled import compiled
-from simtool import CANWIRE, ROOT, SCHEMAS, TIMEOUT_S, canwire, run
+from simtool import CANWIRE, ROOT, SCHEMAS, TIMEOUT_S, canwire, journal_text, run
 from test_record import wait_until
 
 SCHEMA = json.loads((SCHEMAS / "canwire-campaign.schema.json").read_text())
@@ -486,7 +486,7 @@ def test_the_environment_of_a_program(make, tmp_path):
     assert values["CANWIRE_ROW"] == "0" and values["CANWIRE_NODE"] == "engine"
     assert values["CANWIRE_BUS"] == "powertrain" and values["CANWIRE_CAMPAIGN"] == str(folder)
     assert "NOTIFY_SOCKET" not in values
-    assert '"inject"' in (folder / "campaign.yaml.d/row-0/journal").read_text()
+    assert '"inject"' in journal_text(folder / "campaign.yaml.d/row-0/journal")
     assert log_of(file, row, "second").split() == [str(folder / "sub")]
 
 

@@ -21,38 +21,59 @@ static const keeping keepings[] = {
     {3, "----", "----"},  {2, "xabA", "x-A-"}, {2, "A-x-", "Ax--"}, {2, "xxxx", "xxxx"},
 };
 
+/* Writes what is there before; large journals have more than one frame. */
+static void write_before(const keeping *now, bool packed)
+{
+    enum { BLANKS = 2 * JOURNAL_PACK_FRAME };
+    char *text = malloc(BLANKS + 400);
+    assert_non_null(text);
+    for (unsigned i = 0; i < 4; i++) {
+        const char kind = now->before[i];
+        int used = snprintf(text, 200, "{\"canwire-journal\":1,\"canwire\":\"x\",\"bus\":\"%c\"}\n",
+                            kind);
+        for (unsigned k = 0; packed && k < BLANKS / 24; k++)
+            used += snprintf(text + used, 25, "{\"at\":0,\"fire\":\"rrrrr\"}\n");
+        (void)snprintf(text + used, 200, "%s",
+                       kind >= 'a' ? END : "{\"at\":0,\"fire\":\"r\"}\n");
+        write_numbered(i, kind == '-' ? NULL : kind == 'x' ? "somebody else's\n" : text,
+                       packed && kind != 'x');
+    }
+    free(text);
+}
+
+/* Returns the letter of a journal. */
+static char letter_of(const char *name)
+{
+    char *text = read_text(name);
+    const char *bus = strstr(text, "\"bus\":\"");
+    const char letter = bus ? bus[7] : 'x';
+    free(text);
+    return letter;
+}
+
+static void check_keeping(const keeping *now, bool packed)
+{
+    char after[5] = "----";
+    write_before(now, packed);
+    assert_int_equal(journal_make_room(path_of("journal"), now->files), 0);
+    assert_int_equal(access(path_of("journal"), F_OK), -1);
+    for (unsigned i = 0; i < 4; i++) {
+        char name[32];
+        snprintf(name, sizeof name, "journal.%u", i + 1);
+        if (access(path_of(name), F_OK) == 0)
+            after[i] = letter_of(name);
+    }
+    if (strcmp(after, now->after) != 0)
+        fail_msg("%u files, %s: %s and not %s", now->files, now->before, after, now->after);
+    for (unsigned i = 0; i < 5; i++)
+        write_numbered(i, NULL, false);
+}
+
 TEST(the_first_without_end_and_the_newest_are_kept)
 {
-    for (size_t k = 0; k < COUNT(keepings); k++) {
-        const keeping *now = &keepings[k];
-        char after[5] = "----";
-        for (unsigned i = 0; i < 4; i++) {
-            char text[200];
-            snprintf(text, sizeof text,
-                     "{\"canwire-journal\":1,\"canwire\":\"x\",\"bus\":\"%c\"}\n%s",
-                     now->before[i],
-                     now->before[i] >= 'a' ? END : "{\"at\":0,\"fire\":\"r\"}\n");
-            write_numbered(i, now->before[i] == '-'   ? NULL
-                              : now->before[i] == 'x' ? "somebody else's\n"
-                                                      : text);
-        }
-        assert_int_equal(journal_make_room(path_of("journal"), now->files), 0);
-        assert_int_equal(access(path_of("journal"), F_OK), -1);
-        for (unsigned i = 0; i < 4; i++) {
-            char name[32];
-            snprintf(name, sizeof name, "journal.%u", i + 1);
-            if (access(path_of(name), F_OK) != 0)
-                continue;
-            char *text = read_file(name);
-            const char *bus = strstr(text, "\"bus\":\"");
-            after[i] = bus ? bus[7] : 'x';
-            free(text);
-        }
-        if (strcmp(after, now->after) != 0)
-            fail_msg("%u files, %s: %s and not %s", now->files, now->before, after, now->after);
-        for (unsigned i = 0; i < 5; i++)
-            write_numbered(i, NULL);
-    }
+    for (size_t k = 0; k < COUNT(keepings); k++)
+        for (unsigned packed = 0; packed < 2; packed++)
+            check_keeping(&keepings[k], packed);
 }
 
 TEST(in_a_loop_of_crashes_the_first_is_kept_and_the_disk_bounded)
@@ -72,7 +93,7 @@ TEST(in_a_loop_of_crashes_the_first_is_kept_and_the_disk_bounded)
     free(first);
     free(last);
     for (unsigned i = 0; i < 3; i++)
-        write_numbered(i, NULL);
+        write_numbered(i, NULL, false);
 }
 
 TESTS_WITH(make_folder, remove_folder)
