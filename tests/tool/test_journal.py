@@ -13,7 +13,7 @@ import subprocess
 
 import pytest
 
-from simtool import canwire, sim
+from simtool import ROOT, canwire, sim
 
 pytestmark = pytest.mark.kept
 
@@ -211,6 +211,24 @@ def test_a_capture_has_a_section_for_each(write, tmp_path):
 def test_steps_and_leaps_are_the_same(write):
     whole = play(write(lines()), "--events", "-").stdout
     assert play(write(lines()), "--events", "-", "--step").stdout == whole != ""
+
+
+# ---- Journals of before --------------------------------------------------------------------------
+
+OLD = {"night": "139 inputs, 0 s to 0.172044000 s", "rig": "96 inputs, 0 s to 0.103558000 s"}
+
+
+@pytest.mark.parametrize("name", OLD)
+@pytest.mark.parametrize("pack", [None, ["zstd", "-q"], ["zstd", "-q", "--ultra", "-22"]])
+def test_a_journal_of_version_2_or_3_is_read_as_then(name, pack, tmp_path):
+    """Those of canwire 0.2.0, with all frames, of a bus and of a rig; and the events of then."""
+    path = ROOT / f"tests/tool/journals/{name}.journal"
+    if pack:
+        subprocess.run([*pack, "-o", tmp_path / name, path], check=True)
+        path = tmp_path / name
+    run = play(path, "--events", "-")
+    assert run.stdout == (ROOT / f"tests/tool/journals/{name}.events").read_text()
+    assert f", {OLD[name]}, ended)" in canwire("check", "--journal", path).stdout
 
 
 # ---- What is said --------------------------------------------------------------------------------
