@@ -26,7 +26,7 @@ typedef struct packer {
     size_t text;  /* bytes of this frame */
     bool open;    /* a frame has begun ... */
     bool settled; /* ... in the file, up to the last time that all was written */
-    bool anew;    /* what zstd knows of the frame is not in the file */
+    bool anew;    /* zstd knows a frame that is not in the file as it is */
 } packer;
 
 /* A block without content that ends a frame, by RFC 8878. */

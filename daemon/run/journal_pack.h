@@ -3,9 +3,8 @@
  * journal_pack.h - packs the text of a journal with zstd, and unpacks it again.
  *
  * A packed journal is what `zstd` makes of a text, so `zstdcat` shows it. It consists of frames of
- * JOURNAL_PACK_FRAME bytes of text. What is packed at once is a block of its own, so a file that is
- * cut off can be read up to the last whole block. Behind damage the reader goes on with the next
- * frame.
+ * JOURNAL_PACK_FRAME bytes of text. Each write has a block of its own: a file that is cut off can be
+ * read up to the last whole block. Behind damage the reader goes on with the next frame.
  */
 #ifndef CANWIRE_RUN_JOURNAL_PACK_H
 #define CANWIRE_RUN_JOURNAL_PACK_H
@@ -21,8 +20,8 @@
 #define JOURNAL_PACK_PIECE 4096u
 
 /* Makes a packer for a spool, which frees it. It needs no more memory later. steady: the same text
- * gives the same file, whenever which part of it comes; blocks then have JOURNAL_PACK_PIECE bytes of
- * text, and fewer may wait in memory. Returns false without memory. */
+ * gives the same file, in any number of writes. Blocks then have JOURNAL_PACK_PIECE bytes of text,
+ * and fewer may wait in memory. Returns false without memory. */
 bool journal_packer(spool_packer *out, bool steady);
 
 typedef struct journal_unpacker journal_unpacker;
@@ -33,8 +32,8 @@ journal_unpacker *journal_unpack(int fd);
 /* Frees it. NULL is allowed. */
 void journal_unpack_end(journal_unpacker *u);
 
-/* Reads at most `size` bytes of the text. Returns their number, 0 at the end of the file, or -1
- * after setting *problem, a text that stays valid; *damaged: it is the content that is wrong. */
+/* Reads at most `size` bytes of the text. Returns their number, 0 at the end of the file, or -1 and
+ * a text in *problem, which stays valid. *damaged: the content of the file is wrong. */
 ssize_t journal_unpack_read(journal_unpacker *u, void *text, size_t size, const char **problem,
                             bool *damaged);
 

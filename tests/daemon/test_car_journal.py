@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""The journal of a car whose traffic the configuration determines: what it takes of the disk, and
-that a run of it is the same, packed or as text; that another run is told, with the second.
+"""The journal of a car whose traffic the configuration determines.
+
+It takes little of the disk, and a run of it is the same, packed or as text. Another run is told,
+with the second.
 
 Needs no CAN in the kernel.
 """

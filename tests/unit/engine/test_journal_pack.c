@@ -185,7 +185,7 @@ TEST(what_the_disk_has_not_taken_is_missing_and_nothing_else)
         for (size_t used = 0; used + 20000 < TEXT_BYTES;) {
             const size_t count = 1 + draw(&random, 20000);
             const bool lost = draw(&random, 3) == 0;
-            if (lost && steady) /* what waits in memory would be lost, too */
+            if (lost && steady) /* the part in memory would be lost, too */
                 put_end(&f);
             if (lost) {
                 lose_text(&f, text + used, count);

@@ -3,8 +3,8 @@
  * test_journal_traffic.c - a journal does not have the frames that the configuration determines, and
  * the run again has them all the same, at their ticks.
  *
- * Random configurations and a host that does what canwired does: it hands traffic in ahead of the
- * bus, is late at times, and changes to other configurations.
+ * Configurations are random. The host is like canwired: it hands traffic in ahead of the bus, is late
+ * at times, and changes to other configurations.
  */
 #include "cases.h"
 #include "journal_rig.h"
