@@ -144,7 +144,7 @@ def fixture_programs(tmp_path, library):
             (folder / "bus.yaml").write_text(BUS.replace("PROFILES",
                                                          str(ROOT / "config/profiles")))
             for name, text in files.items():
-                (folder / name).write_text(text)
+                (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
             result.append(Program(folder, library, words, outputs))
         return result
 
@@ -189,20 +189,23 @@ def test_an_output_that_stays_without_a_run_is_told(programs):
                        for message in outcome.messages), outcome.messages
 
 
-JOURNAL = "".join(json.dumps(entry) + "\n" for entry in journal_lines())
+JOURNAL = "".join(json.dumps(entry) + "\n" for entry in journal_lines()).encode()
+PACKED = subprocess.run(["zstd", "-c"], input=JOURNAL, capture_output=True, check=True).stdout
 OF_A_JOURNAL = tuple(name for name in OUTPUTS if name != "junit")
 
 
-def test_sim_of_a_journal(programs):
+@pytest.mark.parametrize("journal", [JOURNAL, PACKED], ids=["text", "packed"])
+def test_sim_of_a_journal(programs, journal):
     words = [word for name in OF_A_JOURNAL for word in (f"--{name}", name)]
     good, sites = fail_each(programs([CANWIRE, "sim", "--journal", "day.journal", *words,
-                                      "--to", "1ms"], OF_A_JOURNAL, **{"day.journal": JOURNAL}))
+                                      "--to", "1ms"], OF_A_JOURNAL, **{"day.journal": journal}))
     assert good.status == 0 and len(good.files) == len(OF_A_JOURNAL) and len(sites) > 300
 
 
-def test_check_of_a_journal(programs):
+@pytest.mark.parametrize("journal", [JOURNAL, PACKED], ids=["text", "packed"])
+def test_check_of_a_journal(programs, journal):
     good, _ = fail_each(programs([CANWIRE, "check", "--journal", "day.journal"],
-                                 **{"day.journal": JOURNAL}))
+                                 **{"day.journal": journal}))
     assert good.status == 0 and good.stdout + "\n".join(good.messages).encode()
 
 

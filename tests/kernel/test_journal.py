@@ -218,7 +218,7 @@ def test_a_kill_leaves_what_is_complete(launch, ecus, tmp_path):
 def test_a_full_disk_stops_the_journal_and_not_the_bus(launch, ecus, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
-    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "none", disk], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=12k", "none", disk], check=True)
     try:
         night = Night(launch, tmp_path, bus(NODES[:3]), disk / "journal")
         for n in range(2000):
@@ -230,9 +230,9 @@ def test_a_full_disk_stops_the_journal_and_not_the_bus(launch, ecus, tmp_path):
         ecus[0].send(Frame.parse("7FE#5AFE"))
         wait_until(lambda: "7FE#5AFE" in night.live.read_text(), "a frame afterwards")
         log, live = night.morning()
-        assert "its end could not be written: No space left on device; at least " in log
+        assert " lines are missing" in log  # its end may still have had room
         replayed, messages = again(night.journal)
-        assert "what followed " in messages  # the line of a gap may still have had room
+        assert "what followed " in messages
         replayed, live = from_hello(replayed, live)
         assert 100 < len(replayed) < len(live) and replayed == live[:len(replayed)]
     finally:
