@@ -22,7 +22,7 @@ import time
 
 import pytest
 
-from failing import FULL, WORKERS, Calls, build_library, plan, run_all
+from failing import FULL, WORKERS, Calls, Try, build_library, plan, run_all
 from simtool import CANWIRE, CANWIRED, kill_all
 
 PATIENCE_S = 60
@@ -103,6 +103,8 @@ class Run:
                 for each in self.ecus.values():
                     each.close()
         self.messages = (folder / "stderr").read_text(errors="replace").splitlines()
+        self.left = sorted(each.name for each in folder.iterdir()
+                           if each.is_socket() and each.name != "notify")
 
     # ---- Steps
 
@@ -377,3 +379,16 @@ def test_canwired(tmp_path, library, lcm):
     reached = run_all(places, CANWIRED, tries,
                       lambda place, each: place.attempt(each, good))
     assert reached > len(tries) / 2  # when clients come, and how often, depends on the machine
+
+
+def test_sockets_at_which_nobody_can_listen_are_removed(tmp_path, library):
+    place = Place(tmp_path / "a", library, "file")
+    place.calls.list_sites()
+    place.run()
+    tries = [Try(site, "EADDRINUSE", number + 1) for site in place.calls.sites()
+             if site.call == "listen" for number in range(site.count)]
+    assert len(tries) == 3, "the control socket and two ports"
+    for each in tries:
+        place.calls.fail(each)
+        run = place.run()
+        assert (run.process.returncode, run.left) == (1, []), run.messages

@@ -114,9 +114,9 @@ static int take_made(pathsocket *s, const char *what)
     return own ? 0 : ESTALE;
 }
 
-/* Binds the path while holding the lock, and listens at once: a client that finds the path may come
- * in between. A program that has a socket here and does not listen has ended. */
-static int bind_path(const pathsocket *s, int type, int backlog, const char *what)
+/* Binds the path while holding the lock. A program that has a socket here and does not listen has
+ * ended. */
+static int bind_path(const pathsocket *s, int type, const char *what)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     memcpy(address.sun_path, s->path, strlen(s->path));
@@ -126,12 +126,11 @@ static int bind_path(const pathsocket *s, int type, int backlog, const char *wha
         (void)unlinkat(s->folder.fd, s->folder.name, 0);
         number = bind_once(s->fd, &address);
     }
-    if (number != 0)
-        return number;
-    return listen(s->fd, backlog) == 0 ? 0 : errno;
+    return number;
 }
 
-/* Opens the path. Returns 0 or the number of the error. */
+/* Opens the path. Returns 0 or the number of the error. It listens at once: a client that finds the
+ * path may come in between. */
 static int open_path(pathsocket *s, int type, int backlog, const char *what)
 {
     struct sockaddr_un address;
@@ -148,8 +147,12 @@ static int open_path(pathsocket *s, int type, int backlog, const char *what)
     if (s->fd < 0)
         return errno;
     pathsocket_refuse_descriptors(s->fd);
-    number = bind_path(s, type, backlog, what);
-    return number == 0 ? take_made(s, what) : number;
+    number = bind_path(s, type, what);
+    if (number != 0)
+        return number;
+    const int deaf = listen(s->fd, backlog) == 0 ? 0 : errno;
+    number = take_made(s, what); /* then it is removed at the end, also when nobody listens */
+    return deaf != 0 ? deaf : number;
 }
 
 void pathsocket_refuse_descriptors(int fd)
