@@ -12,6 +12,7 @@
 #include "config/values.h"
 
 #include <limits.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -20,6 +21,7 @@
 #define PARAMETER_NAME_MAX 32u    /* bytes */
 #define PARAMETER_VALUE_MAX 256u  /* bytes */
 #define EXPANDED_MAX 1024u        /* bytes of a text after all parameters have their values */
+#define LAST_FILE SIZE_MAX        /* sorts a message behind those of all files */
 #define ALONE_BITRATE_BPS 500000u /* converts bits to time without a bus */
 
 #define PARAMETER_LETTERS "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
@@ -394,8 +396,8 @@ static void read_document(schema *config, schema *self, const item *wanted, cons
     cfg_read_rules(self, &rules_key, found->faults);
 }
 
-/* Loads a profile. Its errors are reported under its own name; the file of the configuration gets
- * one error, too. */
+/* Loads a profile. Its errors are reported under its own name. The file of the configuration gets
+ * one error, too, behind all others: the first line, which may be all that is shown, is a reason. */
 static void load_profile(schema *config, const item *wanted, const yaml_node_t *at, size_t number)
 {
     yaml_document_t document;
@@ -416,9 +418,10 @@ static void load_profile(schema *config, const item *wanted, const yaml_node_t *
     bool bad = false;
     for (size_t i = before; i < errors->count; i++)
         bad = bad || (errors->messages[i].file.number == number && !errors->messages[i].warning);
-    diag_enter(errors, outer.name, outer.number);
+    diag_enter(errors, outer.name, LAST_FILE);
     if (bad)
         schema_complain(config, at, "profiles: there are errors in %s", wanted->file);
+    diag_enter(errors, outer.name, outer.number);
 }
 
 static void load_item(schema *self, yaml_node_t *value, size_t number)

@@ -81,6 +81,20 @@ def test_of_several_errors_the_first_is_shown(tmp_path):
     assert told == f"STATUS={first}" and "faults" in second
 
 
+@pytest.mark.parametrize("profile, why", [
+    (None, "profile.yaml: No such file or directory"),
+    ("faults: 1\n", "profile.yaml:1:9: faults: expected a list"),
+])
+def test_of_a_profile_the_reason_is_shown(tmp_path, profile, why):
+    """Which file names it, the last line says."""
+    if profile:
+        (tmp_path / "profile.yaml").write_text(profile)
+    done, told = ended(tmp_path, GOOD + "profiles: [ { file: ./profile.yaml } ]\n", "day")
+    first, last = done.stderr.splitlines()
+    assert told == f"STATUS={first}" and why in first
+    assert last == "bus.yaml:3:13: profiles: there are errors in ./profile.yaml"
+
+
 @contextlib.contextmanager
 def running(folder, text, instance, *within):
     folder.mkdir()
