@@ -14,8 +14,17 @@ from simtool import CANWIRE, CANWIRED, kill_all
 from test_record import wait_until
 
 OK, _, CRITICAL, UNKNOWN = range(4)
-FAILED = ("canwired@night.service loaded failed failed CAN bus night of virtual ECUs\n"
-          "canwire-vcan@day-2.service loaded failed failed Interfaces of the CAN bus day-2\n")
+
+
+def unit(name, active, sub, restarts=0, job=None):
+    """As `systemctl show` has a unit; it sorts the properties in its own way."""
+    return (f"NRestarts={restarts}\nId={name}.service\nActiveState={active}\nSubState={sub}\n"
+            + (f"Job={job}\n" if job else ""))
+
+
+WELL = unit("canwired@day", "active", "running", 3)
+FAILED = "\n".join((WELL, unit("canwired@night", "failed", "failed"),
+                    unit("canwire-vcan@day-2", "failed", "failed")))
 BUS = """bus: { name: day, bitrate: 500000 }
 control: run/canwire/day.sock
 nodes: [ { name: load, traffic: [ { send: 123#11, every: 10ms } ] }, { name: dash } ]
@@ -78,7 +87,7 @@ def test_failed_units_are_critical_beside_a_bus_that_is_well(machine):
     status, line = machine.check()
     assert status == OK and line.startswith("CANWIRE OK - day: load ")
     assert machine.asked() == (
-        "list-units --state=failed --plain --no-legend --no-pager canwired@*.service "
+        "show --property=Id,ActiveState,SubState,NRestarts,Job --no-pager canwired@*.service "
         "canwire-vcan@*.service canwire-usb@*.service\n")
     machine.fails()
     status, line = machine.check()
@@ -94,6 +103,29 @@ def test_failed_units_where_no_bus_runs(machine):
         "failed; canwire-vcan@day-2.service has failed")
 
 
+@pytest.mark.parametrize("active, sub, restarts, job, told", [
+    ("activating", "auto-restart", 0, None, True),
+    ("activating", "auto-restart-queued", 7, None, True),
+    ("inactive", "dead", 7, 123, True),
+    ("activating", "start", 7, 123, True),
+    ("activating", "start", 0, 123, False),
+    ("inactive", "dead", 0, 123, False),
+    ("inactive", "dead", 7, None, False),
+    ("active", "running", 7, None, False),
+    ("reloading", "reload", 7, 123, False),
+    ("deactivating", "stop-sigterm", 7, 123, False),
+])
+def test_a_unit_that_is_tried_again_is_critical(machine, active, sub, restarts, job, told):
+    """In all states that it goes through; one that starts for the first time, or that somebody has
+    stopped, is not."""
+    machine.start()
+    machine.fails("\n".join((unit("canwired@night", active, sub, restarts, job), WELL)))
+    status, line = machine.check()
+    assert status == (CRITICAL if told else OK)
+    assert ("; canwired@night.service has failed and is tried again | " in line) == told
+    assert ("tried again" in machine.check("night")[1]) == told
+
+
 def test_a_name_is_for_its_own_units_and_only_when_its_bus_is_not_there(machine):
     machine.fails()
     status, line = machine.check("night")
@@ -102,7 +134,7 @@ def test_a_name_is_for_its_own_units_and_only_when_its_bus_is_not_there(machine)
     status, line = machine.check("day")
     assert status == CRITICAL and "has failed" not in line
     machine.start()
-    machine.fails(FAILED.replace("night", "day"))
+    machine.fails(unit("canwired@day", "failed", "failed"))
     assert machine.check("day")[0] == OK
 
 

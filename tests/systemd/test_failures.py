@@ -128,6 +128,8 @@ def test_a_port_that_is_missing_is_tried_again(new):
     wait_until(lambda: int(bus.show("NRestarts")) > 0, "another try")
     assert bus.show("ActiveState") in ("activating", "inactive")
     assert bus.unit not in failed_units()
+    line = run("canwire", "status", "--check", status=2)
+    assert f"{bus.unit} has failed and is tried again" in line
     wait_until(lambda: bus.show("ExecMainStatus") == "75", "an end")
     text = wait_until(lambda: bus.show("StatusText"), "the reason")
     assert re.fullmatch(r"node [ab]: port late[01]: No such device \(canwire vcan up FILE makes "

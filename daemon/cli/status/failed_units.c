@@ -27,10 +27,8 @@
 
 static const char *const systemctl_words[] = {
     "systemctl",
-    "list-units",
-    "--state=failed",
-    "--plain",
-    "--no-legend",
+    "show",
+    "--property=Id,ActiveState,SubState,NRestarts,Job",
     "--no-pager",
     "canwired@*.service",
     "canwire-vcan@*.service",
@@ -99,7 +97,8 @@ static const char *end_systemctl(char why[UNIT_WHY_BYTES], pid_t pid, int64_t un
     return why;
 }
 
-/* Asks for the failed units, a line each. Returns why there is no answer, or NULL. */
+/* Asks for the properties of the units, a line each, with an empty one between units. Returns why
+ * there is no answer, or NULL. */
 static const char *ask_systemctl(buffer *text, char why[UNIT_WHY_BYTES])
 {
     const int64_t until_ns = clock_ns(CLOCK_MONOTONIC) + UNITS_PATIENCE_S * INT64_C(1000000000);
@@ -127,18 +126,71 @@ static bool is_unit_of(const char *unit, const char *name)
            strcmp(instance + 1 + length, ".service") == 0;
 }
 
-/* Adds each line's unit, its first word. */
+/* What systemd says of a unit. */
+typedef struct unit_state {
+    const char *id, *active, *sub; /* NULL: not said */
+    bool restarts;                 /* since somebody has started it */
+    bool job;                      /* it is about to be started or stopped */
+} unit_state;
+
+/* Takes a line KEY=VALUE. */
+static void take_property(unit_state *u, char *line)
+{
+    char *value = strchr(line, '=');
+    if (!value)
+        return;
+    *value++ = '\0';
+    if (strcmp(line, "Id") == 0)
+        u->id = value;
+    else if (strcmp(line, "ActiveState") == 0)
+        u->active = value;
+    else if (strcmp(line, "SubState") == 0)
+        u->sub = value;
+    else if (strcmp(line, "NRestarts") == 0)
+        u->restarts = strcmp(value, "0") != 0;
+    else if (strcmp(line, "Job") == 0)
+        u->job = *value != '\0' && strcmp(value, "0") != 0;
+}
+
+/* Returns what is wrong with a unit, or NULL. One that systemd tries again goes through several
+ * states: it waits for the next try, then for its interfaces, and then it starts. */
+static const char *trouble_of(const unit_state *u)
+{
+    static const char pause[] = "auto-restart"; /* and more behind it since systemd 254 */
+    if (!u->id || !u->active || !u->sub)
+        return NULL;
+    if (strcmp(u->active, "failed") == 0)
+        return "has failed";
+    const bool starts = strcmp(u->active, "activating") == 0 ||
+                        (strcmp(u->active, "inactive") == 0 && u->job);
+    return strncmp(u->sub, pause, strlen(pause)) == 0 || (starts && u->restarts)
+               ? "has failed and is tried again"
+               : NULL;
+}
+
+/* Adds what is wrong with a unit of the bus `name`, or of any with NULL. */
+static void add_unit(check *c, const unit_state *u, const char *name)
+{
+    char told[TOLD_BYTES];
+    const char *trouble = trouble_of(u);
+    if (!trouble || (name && !is_unit_of(u->id, name)))
+        return;
+    (void)snprintf(told, sizeof told, "%s %s", u->id, trouble);
+    check_tell(c, CHECK_CRITICAL, told);
+}
+
 static void add_units(check *c, char *lines, const char *name)
 {
-    char *rest;
-    for (char *line = strtok_r(lines, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest)) {
-        char told[TOLD_BYTES];
-        line[strcspn(line, " ")] = '\0';
-        if (name && !is_unit_of(line, name))
+    unit_state u = {.id = NULL};
+    for (char *line; (line = strsep(&lines, "\n"));) {
+        if (*line) {
+            take_property(&u, line);
             continue;
-        (void)snprintf(told, sizeof told, "%s has failed", line);
-        check_tell(c, CHECK_CRITICAL, told);
+        }
+        add_unit(c, &u, name);
+        u = (unit_state){.id = NULL};
     }
+    add_unit(c, &u, name);
 }
 
 void check_failed_units(check *c, const char *name)
