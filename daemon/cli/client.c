@@ -45,6 +45,7 @@ static void (*teller)(const char *text) = client_print_line;
 static int reply_patience_s = PATIENCE_S;
 static uint64_t wait_ns;   /* for buses that are just starting */
 static int64_t wait_began; /* 0: not yet */
+static bool allow_doubt;   /* see client_allow_doubt() */
 static bool pass_over;     /* sockets of another type, without a message ... */
 static bool passed_over;   /* ... and the last one was such */
 static int64_t all_until;  /* the end of asking several buses at once; 0: of one */
@@ -65,6 +66,11 @@ void client_set_patience(int seconds)
 void client_set_wait(uint64_t ns)
 {
     wait_ns = ns;
+}
+
+void client_allow_doubt(void)
+{
+    allow_doubt = true;
 }
 
 bool client_wait(int error)
@@ -322,7 +328,7 @@ static named find_named(struct sockaddr_un *address, const char *bus)
     }
     if (!*text)
         return NAMED_NONE;
-    if (!strchr(text, ',') && !*silent)
+    if (!strchr(text, ',') && (!*silent || allow_doubt))
         return NAMED_ONE;
     complain_of_several(bus, text);
     return NAMED_DOUBTFUL;

@@ -323,6 +323,8 @@ def test_a_bus_that_hangs_may_have_the_name(service, tmp_path):
             assert told == ("canwire: bus day: unit has this name, and maybe one that does not "
                             f"answer; take one of their sockets in {tmp_path}/run: unit, other\n")
             one.canwire("inject", "unit", NO_RULES)
+            for words in (["status"], ["status", "--check"]):
+                assert "day: " in one.canwire(*words, "day"), "who looks does no harm"
         one.canwire("inject", "day", NO_RULES)
         with stopped(one.process.pid):
             told = one.canwire("inject", "day", NO_RULES, status=1)

@@ -261,6 +261,7 @@ int cli_status(int argc, char **argv)
         fputs("canwire status: limits go with --check, and neither with --json\n", stderr);
         return monitors ? (int)CHECK_UNKNOWN : CLI_USAGE;
     }
+    client_allow_doubt();
     if (checks)
         return show_check(&limits, first < argc ? argv[first] : NULL);
     return first < argc ? show_one(argv[first], json) : show_all(json);
