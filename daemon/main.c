@@ -139,11 +139,11 @@ static size_t add_bus(char line[STATUS_BYTES], size_t used, const cfg *config,
                            bus->load_permille / 10u, bus->load_permille % 10u,
                            counted(bus->frames, "frame").text,
                            counted(bus->error_frames, "error frame").text, status->trouble, files,
-                           *status->lost_rules ? "; " : "", status->lost_rules);
+                           *status->rules ? "; " : "", status->rules);
     return chars_print(line, STATUS_BYTES, used, "%s%s: load %u.%u %%%s%s%s%s%s%s",
                        used > 0 ? "; " : "", config->bus_name, bus->load_permille / 10u,
                        bus->load_permille % 10u, status->trouble, files,
-                       *status->lost_rules ? ", " : "", status->lost_rules,
+                       *status->rules ? ", " : "", status->rules,
                        *status->refused ? REFUSED : "", status->refused);
 }
 

@@ -30,7 +30,9 @@ static const char usage[] = "canwire reload BUS | --config FILE [--pid PID]";
 static const char help[] =
     "Lets canwired read its configuration again. When it is bad, nothing changes, and its errors "
     "are\n"
-    "told as FILE:LINE:COLUMN: message. Nodes that do not change keep their state and queues.\n"
+    "told as FILE:LINE:COLUMN: message. Nodes that do not change keep their state and queues. "
+    "Kept\n"
+    "rules (canwire inject --keep) that do not fit any more are told, and wait.\n"
     "\n"
     "      --config FILE   the bus that has the control socket of this configuration, or\n"
     "                      all buses of this rig\n"
@@ -124,6 +126,21 @@ static bool is_of_file(client *c, const char *file)
     return reply && same;
 }
 
+/* Tells of kept rules that the bus refuses with its new configuration. It has gone over all the
+ * same. */
+static void tell_refused_rules(client *c)
+{
+    json_t *reply = client_ask(c, client_request("status"));
+    const json_t *kept = json_object_get(json_object_get(reply, "status"), "kept_rules");
+    for (size_t i = 0; i < json_array_size(kept); i++) {
+        const json_t *one = json_array_get(kept, i);
+        if (json_is_true(json_object_get(one, "refused")))
+            plain_print(stderr, "canwire: bus %s: rules of %s, which are kept, are refused: %s\n",
+                        c->bus, get_any_text(one, "name"), get_any_text(one, "why"));
+    }
+    json_decref(reply);
+}
+
 /* file: NULL for any */
 static int ask(const char *control, const char *file, pid_t pid)
 {
@@ -133,6 +150,8 @@ static int ask(const char *control, const char *file, pid_t pid)
     const bool good = is_process(&c, pid) && is_of_file(&c, file);
     json_t *reply = good ? client_ask(&c, client_request("reload")) : NULL;
     int status = reply ? CLI_OK : CLI_BAD_INPUT;
+    if (reply)
+        tell_refused_rules(&c);
     json_decref(reply);
     client_close(&c);
     return status;

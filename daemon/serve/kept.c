@@ -24,6 +24,8 @@
 #define FORMAT_KEY "canwire-rules"
 #define FORMAT 1
 #define DATE_BYTES 32
+#define TROUBLE_BYTES (3 * KEPT_NOTE_BYTES) /* of notes about a crash, a file, and refusals */
+#define WHY_BYTES 200
 
 struct kept {
     statefile *file;
@@ -36,13 +38,13 @@ struct kept {
     char *next;       /* becomes it */
     char *bad;        /* a damaged one is moved here */
     char *bus;
-    json_t *entries;  /* that are kept: objects with text, name, rules, cleared */
+    json_t *entries;  /* that are kept: objects with text, name, rules, cleared, refused, why */
     json_t *passing;  /* names of the others */
     json_t *lost;     /* names, or NULL */
     char crashed[DATE_BYTES];
     char note[KEPT_NOTE_BYTES];
     char unread[KEPT_NOTE_BYTES]; /* why those of an earlier file are not injected, or "" */
-    char told_of[2 * KEPT_NOTE_BYTES + 2]; /* both */
+    char trouble[TROUBLE_BYTES];  /* see kept_trouble() */
     uint64_t forgets; /* the save with which these losses are over; 0: none */
 };
 
@@ -101,19 +103,12 @@ const char *kept_explain(int error)
     return error == ETIMEDOUT ? "the disk does not answer" : strerror(error);
 }
 
-static void join_notes(kept *k)
-{
-    (void)snprintf(k->told_of, sizeof k->told_of, "%s%s%s", k->note,
-                   *k->note && *k->unread ? "; " : "", k->unread);
-}
-
 static void forget_losses(kept *k)
 {
     json_decref(k->lost);
     k->lost = NULL;
     k->note[0] = k->unread[0] = '\0';
     k->forgets = 0;
-    join_notes(k);
 }
 
 static void on_written(void *user, uint64_t number, int error)
@@ -254,7 +249,6 @@ static void kept_read_file(kept *k)
         note_unread(k, state);
         (void)kept_save(k);
     }
-    join_notes(k);
     json_decref(state);
 }
 
@@ -278,8 +272,13 @@ static void clear_again(inputs *in, const json_t *entry)
     }
 }
 
-static void log_refused(const char *name, char *errors)
+/* Logs the errors of an entry, and notes the first one. */
+static void refuse_entry(json_t *entry, char *errors)
 {
+    const char *name = get_text(entry, "name");
+    char why[WHY_BYTES];
+    (void)snprintf(why, sizeof why, "%.*s", (int)strcspn(errors, "\n"), errors);
+    put_text(entry, "why", why);
     log_error("rules of %s, which are kept, are refused:", name);
     for (char *line = strtok_r(errors, "\n", &errors); line; line = strtok_r(NULL, "\n", &errors))
         log_error("%s", line);
@@ -294,11 +293,13 @@ static void apply_entry(inputs *in, json_t *entry)
         return;
     cfg_rules *rules =
         inputs_inject(in, json_string_value(text), json_string_length(text), name, errors.out);
+    char none[] = "out of memory";
     put_bool(entry, "refused", !rules);
+    put(entry, "why", json_null());
     if (rules)
         clear_again(in, entry);
     else
-        log_refused(name, memo_text(&errors) ? errors.text : "");
+        refuse_entry(entry, memo_text(&errors) ? errors.text : none);
     cfg_free_rules(rules);
     memo_end(&errors);
 }
@@ -464,9 +465,18 @@ void kept_live(kept *k)
         statefile_touch(k->file);
 }
 
-const char *kept_lost(const kept *k)
+const char *kept_trouble(kept *k)
 {
-    return k->told_of;
+    size_t used = chars_print(k->trouble, sizeof k->trouble, 0, "%s%s%s", k->note,
+                              *k->note && *k->unread ? "; " : "", k->unread);
+    for (size_t i = 0; i < json_array_size(k->entries); i++) {
+        const json_t *entry = json_array_get(k->entries, i);
+        if (json_is_true(json_object_get(entry, "refused")))
+            used = chars_print(k->trouble, sizeof k->trouble, used,
+                               "%srules of %s are refused: %s", used > 0 ? "; " : "",
+                               get_any_text(entry, "name"), get_any_text(entry, "why"));
+    }
+    return k->trouble;
 }
 
 static json_t *kept_json(const json_t *entry)
@@ -475,6 +485,7 @@ static json_t *kept_json(const json_t *entry)
     put(object, "name", json_incref(json_object_get(entry, "name")));
     put(object, "rules", json_incref(json_object_get(entry, "rules")));
     put_bool(object, "refused", json_is_true(json_object_get(entry, "refused")));
+    put_text(object, "why", get_text(entry, "why"));
     return object;
 }
 

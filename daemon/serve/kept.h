@@ -69,10 +69,10 @@ const char *kept_explain(int error);
 /* Says in the time of the file that the process lives; call it about once a second. */
 void kept_live(kept *k);
 
-/* Returns "2 injected rules were lost with the crash at T: a, b" and which file was of no use, or
- * "". It stays, also over further crashes, until rules are injected or cleared or canwired is
- * stopped. */
-const char *kept_lost(const kept *k);
+/* Returns "2 injected rules were lost with the crash at T: a, b", which file was of no use, and
+ * which texts the bus refuses, or "". It is there up to the next call. The first two stay, also over
+ * further crashes, until rules are injected or cleared or canwired is stopped. */
+const char *kept_trouble(kept *k);
 
 /* Puts `kept_rules`, `lost_rules` and `unread_rules` of canwire-control(7). */
 void kept_put(const kept *k, json_t *status);

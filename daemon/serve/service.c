@@ -364,7 +364,7 @@ void service_update(service *s, service_status *out)
     cw_bus_get_stats(engine_bus(s->engine), &out->bus);
     print_trouble(out->trouble, s, &beyond);
     out->refused = s->refused;
-    out->lost_rules = s->kept ? kept_lost(s->kept) : "";
+    out->rules = s->kept ? kept_trouble(s->kept) : "";
     if (s->kept)
         kept_live(s->kept);
     out->sinks = own_sinks(s);

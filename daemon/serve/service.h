@@ -51,7 +51,7 @@ void service_hang_up(service *s);
 typedef struct service_status {
     cw_bus_stats bus;
     char trouble[SERVICE_TROUBLE_BYTES]; /* ", engine bus-off" and so on, or empty */
-    const char *lost_rules;              /* see kept_lost() */
+    const char *rules;                   /* see kept_trouble() */
     const char *refused;                 /* the reason of a reload, or empty */
     sink_list sinks;                         /* of the bus: all but the journal */
 } service_status;

@@ -278,6 +278,26 @@ def test_a_file_of_another_bus_reloads_nothing(service, tmp_path, text):
     assert "No such file" in one.reload(status=1)
 
 
+def test_a_reload_tells_of_kept_rules_that_do_not_fit_any_more(service):
+    one = service(IN_RUN)
+    rule = "{{name: {}, do: {{noise: 1e-9, at: [{}]}}}}"
+    for name, node in ("first", "b"), ("second", "a"):
+        one.canwire("inject", "--keep", "day", rule.format(name, node))
+    one.write(IN_RUN.replace("name: b", "name: c"))
+    told = one.reload()
+    why = "inject:1:38: at: there is no node 'b'; allowed: a, c"
+    assert told == ("canwire: bus run/day.sock: rules of inject, which are kept, are refused: "
+                    f"{why}\n")
+    one.wait_for_status(lambda told: told.endswith(f"; rules of inject are refused: {why}"))
+    line = one.canwire("status", "--check", "day", status=1)
+    assert f", rules of inject are refused: {why} | " in line
+    shown = one.canwire("status", "day")
+    assert f"kept inject: first (refused: {why})\nkept inject: second\n" in shown
+    one.write(IN_RUN)
+    assert one.reload() == ""
+    one.wait_for_status(lambda told: "refused" not in told)
+
+
 NO_RULES = "{faults: []}"
 
 

@@ -161,7 +161,8 @@ def test_kept_rules_that_the_configuration_refuses_wait_for_another_one(bus):
     bus.start()
     assert "error: rules of inject, which are kept, are refused:" in bus.log.read_text()
     assert bus.present() == set()
-    assert "kept inject: a (refused, see the log)" in bus.canwire("status", "./day.sock")
+    why = "inject:1:34: at: there is no node 'dash'; allowed: load, board"
+    assert f"kept inject: a (refused: {why})\n" in bus.canwire("status", "./day.sock")
     bus.write(BUS)
     bus.crash()
     assert bus.present() == {"a"}

@@ -207,7 +207,8 @@ static void check_rules(check *c, const json_t *status)
         const json_t *one = json_array_get(kept, i);
         if (!json_is_true(json_object_get(one, "refused")))
             continue;
-        buffer_print(&c->text, ", rules of %s are refused", get_any_text(one, "name"));
+        buffer_print(&c->text, ", rules of %s are refused: %s", get_any_text(one, "name"),
+                     get_any_text(one, "why"));
         raise_to(c, CHECK_WARNING);
     }
 }

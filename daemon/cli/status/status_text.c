@@ -535,8 +535,9 @@ static void print_kept(FILE *out, const json_t *kept)
         fprintf(out, "kept %s:", text(one, "name"));
         for (size_t k = 0; k < json_array_size(rules); k++)
             fprintf(out, "%s %s", k > 0 ? "," : "", status_text_text_of(json_array_get(rules, k)));
-        fputs(json_is_true(json_object_get(one, "refused")) ? " (refused, see the log)\n" : "\n",
-              out);
+        if (json_is_true(json_object_get(one, "refused")))
+            fprintf(out, " (refused: %s)", text(one, "why"));
+        fputc('\n', out);
     }
 }
 
