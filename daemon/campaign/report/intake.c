@@ -44,13 +44,14 @@ static bool load_campaign(intake *in, const char *file)
     return in->runner;
 }
 
-static bool can_be_read(const char *file)
+/* Returns 0, or the errno with which a file cannot be opened. */
+static int error_of(const char *file)
 {
     const int fd = open(file, O_RDONLY | O_CLOEXEC);
     if (fd < 0)
-        return false;
+        return errno;
     (void)close(fd);
-    return true;
+    return 0;
 }
 
 /* Finds the campaign of the rows. Without its file the report says what it lacks. */
@@ -61,7 +62,8 @@ static bool find_campaign(intake *in)
         return in->report.source.is_campaign
                    ? load_campaign(in, in->campaign_file)
                    : intake_complain(in, "it is a row of canwire sim, which has no --campaign");
-    if (!in->report.source.is_campaign || !can_be_read(file))
+    in->report.unread = error_of(file);
+    if (!in->report.source.is_campaign || in->report.unread != 0)
         return true;
     return load_campaign(in, file);
 }

@@ -9,6 +9,7 @@
 #include "campaign/report/valuetext.h"
 #include "campaign/space/sample.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -84,6 +85,14 @@ void report_begin(report *r, const report_row *first, const campaign *c)
     if (first->factors)
         begin_factors(r, first);
     pairs_begin(&r->pairs, r->factor_count);
+}
+
+char *report_unread_text(const report *r)
+{
+    if (r->unread == ENOENT)
+        return memory_print("%s is not there", r->source.file);
+    return memory_print("%s cannot be read%s%s", r->source.file, r->unread ? ": " : "",
+                        r->unread ? strerror(r->unread) : "");
 }
 
 /* ---- Rows ------------------------------------------------------------------------------------ */

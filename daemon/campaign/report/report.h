@@ -18,8 +18,9 @@
 #define REPORT_GROUPS_MAX (2 * CAMPAIGN_FACTORS_MAX)
 
 typedef struct report {
-    const campaign *campaign; /* not owned; NULL: its file is not there */
+    const campaign *campaign; /* not owned; NULL: its file cannot be opened */
     row_source source;        /* of the first row */
+    int unread;               /* the errno with which its file cannot be opened, or 0 */
     row_signs signs;          /* of the campaign */
     uint64_t rows;
     spans numbers;            /* of the rows, or their seeds */
@@ -42,6 +43,9 @@ void report_begin(report *r, const report_row *first, const campaign *c);
 
 /* Takes a row, which fits the others. */
 void report_add(report *r, const report_row *row);
+
+/* Says in half a sentence, to be freed, that the file that the rows come from cannot be read. */
+char *report_unread_text(const report *r);
 
 /* Returns the number of rows that belong to the report, or 0 when it is not known. */
 uint64_t report_possible(const report *r);

@@ -158,6 +158,15 @@ static char *read_scenario(minimise_task *common, const row_source *source)
     return text;
 }
 
+/* Says why there are none; to be freed. */
+static char *no_scenarios(const report *r)
+{
+    char *reason = report_unread_text(r);
+    char *text = memory_print("%s, so there are no scenarios.", reason);
+    free(reason);
+    return text;
+}
+
 static bool has_failures(const report *r)
 {
     for (unsigned i = 0; i < CLASS_COUNT; i++)
@@ -185,7 +194,7 @@ void shortest_find(shortest *s, const report *r, int64_t time_ns)
     if (c && c->ecus.count > 0)
         s->why = memory_text("Scenarios with real ECUs are not run again for a report.");
     else if (!c && !text)
-        s->why = memory_print("%s is not there, so there are no scenarios.", r->source.file);
+        s->why = no_scenarios(r);
     else
         add_classes(s, r, &common, wall_ns() + time_ns);
     free(text);

@@ -23,14 +23,22 @@ const char *const report_remarks[] = {
     NULL,
 };
 
+/* Says what is not known without the file of the campaign; to be freed. */
+static char *unknown_text(const report *r)
+{
+    char *reason = report_unread_text(r);
+    char *text = memory_print("The campaign's file %s. So it is not known how many rows and values "
+                              "are possible, nor which expectations tell of a detection.", reason);
+    free(reason);
+    return text;
+}
+
 char *report_missing_text(const report *r)
 {
     const uint64_t possible = report_possible(r);
     span gap;
     if (r->source.is_campaign && !r->campaign)
-        return memory_print("The campaign's file %s is not there. So it is not known how many rows "
-                            "and values are possible, nor which expectations tell of a detection.",
-                            r->source.file);
+        return unknown_text(r);
     if (!report_missing(r, &gap))
         return NULL;
     if (possible == 0)

@@ -332,6 +332,16 @@ def test_blanks_and_the_order_of_keys_do_not_matter(rows, tmp_path):
     assert found == wanted
 
 
+def test_a_campaign_that_cannot_be_opened_is_not_missing(rows, tmp_path):
+    file, _ = rows()
+    (tmp_path / "campaign.yaml").unlink()
+    (tmp_path / "campaign.yaml").symlink_to("campaign.yaml")
+    why = "campaign.yaml cannot be read: Too many levels of symbolic links"
+    assert f"{why}. So " in in_json(file)["remarks"][0]
+    assert f"{why}, so there are no scenarios." in report(file, "--scenarios",
+                                                          tmp_path / "none").stdout
+
+
 def test_the_campaign_may_be_elsewhere(rows, tmp_path, write):
     file, _ = rows("detected: whole\nftti: 20us\n" + CAMPAIGN)
     wanted = in_json(file)
