@@ -8,6 +8,7 @@
 #include "cli/cli.h"
 
 #include "base/text/plain.h"
+#include "base/unit.h"
 #include "config/config.h"
 #include "config/node/fdnodes.h"
 #include "config/node/portname.h"
@@ -22,6 +23,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #define NETNS_FOLDER "/run/netns/" /* the folder of `ip netns` */
@@ -38,7 +40,8 @@ static const char help[] =
     "         peer a pair of vxcan with the other end in the network namespace of the peer;\n"
     "         with \"vxcan: yes\" in FILE a pair for each, the ECU's end called as its node\n"
     "  down   removes what `up` has made for FILE, which need not be there any more, but for\n"
-    "         interfaces that a running bus uses: then it fails\n"
+    "         interfaces that a running bus uses: then it fails. It also fails when neither FILE\n"
+    "         nor an interface of it is there\n"
     "\n"
     "  -h, --help   this text\n"
     "\n"
@@ -426,8 +429,19 @@ static bool collect(void *user, const link_info *info)
     return true;
 }
 
+/* Says that FILE has no interface. Without a file its name is a mistake, but for the unit, which has
+ * known it. */
+static bool tell_of_none(const char *file)
+{
+    struct stat found;
+    if (!unit_instance() && stat(file, &found) != 0 && errno == ENOENT)
+        return vcan_complain(file, "there is no such file, and no interface of it either");
+    plain_print(stdout, "no interface of %s is there\n", file);
+    return true;
+}
+
 /* Removes all interfaces that it can. FILE may be bad, or gone. */
-static bool bring_down(const plan *p)
+static bool bring_down(const plan *p, const char *file)
 {
     name_list list = {.owner = p->owner};
     int number = links_each(p->links, collect, &list);
@@ -443,6 +457,8 @@ static bool bring_down(const plan *p)
             good = complain_link(p, "remove", list.names[i], number);
     }
     free(list.names);
+    if (good && list.count == 0 && !list.used)
+        return tell_of_none(file);
     return good && !list.used;
 }
 
@@ -485,7 +501,7 @@ static int vcan_run(const char *verb, const char *file)
     bool good = l || vcan_complain("netlink", strerror(errno));
     if (good)
         good = strcmp(verb, "up") == 0 ? up_file(l, owner, file)
-                                       : bring_down(&(plan){.links = l, .owner = owner});
+                                       : bring_down(&(plan){.links = l, .owner = owner}, file);
     links_close(l);
     return good ? CLI_OK : CLI_BAD_INPUT;
 }

@@ -192,6 +192,12 @@ def test_a_bad_file_is_status_one_and_has_its_place(words, write, call):
     assert "/bus.yaml:2:" in error and "bitrat" in error and "usage" not in error
 
 
+def test_interfaces_of_no_file_are_not_removed_in_silence(call):
+    assert call("vcan", "down", "none.yaml", status=1).stderr == (
+        "canwire vcan: none.yaml: there is no such file, and no interface of it either\n")
+    assert call("vcan", "down", "FILE", status=0).stdout.startswith("no interface of ")
+
+
 @pytest.mark.parametrize("name", [n for n, w in COMMANDS.items() if w[0] == BUS])
 def test_a_bus_that_is_not_there_is_status_one(call, name):
     error = call(name, "--wait", "0", *COMMANDS[name], status=1).stderr
