@@ -53,9 +53,10 @@ static const char help[] =
     "An interface that is there already is used when it is of the right kind, and never\n"
     "removed; one of another kind is refused, before anything is made. What `up` has made\n"
     "has the alias \"canwire FILE\" (`ip link show`). When a peer has changed, its pair\n"
-    "is made anew. With \"missing-port: wait\" in FILE, real CAN interfaces are left\n"
+    "is made anew. With \"missing-port: wait\" of the bus, real CAN interfaces are left\n"
     "alone, and can0, slcan0 and the like are not made: they are those of adapters, and\n"
-    "the bus waits for them. With a peer they are made.\n"
+    "the bus waits for them. The same key of a node is for any name. With a peer they\n"
+    "are made.\n"
     "\n"
     "Namespaces have to be there: `ip netns add NAME`. Needs root, or\n"
     "CAP_NET_ADMIN.\n"
@@ -233,15 +234,18 @@ static bool is_hardware_name(const char *name)
 }
 
 /* Returns true for a port that hardware has, or will have: then the bus has to wait for it. A vcan
- * of its name would take its place. info is NULL when the port is missing. */
+ * of its name would take its place. The node says so, or the bus for names that the kernel gives.
+ * info is NULL when the port is missing. */
 static bool is_for_hardware(const cfg *config, const cfg_node *node, const link_info *info)
 {
-    if (config->missing_port != CFG_MISSING_PORT_WAIT || node->peer)
+    const bool named =
+        node->missing_port == CFG_MISSING_PORT_WAIT || is_hardware_name(node->port);
+    if (node->peer || !cfg_waits_for_port(config, node))
         return false;
     if (!info)
-        return is_hardware_name(node->port);
+        return named;
     return strcmp(info->kind, "can") == 0 ||
-           (info->kind[0] == '\0' && is_hardware_name(node->port)); /* slcan before Linux 6.0 */
+           (info->kind[0] == '\0' && named); /* slcan before Linux 6.0 */
 }
 
 static int open_netns(const cfg_node *node)

@@ -171,6 +171,13 @@ typedef struct cfg_controller {
     cw_filter *filters;
 } cfg_controller;
 
+/* The action at the start, and at a reload, when the interface of a port is missing. */
+typedef enum cfg_missing_port {
+    CFG_MISSING_PORT_FAIL = 0,
+    CFG_MISSING_PORT_WAIT,
+    CFG_MISSING_PORT_UNSET /* of a node: as the bus has it */
+} cfg_missing_port;
+
 #define CFG_NO_CYCLE_BYTE UINT8_MAX
 
 /* The schedule of a time-triggered node. */
@@ -193,6 +200,7 @@ typedef struct cfg_node {
     char *peer;          /* interface at the other end of the port, a vxcan pair, or what a port usb
                             makes; or NULL */
     char *netns;         /* network namespace that the peer is in; NULL: that of the port */
+    cfg_missing_port missing_port;
     cfg_kind kind;
     bool no_exception;   /* a protocol exception is a form error (D16) */
     uint8_t modes;       /* CW_MODE_* */
@@ -237,9 +245,6 @@ typedef struct cfg_virtual {
     char *socket;     /* at which they join; set when `pacing` is virtual */
     cfg_place place;
 } cfg_virtual;
-
-/* The action at the start, and at a reload, when the interface of a port is missing. */
-typedef enum cfg_missing_port { CFG_MISSING_PORT_FAIL = 0, CFG_MISSING_PORT_WAIT } cfg_missing_port;
 
 #define CFG_PACING_TICK_NS 1000000u /* limit of `tick` pacing for coalescing wake-ups */
 
@@ -491,6 +496,9 @@ bool cfg_stops_schedule(const cfg_node *node, const cw_settings *settings);
 
 /* Returns true for a node with `port: { usb: … }`, whose controller is in a program. */
 bool cfg_is_usb(const cfg_node *node);
+
+/* Returns true when the bus starts without the port of a node, as long as that is missing. */
+bool cfg_waits_for_port(const cfg *config, const cfg_node *node);
 
 /* Returns true when a node knows CAN FD frames. */
 bool cfg_knows_fd(const cfg *config, const cfg_node *node);

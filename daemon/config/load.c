@@ -35,12 +35,6 @@ static const schema_choice pacings[] = {
     {.name = NULL},
 };
 
-static const schema_choice missing_ports[] = {
-    {.name = "fail", .value = CFG_MISSING_PORT_FAIL},
-    {.name = "wait", .value = CFG_MISSING_PORT_WAIT},
-    {.name = NULL},
-};
-
 #define IS_VIRTUAL "{'required': ['pacing'], 'properties': {'pacing': {'const': 'virtual'}}}"
 
 /* The keys in the order of reading. Nodes need the bus, vxcan and their defaults. Faults need the
@@ -90,11 +84,10 @@ const schema_key cfg_file_keys[] = {
     {.name = "virtual", .read = cfg_read_virtual, .map = cfg_virtual_keys,
      .help = "Virtual time, with pacing: virtual."},
     {.name = "missing-port", .read = schema_read_choice, .offset = offsetof(cfg, missing_port),
-     .arg = missing_ports,
-     .preset = "fail",
+     .arg = cfg_missing_ports, .preset = "fail",
      .help = "What to do at the start, and at a reload, when the interface of a port is not "
              "there. One that goes later is waited for in any case. With wait, `canwire vcan up` "
-             "leaves can0 and the like to hardware."},
+             "leaves can0 and the like to hardware. A node may say otherwise."},
     {.name = "catch-up", .read = cfg_read_span, .offset = offsetof(cfg, catch_up), .preset = "1s",
      .help = "How far the bus may fall behind real time; when it is further behind, it skips "
              "that time and says so."},

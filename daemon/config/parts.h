@@ -61,8 +61,9 @@ schema_reader cfg_read_retime; /* a row of time of such a rule */
 void cfg_complete_retime(schema *self, yaml_node_t *map, cw_rule *rule);
 
 /* Keys of nodes, node.c; object: a cfg_node. */
-schema_reader cfg_read_node_name, cfg_read_port, cfg_read_guest_port, cfg_read_peer, cfg_read_mode,
-    cfg_read_when_full, cfg_read_fd, cfg_read_exception, cfg_read_wake;
+schema_reader cfg_read_node_name, cfg_read_port, cfg_read_guest_port, cfg_read_peer,
+    cfg_read_missing_port, cfg_read_mode, cfg_read_when_full, cfg_read_fd, cfg_read_exception,
+    cfg_read_wake;
 
 schema_reader cfg_read_traffic; /* object: a cfg_node whose port has been read */
 

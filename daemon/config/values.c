@@ -18,6 +18,12 @@ const schema_choice cfg_orders[] = {
     {.name = NULL},
 };
 
+const schema_choice cfg_missing_ports[] = {
+    {.name = "fail", .value = CFG_MISSING_PORT_FAIL},
+    {.name = "wait", .value = CFG_MISSING_PORT_WAIT},
+    {.name = NULL},
+};
+
 /* ---- Names and times ------------------------------------------------------------------------- */
 
 bool cfg_name_valid(const char *name, size_t length_max)

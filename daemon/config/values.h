@@ -73,8 +73,8 @@ uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value)
 void cfg_warn_rounded(schema *self, const schema_key *key, const yaml_node_t *value,
                       uint64_t ticks);
 
-/* The words of `order`. */
-extern const schema_choice cfg_orders[];
+/* The words of `order`, and of `missing-port`. */
+extern const schema_choice cfg_orders[], cfg_missing_ports[];
 
 /* Returns the map of a node: an item of the list `nodes`, or `guests` for the first guest. */
 yaml_node_t *cfg_node_map(schema *self, yaml_node_t *nodes, size_t i);

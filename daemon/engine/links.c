@@ -269,7 +269,7 @@ static bool open_port(engine *e, unsigned node)
 {
     char error[PORT_ERROR_TEXT_MAX];
     const cfg_node *config = &e->config->nodes[node];
-    if (e->config->missing_port == CFG_MISSING_PORT_WAIT && !port_exists(config->port))
+    if (cfg_waits_for_port(e->config, config) && !port_exists(config->port))
         return true;
     e->now.ports[node] = port_open(config->port, e->config->bus_name, error);
     if (!e->now.ports[node])

@@ -116,16 +116,11 @@ static uint8_t find_port(const cfg *config, const char *interface)
     return CW_NO_NODE;
 }
 
-static bool may_be_missing(const cfg *config, const char *interface)
-{
-    return config->missing_port == CFG_MISSING_PORT_WAIT && !port_exists(interface);
-}
-
 static bool open_port(reload *r, unsigned i, FILE *errors)
 {
     char error[PORT_ERROR_TEXT_MAX];
     const cfg_node *node = &r->config->nodes[i];
-    if (may_be_missing(r->config, node->port))
+    if (cfg_waits_for_port(r->config, node) && !port_exists(node->port))
         return true;
     r->setup.ports[i] = port_open(node->port, r->config->bus_name, error);
     if (!r->setup.ports[i]) {

@@ -340,6 +340,25 @@ def test_interfaces_that_are_missing_at_the_start_are_waited_for(vcan, bus):
     assert "node dash: vcan2 is missing, waiting for it" in b.stop()
 
 
+def test_a_bus_waits_for_the_ports_of_nodes_that_say_so(vcan, bus, launch):
+    vcan(1)
+    text = THREE.replace("port: vcan2", "port: vcan2, missing-port: wait")
+    daemon = launch(text)
+    assert daemon.wait() == 1
+    assert "node gearbox: port vcan1: No such device" in daemon.stderr()
+    ip("link add vcan1 type vcan", "link set vcan1 up")
+    b = bus(text)
+    b.wait_link("dash", "missing")
+    b.exchange("vcan0", "vcan1", 0x100)
+    daemon = launch(text.replace("missing-port: wait", "missing-port: fail") +
+                    "missing-port: wait\n")
+    assert daemon.wait() == 1
+    assert "node dash: port vcan2: No such device" in daemon.stderr()
+    b.daemon.config.write_text(THREE)
+    assert "node dash: port vcan2: No such device" in b.shell.run("reload", "links", status=1)
+    b.stop()
+
+
 def test_an_interface_of_another_kind_is_not_waited_for(vcan, launch):
     vcan(1)
     daemon = launch(TWO.replace("vcan1", "lo") + "missing-port: wait\n")

@@ -208,6 +208,21 @@ def test_other_names_and_other_buses_get_their_interfaces(rig, netns):
     assert rig("up", peers).startswith("made can2: can0 in ecu1\n")
 
 
+def test_a_node_says_that_its_port_is_that_of_hardware(rig, canwired):
+    """Whatever the name is that udev gives to it; and a bus that waits makes a can0 for a node that
+    does not."""
+    text = PAIR.replace("v1", "door-can, missing-port: wait")
+    left = "left door-can to hardware: missing-port: wait\n"
+    assert rig("up", text) == "made v0\n" + left and set(links()) == {"lo", "v0"}
+    assert "door-can is missing, waiting for it" in canwired(text).stop()
+    ip("link add door-can type vcan")
+    assert rig("up") == "" and is_up(links()["door-can"])
+    ip("link del door-can")
+    assert rig("down") == "removed v0\n"
+    text = PAIR.replace("v0", "can0").replace("v1", "can1, missing-port: fail") + WAITS
+    assert rig("up", text) == "made can1\nleft can0 to hardware: missing-port: wait\n"
+
+
 def test_an_interface_that_is_down_is_set_up(rig):
     rig("up", PAIR)
     ip("link set v1 down")

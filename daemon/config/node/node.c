@@ -57,6 +57,7 @@ void cfg_node_defaults(cfg_node *node)
 {
     *node = (cfg_node){
         .name = (char *)no_name, /* nobody writes to it */
+        .missing_port = CFG_MISSING_PORT_UNSET,
         .queue = QUEUE_DEFAULT,
         .clients.max = CLIENTS_DEFAULT,
         .warning_limit = CFG_WARNING_LIMIT_DEFAULT,
@@ -411,6 +412,23 @@ void cfg_read_peer(schema *self, const schema_key *key, yaml_node_t *value, void
     else
         schema_map(self, key->name, value, cfg_peer_keys, node);
     check_peer(self, key, value, node);
+}
+
+void cfg_read_missing_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    const cfg_node *node = object;
+
+    if (!portname_is_interface(node->port))
+        schema_complain(self, value, "%s: only a port that is an interface can be missing",
+                        key->name);
+    schema_read_choice(self, key, value, object);
+}
+
+bool cfg_waits_for_port(const cfg *config, const cfg_node *node)
+{
+    const bool own = node->missing_port != CFG_MISSING_PORT_UNSET;
+
+    return (own ? node->missing_port : config->missing_port) == CFG_MISSING_PORT_WAIT;
 }
 
 static void read_peer_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -136,8 +136,8 @@ static const schema_choice tdc_modes[] = {
                "Longest step of a resynchronisation, in time quanta. Default: half of " d          \
                "phase-seg2, as Linux does.", .needs = NULL)
 
-/* All that depend on `port` follow it. It excludes `traffic`, and `peer`, `clients` and `when-full`
- * need it. The defaults of `queue` and `when-full` depend on it. Modes are in the order of `ip`. */
+/* All that depend on `port` follow it. It excludes `traffic`. Of the others `peer`, `missing-port`,
+ * `clients` and `when-full` need it. The defaults of `queue` and `when-full` depend on it. Modes are in the order of `ip`. */
 const schema_key cfg_node_keys[] = {
     {.name = "name", .read = cfg_read_node_name, .required = true, NODES, .type = "name",
      .help = "Distinct."},
@@ -158,6 +158,11 @@ const schema_key cfg_node_keys[] = {
      .help = "The other end of the port, which is then one of a pair of vxcan interfaces: its "
              "name, or name and namespace. `canwire vcan up` makes them; canwired does not look "
              "at it. Without: the ECU opens the port itself, a vcan interface, but see vxcan."},
+    {.name = "missing-port", .read = cfg_read_missing_port, NODES, MEMBER(missing_port),
+     .arg = cfg_missing_ports, .type = TYPE_CHOICE, .needs = "port",
+     .help = "What to do at the start while the interface of this port is not there; default is "
+             "what the bus does. With wait, `canwire vcan up` does not make it, whatever its "
+             "name: hardware has it."},
     MODE("loopback", CW_MODE_LOOPBACK, "Hears only itself, receives its own frames."),
     MODE("listen-only", CW_MODE_LISTEN_ONLY,
          "Receives, never drives the bus, does not acknowledge."),
@@ -261,7 +266,8 @@ const schema_key cfg_node_keys[] = {
      .type = TYPE_LIST_UP_TO(4096, TYPE_REF("traffic")),
      .help = "Frames that this node sends by itself; only without port."},
     {.name = NULL,
-     .type = TYPE_IF(TYPE_NEEDS("peer"), "{'properties': {'port': {'pattern': '^[^:]*$'}}}")},
+     .type = TYPE_IF(TYPE_ANY(TYPE_NEEDS("peer") ", " TYPE_NEEDS("missing-port")),
+                     "{'properties': {'port': {'pattern': '^[^:]*$'}}}")},
 };
 
 const schema_key *cfg_find_node_key(const char *name)

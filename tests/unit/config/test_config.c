@@ -155,6 +155,8 @@ TEST(bus_keys_are_read)
     assert_string_equal(config->control, GOOD "run/bus.sock");
     assert_int_equal(config->pacing, CFG_PACING_TICK);
     assert_int_equal(config->missing_port, CFG_MISSING_PORT_WAIT);
+    assert_true(cfg_waits_for_port(config, &config->nodes[0]));
+    assert_false(cfg_waits_for_port(config, &config->nodes[1]));
     assert_int_equal(config->catch_up.ns, 250000000);
     cfg_free(config);
 }
