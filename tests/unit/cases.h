@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * cases.h - what each unit test has: cmocka with the headers that it wants, and a list of tests that
- * makes itself. A file has its tests where they stand in it, and main() is in cases.c.
+ * cases.h - what each unit test has: cmocka with the headers that it wants, and a list of tests
+ * that makes itself. A file has its tests where they stand in it, and main() is in cases.c.
  */
 #ifndef CANWIRE_TEST_CASES_H
 #define CANWIRE_TEST_CASES_H
@@ -48,6 +48,13 @@
     {                                                                                              \
         cases_frame(before, behind);                                                               \
     }
+
+/* A pointer with FREED before it is freed where its block ends. */
+#define FREED __attribute__((cleanup(cases_freed)))
+static inline void cases_freed(void *pointer)
+{
+    free(*(void **)pointer);
+}
 
 /* For the macros. Tests run in the order of their lines. */
 void cases_add(struct CMUnitTest test, unsigned line);

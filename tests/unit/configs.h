@@ -35,6 +35,13 @@ static inline char *errors_of(const char *file)
     return text;
 }
 
+/* CFG *config = ...; is freed where the block ends. */
+#define CFG __attribute__((cleanup(cfg_end))) cfg
+static inline void cfg_end(cfg **config)
+{
+    cfg_free(*config);
+}
+
 static inline cfg *load_good(const char *file)
 {
     cfg *config = cfg_load(file, stderr);

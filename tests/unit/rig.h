@@ -2,8 +2,8 @@
  *
  * rig.h - a bus for unit tests: defaults, memory, and all its events kept and comparable as text.
  *
- * Use: rig_new(), change nodes, rules or config, rig_start(), hand in, rig_run(), look at the
- * events, rig_free().
+ * Use: RIG *r = rig_new(), change nodes, rules or config, rig_start(), hand in, rig_run(), look at
+ * the events. RIG frees it where the block ends; without that rig_free() does.
  */
 #ifndef CANWIRE_TEST_RIG_H
 #define CANWIRE_TEST_RIG_H
@@ -66,6 +66,12 @@ static inline void rig_free(rig *r)
     free(r->memory);
     free(r->events);
     free(r);
+}
+
+#define RIG __attribute__((cleanup(rig_end))) rig
+static inline void rig_end(rig **r)
+{
+    rig_free(*r);
 }
 
 static inline void rig_poll(rig *r)

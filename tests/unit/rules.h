@@ -7,12 +7,22 @@
 
 #include "rig.h"
 
-/* Returns a rule that acts on each match; it is harmless unless the caller changes it. */
+/* The members that are given take precedence over those of each rule. */
+#pragma GCC diagnostic ignored "-Woverride-init"
+
+/* A rule that acts on each match; it is harmless unless it has further members. */
+#define ANY_RULE(title, when, what, ...)                                                           \
+    ((cw_rule){.name = (title), .trigger = (when), .action = (what), .time_end = CW_NEVER,         \
+               .every = 1, .probability = UINT64_MAX, .bits = 1, .tec = CW_KEEP, .rec = CW_KEEP,   \
+               .number = 1, .frame = {.id = 0x7F0}, ##__VA_ARGS__})
+
+/* Adds one to a bus that has not begun: ADD_RULE(r, "off", TIME, BUS_OFF, .nodes = NODE(1)). */
+#define ADD_RULE(r, title, when, what, ...)                                                        \
+    rig_rule(r, ANY_RULE(title, CW_TRIGGER_##when, CW_ACTION_##what, ##__VA_ARGS__))
+
 static inline cw_rule new_rule(const char *name, cw_trigger trigger, cw_action action)
 {
-    return (cw_rule){.name = name, .trigger = trigger, .action = action, .time_end = CW_NEVER,
-                     .every = 1, .probability = UINT64_MAX, .bits = 1, .tec = CW_KEEP,
-                     .rec = CW_KEEP, .number = 1, .frame = {.id = 0x7F0}};
+    return ANY_RULE(name, trigger, action);
 }
 
 /* Shows when it acts and does nothing else: the counters are what they are. */

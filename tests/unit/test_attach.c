@@ -38,7 +38,7 @@ static void assert_all_balance(const rig *r)
 
 TEST(a_node_that_is_off_neither_sends_nor_hears)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     rig_start(r);
     assert_true(cw_node_attached(r->bus, 1));
@@ -62,7 +62,6 @@ TEST(a_node_that_is_off_neither_sends_nor_hears)
     assert_int_equal(end, (1000 + JOIN) * BIT + rig_stats(r, 1).tx_bits * BIT);
     assert_int_equal(rig_stats(r, 1).dropped[CW_DROP_LINK_DOWN], 1);
     assert_all_balance(r);
-    rig_free(r);
 }
 
 /* Bits of a frame after which its sender goes; then what a receiver sees is an error, or not any
@@ -73,7 +72,7 @@ TEST(a_sender_that_goes_in_the_middle_of_its_frame)
     cw_bits bits;
     assert_int_equal(cw_bits_encode(&bits, &frame), CW_OK);
     for (unsigned sent = 1; sent <= bits.length; sent++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         rig_start(r);
         rig_send(r, 0, &frame, 0);
         rig_send(r, 0, &frame, 0);
@@ -93,13 +92,12 @@ TEST(a_sender_that_goes_in_the_middle_of_its_frame)
         assert_true(cw_bus_idle(r->bus));
         assert_int_equal(rig_bus_stats(r).pending, 0);
         assert_all_balance(r);
-        rig_free(r);
     }
 }
 
 TEST(a_sender_without_receiver_waits_for_one_that_comes_back)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 1);
     rig_start(r);
     assert_int_equal(cw_node_attach(r->bus, 1, false), CW_OK);
@@ -111,13 +109,12 @@ TEST(a_sender_without_receiver_waits_for_one_that_comes_back)
     rig_run_bits(r, 10000);
     assert_int_equal(rig_stats(r, 0).tx_frames, 1);
     assert_int_equal(rig_stats(r, 1).rx_frames, 1);
-    rig_free(r);
 }
 
 /* As `ip link set DEVICE down` and `up` do: the controller starts anew. */
 TEST(going_off_ends_a_bus_off)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 1);
     cw_rule *kill = &r->rules[r->config.rule_count++];
     *kill = (cw_rule){.name = "kill", .trigger = CW_TRIGGER_TIME, .time_end = CW_NEVER,
@@ -139,12 +136,11 @@ TEST(going_off_ends_a_bus_off)
     rig_run_bits(r, 6000);
     assert_int_equal(rig_stats(r, 0).tx_frames, 1);
     assert_int_equal(rig_stats(r, 0).restarts, 0);
-    rig_free(r);
 }
 
 TEST(what_is_so_already_changes_nothing)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     rig_start(r);
     assert_int_equal(cw_node_attach(r->bus, 0, true), CW_OK);
     assert_int_equal(cw_node_attach(r->bus, 1, false), CW_OK);
@@ -154,7 +150,6 @@ TEST(what_is_so_already_changes_nothing)
     assert_int_equal(r->count, 0);
     assert_int_equal(cw_node_attach(r->bus, 2, true), CW_INVALID);
     assert_false(cw_node_attached(r->bus, 2));
-    rig_free(r);
 }
 
 /* Off by a rule and off by its host: it is back when neither keeps it off. */
@@ -167,7 +162,7 @@ TEST(a_node_is_back_when_nothing_keeps_it_off)
         {100, 200, 150, 300}, {100, 300, 150, 200}, {150, 300, 100, 200}, {150, 200, 100, 300},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         cw_rule *cut = &r->rules[r->config.rule_count++];
         *cut = (cw_rule){.name = "cut", .trigger = CW_TRIGGER_TIME, .probability = UINT64_MAX,
                          .time_begin = cases[i].rule_off * BIT, .time_end = CW_NEVER,
@@ -184,14 +179,13 @@ TEST(a_node_is_back_when_nothing_keeps_it_off)
         assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->tick,
                          (300 + JOIN) * BIT + rig_stats(r, 1).tx_bits * BIT); /* M10 */
         assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2); /* equal frames went as one */
-        rig_free(r);
     }
 }
 
 /* A rule does not fill the log of a node that is off with drops, but each frame of it counts. */
 TEST(rules_on_a_node_that_is_off)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     static const cw_action actions[] = {CW_ACTION_BABBLE, CW_ACTION_LOAD, CW_ACTION_SEND};
     for (unsigned i = 0; i < 3; i++) {
         cw_rule *rule = &r->rules[r->config.rule_count++];
@@ -209,7 +203,6 @@ TEST(rules_on_a_node_that_is_off)
     assert_int_equal(s.dropped[CW_DROP_LINK_DOWN], 10);
     assert_int_equal(rig_bus_stats(r).frames, 0);
     assert_all_balance(r);
-    rig_free(r);
 }
 
 /* The node goes into bus-off and out of it at once: no node sees the state change, and it stays
@@ -219,7 +212,7 @@ TEST(counters_do_not_put_a_node_on_the_bus)
     static const cw_action actions[] = {CW_ACTION_BUS_OFF, CW_ACTION_COUNTERS};
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (unsigned stepping = 0; stepping < 2; stepping++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         for (unsigned i = 0; i < 2; i++) {
             cw_rule *rule = &r->rules[r->config.rule_count++];
             *rule = (cw_rule){.name = i ? "counters" : "bus-off", .trigger = CW_TRIGGER_TIME,
@@ -234,7 +227,6 @@ TEST(counters_do_not_put_a_node_on_the_bus)
         assert_told(r, 1, "link down;");
         assert_int_equal(rig_stats(r, 0).tx_frames, 0);
         assert_true(rig_stats(r, 0).errors[CW_ERROR_ACK] > 0);
-        rig_free(r);
     }
 }
 
@@ -242,8 +234,8 @@ TEST(a_bus_that_takes_over_leaves_it_off)
 {
     static const uint8_t from[] = {CW_NO_NODE, 1, 0};
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    rig *old = rig_new(2);
-    rig *r = rig_new(3);
+    RIG *old = rig_new(2);
+    RIG *r = rig_new(3);
     rig_start(old);
     rig_start(r);
     rig_run_bits(old, 100);
@@ -262,8 +254,6 @@ TEST(a_bus_that_takes_over_leaves_it_off)
     rig_send(r, 2, &frame, 0);
     rig_run_bits(r, 2000);
     assert_told(r, 2, "link up;tx 123#0:;");
-    rig_free(old);
-    rig_free(r);
 }
 
 /* Nodes that the new bus has taken off before: only one that is new stays so. */
@@ -271,8 +261,8 @@ TEST(a_bus_that_takes_over_puts_on_who_was_on)
 {
     static const uint8_t from[] = {CW_NO_NODE, 0, 1};
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    rig *old = rig_new(2);
-    rig *r = rig_new(3);
+    RIG *old = rig_new(2);
+    RIG *r = rig_new(3);
     rig_start(old);
     rig_start(r);
     rig_run_bits(old, 100);
@@ -288,6 +278,4 @@ TEST(a_bus_that_takes_over_puts_on_who_was_on)
     assert_told(r, 0, "");
     assert_told(r, 1, "tx 123#0:;");
     assert_told(r, 2, "rx 123#0:;");
-    rig_free(old);
-    rig_free(r);
 }

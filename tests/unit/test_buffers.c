@@ -51,7 +51,7 @@ TEST(filters_decide_what_a_host_gets_and_nothing_else)
     const cw_filter some[] = {{.value = short_frame(0).id, .mask = 0x7FF},
                               {.value = short_frame(3).id, .mask = 0x7FF},
                               {.value = short_frame(4).id, .mask = 0x7FF}};
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     r->nodes[1].host = (cw_host_config){.filters = some, .filter_count = 3};
     r->nodes[2].host = (cw_host_config){.filters = &all_of_these, .filter_count = 1};
     rig_start(r);
@@ -67,14 +67,13 @@ TEST(filters_decide_what_a_host_gets_and_nothing_else)
     assert_int_equal(host_stats(r, 2).filtered + rig_count(r, CW_EVENT_RX, 2), FRAMES);
     assert_true(host_stats(r, 2).filtered > 0 && rig_count(r, CW_EVENT_RX, 2) > 0);
     balance(r);
-    rig_free(r);
 }
 
 /* A node alone with the sender acknowledges frames that its host never gets, and loses REC. */
 TEST(a_filtered_frame_is_acknowledged_and_lowers_rec)
 {
     static const cw_filter other = {.value = 0x7FF, .mask = 0x7FF};
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     r->nodes[1].host = (cw_host_config){.filters = &other, .filter_count = 1};
     r->rules[r->config.rule_count++] =
         (cw_rule){.name = "rec", .action = CW_ACTION_COUNTERS, .trigger = CW_TRIGGER_TIME,
@@ -86,7 +85,6 @@ TEST(a_filtered_frame_is_acknowledged_and_lowers_rec)
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 5);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 1), 0);
     assert_int_equal(rig_stats(r, 1).rec, 4);
-    rig_free(r);
 }
 
 /* ---- Receive buffers ------------------------------------------------------------------------- */
@@ -108,12 +106,11 @@ static rig *slow_host(uint64_t service_ticks, unsigned buffers)
 
 static void check_lost(uint64_t service_ticks, unsigned buffers, unsigned lost)
 {
-    rig *r = slow_host(service_ticks, buffers);
+    RIG *r = slow_host(service_ticks, buffers);
     assert_int_equal(rig_count(r, CW_EVENT_OVERRUN, 1), lost);
     assert_int_equal(host_stats(r, 1).overruns, lost);
     assert_int_equal(rig_stats(r, 1).rx_dropped[CW_DROP_QUEUE_FULL], lost);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 1), FRAMES - lost);
-    rig_free(r);
 }
 
 /* Slots of 100 us. */
@@ -129,7 +126,7 @@ TEST(a_slow_host_loses_what_it_has_no_buffer_for)
 /* The host has a frame when it has fetched it; the new frame is lost, and no older one. */
 TEST(frames_come_in_their_order_after_the_time_of_service)
 {
-    rig *r = slow_host(150 * US, 1);
+    RIG *r = slow_host(150 * US, 1);
     unsigned got = 0;
     uint64_t received = 0;
     for (size_t i = 0; i < r->count; i++) {
@@ -142,12 +139,11 @@ TEST(frames_come_in_their_order_after_the_time_of_service)
         }
     }
     assert_int_equal(got, FRAMES / 2);
-    rig_free(r);
 }
 
 TEST(a_node_off_the_bus_drops_what_its_host_has_not_fetched)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     r->nodes[1].host = (cw_host_config){.receive_buffers = 8, .service_ticks = 10000 * US};
     rig_start(r);
     send_in_slots(r, 4);
@@ -159,7 +155,6 @@ TEST(a_node_off_the_bus_drops_what_its_host_has_not_fetched)
     assert_int_equal(rig_stats(r, 1).rx_dropped[CW_DROP_LINK_DOWN], 4);
     assert_int_equal(rig_stats(r, 1).rx_held, 0);
     balance(r);
-    rig_free(r);
 }
 
 /* Returns true when frames came to a node in the order in which they were sent. */
@@ -179,7 +174,7 @@ TEST(a_bus_that_takes_over_has_the_frames)
 {
     static const uint8_t from[] = {0, 1, 2};
     for (unsigned buffers = 0; buffers <= 8; buffers++) {
-        rig *old = rig_new(3), *r = rig_new(3);
+        RIG *old = rig_new(3), *r = rig_new(3);
         old->nodes[1].host =
             (cw_host_config){.receive_buffers = 8, .service_ticks = 1000 * US};
         r->nodes[1].host =
@@ -195,21 +190,18 @@ TEST(a_bus_that_takes_over_has_the_frames)
         assert_int_equal(rig_count(r, CW_EVENT_RX, 1), 4);
         assert_true(in_order(r, 1));
         balance(r);
-        rig_free(old);
-        rig_free(r);
     }
 }
 
 TEST(a_bus_without_any_has_no_counts)
 {
     cw_host_stats s;
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     rig_start(r);
     assert_int_equal(cw_node_get_host_stats(r->bus, 1, &s), CW_REFUSED);
     assert_int_equal(cw_node_get_host_stats(r->bus, 2, &s), CW_INVALID);
     r->nodes[0].host.receive_buffers = CW_RECEIVE_BUFFERS_MAX + 1;
     assert_int_equal(cw_bus_size(&r->config), 0);
-    rig_free(r);
 }
 
 /* ---- The receive buffer of the SJA1000 ------------------------------------------------------- */
@@ -222,7 +214,7 @@ TEST(a_buffer_of_bytes_has_room_for_more_short_frames)
     } cases[] = {{0, 0, 21}, {0, 8, 5}, {CW_FRAME_EXTENDED, 0, 12}, {CW_FRAME_EXTENDED, 8, 4},
                  {CW_FRAME_REMOTE, 8, 21}};
     for (size_t c = 0; c < sizeof cases / sizeof cases[0]; c++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         r->nodes[0].queue = 40;
         r->nodes[1].host = (cw_host_config){.receive_buffers = 64, .receive_bytes = 64,
                                             .service_ticks = 1000000 * US};
@@ -234,7 +226,6 @@ TEST(a_buffer_of_bytes_has_room_for_more_short_frames)
         assert_int_equal(rig_stats(r, 1).rx_held, cases[c].fit);
         assert_int_equal(host_stats(r, 1).overruns, 30 - cases[c].fit);
         balance(r);
-        rig_free(r);
     }
 }
 
@@ -248,7 +239,7 @@ TEST(a_buffer_of_bytes_has_room_for_more_short_frames)
 TEST(the_newest_frame_of_a_mailbox_is_whole_and_the_older_one_counts)
 {
     static const cw_mailbox boxes[] = {{.filter = ID(0x200)}, {.filter = ID(0x123)}};
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     r->nodes[1].host = HOST(boxes, .service_ticks = 180 * US);
     rig_start(r);
     for (unsigned i = 0; i < 8; i++) {
@@ -276,14 +267,13 @@ TEST(the_newest_frame_of_a_mailbox_is_whole_and_the_older_one_counts)
     }
     assert_int_equal(rig_stats(r, 1).rx_dropped[CW_DROP_QUEUE_FULL], 4);
     balance(r);
-    rig_free(r);
 }
 
 /* Frames go into the first mailbox that is free; with none free the last one is overwritten. */
 TEST(several_mailboxes_take_a_frame_in_turn)
 {
     const cw_mailbox boxes[] = {{.filter = ID(0x7FF)}, {0}, {.filter = ID(short_frame(0).id)}, {0}};
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     r->nodes[1].host = HOST(boxes, .service_ticks = 10000 * US);
     rig_start(r);
     static const uint8_t sent[] = {0, 0, 1, 2, 3}; /* into 1, 2, 3, and twice into 3 again */
@@ -299,14 +289,13 @@ TEST(several_mailboxes_take_a_frame_in_turn)
     for (unsigned i = 0; i < 3; i++)
         assert_int_equal(rig_nth(r, CW_EVENT_RX, i)->frame.id, short_frame(got[i]).id);
     balance(r);
-    rig_free(r);
 }
 
 TEST(a_quick_host_gets_what_its_mailboxes_take_at_once)
 {
     static const cw_mailbox boxes[] = {{.filter = {.value = 0x100, .mask = 0x70F}},
                                        {.use = CW_MAILBOX_TRANSMIT}};
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     r->nodes[1].host = HOST(boxes, .receive_fifo = false);
     rig_start(r);
     send_in_slots(r, FRAMES);
@@ -318,7 +307,6 @@ TEST(a_quick_host_gets_what_its_mailboxes_take_at_once)
     assert_int_equal(rig_count(r, CW_EVENT_RX, 1), match);
     assert_int_equal(host_stats(r, 1).filtered, FRAMES - match);
     balance(r);
-    rig_free(r);
 }
 
 /* ---- Transmit mailboxes ---------------------------------------------------------------------- */
@@ -328,7 +316,7 @@ TEST(a_quick_host_gets_what_its_mailboxes_take_at_once)
 static void check_order(const cw_host_config *host, cw_order order, const uint16_t *ids,
                         unsigned count, const uint16_t *sent)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     r->nodes[0].host = *host;
     r->nodes[0].order = order;
     rig_start(r);
@@ -343,7 +331,6 @@ static void check_order(const cw_host_config *host, cw_order order, const uint16
     for (unsigned i = 0; i < count; i++)
         assert_int_equal(rig_nth(r, CW_EVENT_TX, 1 + i)->frame.id, sent[i]);
     balance(r);
-    rig_free(r);
 }
 
 TEST(mailboxes_decide_on_the_order_and_the_queue_waits_behind_them)
@@ -369,7 +356,7 @@ TEST(a_mailbox_of_its_own_keeps_a_frame_from_waiting)
     static const uint16_t ids[] = {0x500, 0x500, 0x500, 0x100, 0x100};
     check_order(&HOST(own, .transmit = CW_TRANSMIT_PRIORITY), CW_ORDER_FIFO, ids, 5,
                 (const uint16_t[]){0x100, 0x100, 0x500, 0x500, 0x500});
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     r->nodes[0].host = HOST(own, .transmit = CW_TRANSMIT_PRIORITY);
     rig_start(r);
     const cw_frame none = rig_frame(0x200, 0, 0);
@@ -377,7 +364,6 @@ TEST(a_mailbox_of_its_own_keeps_a_frame_from_waiting)
     rig_run_bits(r, 100);
     assert_int_equal(rig_nth(r, CW_EVENT_DROP, 0)->why, CW_DROP_BAD_FRAME);
     balance(r);
-    rig_free(r);
 }
 
 /* ---- Replies --------------------------------------------------------------------------------- */
@@ -416,7 +402,7 @@ static rig *answering_rig(bool stepping)
 TEST(a_remote_frame_is_answered_in_the_next_arbitration_by_the_data_last_written)
 {
     for (unsigned stepping = 0; stepping < 2; stepping++) {
-        rig *r = answering_rig(stepping);
+        RIG *r = answering_rig(stepping);
         ask(r, 1, JOIN); /* nothing is written: the host gets it */
         write_value(r, 0x11, 8, 100);
         write_value(r, 0x22, 3, 101);
@@ -444,7 +430,6 @@ TEST(a_remote_frame_is_answered_in_the_next_arbitration_by_the_data_last_written
         assert_int_equal(rig_nth(r, CW_EVENT_TX, 3)->frame.flags, CW_FRAME_REMOTE);
         assert_int_equal(rig_nth(r, CW_EVENT_TX, 5)->frame.id, 0x124);
         balance(r);
-        rig_free(r);
     }
 }
 
@@ -453,7 +438,7 @@ TEST(a_remote_frame_is_answered_in_the_next_arbitration_by_the_data_last_written
 TEST(a_reply_has_the_data_written_before_it_begins)
 {
     for (unsigned stepping = 0; stepping < 2; stepping++) {
-        rig *r = answering_rig(stepping);
+        RIG *r = answering_rig(stepping);
         const cw_frame urgent = rig_frame(0x001, 0, 8);
         write_value(r, 0x11, 8, 5);
         ask(r, 1, JOIN);
@@ -469,14 +454,13 @@ TEST(a_reply_has_the_data_written_before_it_begins)
         assert_true(cw_frame_equal(&rig_nth(r, CW_EVENT_TX, 2)->frame, &first));
         assert_true(cw_frame_equal(&rig_nth(r, CW_EVENT_TX, 4)->frame, &second));
         balance(r);
-        rig_free(r);
     }
 }
 
 /* A full queue does not keep a mailbox from replying, and a reply takes no place of the queue. */
 TEST(replies_have_room_of_their_own)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     r->nodes[0].host = HOST(replies, .receive_fifo = true);
     r->nodes[0].queue = 1;
     rig_start(r);
@@ -491,7 +475,6 @@ TEST(replies_have_room_of_their_own)
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 2);
     assert_int_equal(rig_count(r, CW_EVENT_DROP, 0), 0);
     balance(r);
-    rig_free(r);
 }
 
 /* Data that a host has written stay; others are those of the new configuration. */
@@ -504,7 +487,7 @@ TEST(mailboxes_go_over_to_another_bus)
         {.use = CW_MAILBOX_REPLY, .filter = ID(0x123), .filled = true,
          .frame = {.id = 0x123, .dlc = 0}},
         {.use = CW_MAILBOX_TRANSMIT, .filter = ID(0x7FF)}};
-    rig *old = answering_rig(false), *r = rig_new(3);
+    RIG *old = answering_rig(false), *r = rig_new(3);
     r->nodes[0].host = HOST(others, .receive_fifo = true);
     rig_start(r);
     write_value(old, 0x11, 2, 0);
@@ -526,8 +509,6 @@ TEST(mailboxes_go_over_to_another_bus)
     assert_int_equal(rig_nth(r, CW_EVENT_TX, 5)->frame.id, 0x7F);
     assert_int_equal(host_stats(r, 0).replies, 3);
     balance(r);
-    rig_free(old);
-    rig_free(r);
 }
 
 TEST(mailboxes_that_cannot_be_are_refused)
@@ -538,7 +519,7 @@ TEST(mailboxes_that_cannot_be_are_refused)
         {.use = CW_MAILBOX_REPLY, .filter = ID(0x123), .filled = true, .frame = {.id = 0x124}},
         {.use = CW_MAILBOX_REPLY, .filter = ID(0x123), .filled = true,
          .frame = {.id = 0x123, .flags = CW_FRAME_REMOTE}}};
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         r->nodes[0].host = (cw_host_config){.mailboxes = &wrong[i], .mailbox_count = 1};
         assert_int_equal(cw_bus_size(&r->config), 0);
@@ -548,5 +529,4 @@ TEST(mailboxes_that_cannot_be_are_refused)
     r->nodes[0].host = (cw_host_config){.mailboxes = replies,
                                         .mailbox_count = CW_MAILBOXES_MAX + 1};
     assert_int_equal(cw_bus_size(&r->config), 0);
-    rig_free(r);
 }

@@ -26,7 +26,7 @@ static void check_pair(const cw_frame *a, const cw_frame *b)
     unsigned bit = first_difference(models[0].plain, models[1].plain);
     unsigned loser = models[0].plain[bit] == '1' ? 0 : 1;
     unsigned winner = 1 - loser;
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     rig_start(r);
     rig_send(r, 0, a, 0);
     rig_send(r, 1, b, 0);
@@ -44,7 +44,6 @@ static void check_pair(const cw_frame *a, const cw_frame *b)
     uint64_t sof = JOIN + models[winner].length + INTERMISSION_BITS;
     assert_int_equal(rig_nth(r, CW_EVENT_TX, 1)->tick, end_of(sof, models[loser].length - 1));
     assert_int_equal(r->count, 5);
-    rig_free(r);
 }
 
 #define PAIR_PREFIXES 8u
@@ -81,7 +80,7 @@ TEST(every_pairing_is_won_by_the_dominant_bit)
 /* M4: both win arbitration; the node that sends `r` at the first bit that differs has an error. */
 TEST(same_identifier_with_other_data_is_a_bit_error)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     cw_frame a = rig_frame(0x123, 0, 2);
     cw_frame b = a;
     b.data[1] ^= 0x10;
@@ -102,13 +101,12 @@ TEST(same_identifier_with_other_data_is_a_bit_error)
     assert_int_equal(e->tick, end_of(JOIN, loser ? mb.at[bit] : ma.at[bit]));
     assert_int_equal(e->tec, 8);
     assert_int_equal(rig_count(r, CW_EVENT_ARBITRATION_LOST, -1), 0);
-    rig_free(r);
 }
 
 /* The very same frame from two nodes goes through as one. */
 TEST(equal_frames_go_as_one)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 8);
     rig_start(r);
     rig_send(r, 0, &f, 0);
@@ -118,13 +116,12 @@ TEST(equal_frames_go_as_one)
     assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->tick, rig_nth(r, CW_EVENT_TX, 1)->tick);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 2), 1);
     assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
-    rig_free(r);
 }
 
 /* Frames carry their sender and their hand-in time, for senders and receivers. */
 TEST(frames_tell_where_they_are_from)
 {
-    rig *r = rig_new(4);
+    RIG *r = rig_new(4);
     cw_frame f = rig_frame(0x123, 0, 2);
     cw_frame own = rig_frame(0x200, 0, 0);
     r->nodes[3].modes = CW_MODE_LOOPBACK;
@@ -148,7 +145,6 @@ TEST(frames_tell_where_they_are_from)
     }
     assert_int_equal(rig_count(r, CW_EVENT_RX, -1), 2);
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 3);
-    rig_free(r);
 }
 
 /* A rule that makes node 0 error-passive before the first frame. */
@@ -168,7 +164,7 @@ static void make_passive(rig *r)
 TEST(a_node_that_an_error_stops_in_the_arbitration_is_no_sender)
 {
     for (unsigned stepping = 0; stepping < 2; stepping++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         const cw_frame first = rig_frame(0x123, 0, 1), second = rig_frame(0x125, 0, 1);
         make_passive(r);
         cw_rule *flip = rig_flip(r, "stops", CW_FIELD_ID, 0);
@@ -186,7 +182,6 @@ TEST(a_node_that_an_error_stops_in_the_arbitration_is_no_sender)
         assert_int_equal(rx->nodes, NODE(2));
         assert_int_equal(rx->from, NODE(1));
         assert_int_equal(rx->handed_in, 300);
-        rig_free(r);
     }
 }
 
@@ -195,7 +190,7 @@ TEST(a_node_that_an_error_stops_in_the_arbitration_is_no_sender)
 TEST(a_sender_with_a_passive_flag_behind_its_frame_is_its_sender)
 {
     for (unsigned stepping = 0; stepping < 2; stepping++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         const cw_frame f = rig_frame(0x123, 0, 1);
         make_passive(r);
         r->nodes[1].modes = CW_MODE_LISTEN_ONLY;
@@ -208,7 +203,6 @@ TEST(a_sender_with_a_passive_flag_behind_its_frame_is_its_sender)
         assert_true(rx->tick > rig_nth(r, CW_EVENT_ERROR, 0)->tick);
         assert_int_equal(rx->from, NODE(0));
         assert_int_equal(rx->handed_in, 100);
-        rig_free(r);
     }
 }
 
@@ -223,7 +217,7 @@ TEST(sixty_four_nodes_drain_in_identifier_order)
 {
     cw_frame frames[CW_NODES_MAX];
     rig_random random = {4711};
-    rig *r = rig_new(CW_NODES_MAX);
+    RIG *r = rig_new(CW_NODES_MAX);
     rig_start(r);
     for (unsigned i = 0; i < CW_NODES_MAX; i++) {
         uint32_t id = i * 29u % 64u * 31u; /* distinct base identifiers, shuffled */
@@ -248,7 +242,6 @@ TEST(sixty_four_nodes_drain_in_identifier_order)
         assert_int_equal(rig_nth(r, CW_EVENT_RX, i)->tick, tx->tick - BIT);
     }
     assert_int_equal(rig_bus_stats(r).arbitration_lost, 64 * 63 / 2);
-    rig_free(r);
 }
 
 /* The arbitrations that four nodes, and the bus, have lost. */
@@ -264,7 +257,7 @@ static losses lost_so_far(bool stepping, unsigned node, unsigned urgent_after, u
     const cw_frame urgent = rig_frame(0x200, 0, 0);
     losses l;
     cw_bus_stats of_bus;
-    rig *r = rig_new(4);
+    RIG *r = rig_new(4);
     rig_start(r);
     cw_bus_set_stepping(r->bus, stepping);
     cw_bus_set_events(r->bus, ~(1u << CW_EVENT_ARBITRATION_LOST));
@@ -279,7 +272,6 @@ static losses lost_so_far(bool stepping, unsigned node, unsigned urgent_after, u
     for (unsigned i = 0; i < 4; i++)
         l.of[i] = rig_stats(r, i).arbitration_lost;
     l.of[4] = of_bus.arbitration_lost;
-    rig_free(r);
     return l;
 }
 

@@ -11,7 +11,7 @@
 
 TEST(overflow_is_dropped_at_the_tick_of_its_hand_in)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 0);
     unsigned length = model_encode(&f).length;
     uint64_t end = end_of(JOIN, length - 1);
@@ -29,14 +29,13 @@ TEST(overflow_is_dropped_at_the_tick_of_its_hand_in)
     assert_int_equal(rig_nth(r, CW_EVENT_DROP, 0)->why, CW_DROP_QUEUE_FULL);
     assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_QUEUE_FULL], 2);
     assert_int_equal(rig_stats(r, 0).tx_frames, 3);
-    rig_free(r);
 }
 
 /* Sends the same frames with another order of the queue. By priority the second one goes first. */
 static void check_queue_order(cw_order order, const uint32_t *expected)
 {
     static const uint32_t ids[] = {0x300, 0x200, 0x100, 0x200, 0x400};
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     r->nodes[0].order = order;
     rig_start(r);
     for (unsigned i = 0; i < 5; i++) {
@@ -49,7 +48,6 @@ static void check_queue_order(cw_order order, const uint32_t *expected)
         assert_int_equal(rig_nth(r, CW_EVENT_TX, i)->frame.id << 8 |
                              rig_nth(r, CW_EVENT_TX, i)->frame.data[0],
                          expected[i]);
-    rig_free(r);
 }
 
 static size_t drops_of(rig *r, unsigned frames)
@@ -65,7 +63,7 @@ static size_t drops_of(rig *r, unsigned frames)
 /* As long as there is room for, whatever it was at first; a shorter one keeps what waits in it. */
 TEST(a_queue_is_set_within_its_room)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_settings settings = {.which = CW_SET_QUEUE, .queue = CW_QUEUE_MAX};
     r->nodes[0].queue_room = 100;
     rig_start(r);
@@ -82,7 +80,6 @@ TEST(a_queue_is_set_within_its_room)
     assert_int_equal(drops_of(r, 1), 1);
     rig_run_bits(r, 20000);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 100);
-    rig_free(r);
 }
 
 TEST(queue_order_is_by_priority_or_fifo)
@@ -96,7 +93,7 @@ TEST(queue_order_is_by_priority_or_fifo)
 TEST(bad_frames_are_counted_and_never_sent)
 {
     static const cw_frame bad[] = {{.id = 0x800}, {.id = 1, .dlc = 16}, {.flags = CW_FRAME_FD}};
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     rig_start(r);
     for (unsigned i = 0; i < 3; i++)
         rig_send(r, 0, &bad[i], 5000 + i);
@@ -106,12 +103,11 @@ TEST(bad_frames_are_counted_and_never_sent)
         assert_int_equal(rig_nth(r, CW_EVENT_DROP, i)->why, CW_DROP_BAD_FRAME);
         assert_int_equal(rig_nth(r, CW_EVENT_DROP, i)->tick, 5000 + i);
     }
-    rig_free(r);
 }
 
 TEST(a_full_inbox_refuses_until_the_bus_has_gone_on)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 0);
     r->config.inbox = 2;
     rig_start(r);
@@ -128,13 +124,12 @@ TEST(a_full_inbox_refuses_until_the_bus_has_gone_on)
     rig_run_bits(r, 500);
     assert_int_equal(cw_bus_inbox_first(r->bus), CW_NEVER);
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 3);
-    rig_free(r);
 }
 
 /* Frames on their way into the queue count, too; a node that takes no frames has room for all. */
 TEST(the_room_in_a_queue_is_known)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 0);
     r->nodes[0].queue = 3;
     rig_start(r);
@@ -160,13 +155,12 @@ TEST(the_room_in_a_queue_is_known)
                                  .modes = CW_MODE_LISTEN_ONLY};
     assert_int_equal(cw_node_set(r->bus, 0, &listens), CW_OK);
     assert_int_equal(cw_node_room(r->bus, 0), CW_QUEUE_MAX);
-    rig_free(r);
 }
 
 /* It never comes up, and there is no place for another until its node is flushed. */
 TEST(a_frame_for_never_holds_its_place)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 0);
     r->config.inbox = 2;
     rig_start(r);
@@ -182,14 +176,13 @@ TEST(a_frame_for_never_holds_its_place)
     assert_int_equal(cw_bus_pending(r->bus), 1);
     assert_int_equal(cw_node_flush(r->bus, 0), CW_OK);
     assert_int_equal(cw_bus_pending(r->bus), 0);
-    rig_free(r);
 }
 
 /* b's frame has waited less than c's. After cw_bus_bring_forward() they come in that order, at once
  * or earlier by as much, and their delay counts from then. */
 TEST(what_waits_in_the_inbox_is_brought_forward)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     cw_frame low = rig_frame(0x300, 0, 0), high = rig_frame(0x100, 0, 0);
     rig_start(r);
     rig_run_bits(r, 20);
@@ -210,13 +203,12 @@ TEST(what_waits_in_the_inbox_is_brought_forward)
     rig_run_bits(r, 600);
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 3);
     assert_int_equal(cw_bus_pending(r->bus), 1); /* the one for never */
-    rig_free(r);
 }
 
 /* Node 0's frames come in bus time: they stay where they are, and the others come before them. */
 TEST(only_frames_of_some_nodes_are_brought_forward)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame frames[3] = {rig_frame(0x300, 0, 0), rig_frame(0x100, 0, 0),
                                 rig_frame(0x200, 0, 0)};
     rig_start(r);
@@ -234,14 +226,13 @@ TEST(only_frames_of_some_nodes_are_brought_forward)
         assert_int_equal(rig_nth(r, CW_EVENT_TX, i)->from, NODE(senders[i]));
         assert_int_equal(rig_nth(r, CW_EVENT_TX, i)->handed_in, bits[i] * BIT);
     }
-    rig_free(r);
 }
 
 /* Node 1's frame stands before node 0's, and node 2 restarts at that tick. Still both begin at
  * once, which node 1 in loopback does not hide. */
 TEST(frames_brought_forward_come_with_a_restart)
 {
-    rig *r = rig_new(4);
+    RIG *r = rig_new(4);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->nodes[1].modes = CW_MODE_LOOPBACK;
     r->rules[r->config.rule_count++] =
@@ -259,14 +250,13 @@ TEST(frames_brought_forward_come_with_a_restart)
     for (size_t i = 0; i < 2; i++)
         assert_int_equal(rig_nth(r, CW_EVENT_TX, i)->tick,
                          (100 + cw_frame_wire_bits(&frame)) * BIT);
-    rig_free(r);
 }
 
 /* Follows canwire.h about CW_FULL: advance to cw_bus_inbox_first(), call again. A tick at the end
  * of a bit leaves the inbox there. */
 TEST(a_hand_in_at_the_end_of_a_bit_comes_up_there)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 0);
     r->config.inbox = 1;
     rig_start(r);
@@ -274,12 +264,11 @@ TEST(a_hand_in_at_the_end_of_a_bit_comes_up_there)
     rig_run(r, cw_bus_inbox_first(r->bus));
     assert_int_equal(cw_bus_inbox_first(r->bus), CW_NEVER);
     rig_send(r, 1, &f, 20 * BIT);
-    rig_free(r);
 }
 
 TEST(hand_in_before_now_counts_as_now)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 0);
     rig_start(r);
     rig_run_bits(r, 100);
@@ -288,7 +277,6 @@ TEST(hand_in_before_now_counts_as_now)
     unsigned length = model_encode(&f).length;
     assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->tick, end_of(100, length - 1));
     assert_int_equal(rig_stats(r, 0).delay.max_ticks, (uint64_t)length * BIT);
-    rig_free(r);
 }
 
 /* ---- Bus-off and restart: R10, R12 ----------------------------------------------------------- */
@@ -322,7 +310,7 @@ static uint64_t run_to_bus_off(rig *r)
 
 TEST(restart_by_hand_takes_128_groups)
 {
-    rig *r = new_failing_node(0);
+    RIG *r = new_failing_node(0);
     cw_frame f = rig_frame(0x123, 0, 1);
     assert_int_equal(cw_node_restart(r->bus, 0), CW_REFUSED); /* not bus-off */
     assert_int_equal(cw_node_restart(r->bus, 3), CW_INVALID);
@@ -351,7 +339,6 @@ TEST(restart_by_hand_takes_128_groups)
     rig_run(r, cw_bus_now(r->bus) + 200 * BIT);
     assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->tick,
                      end_of(sof, model_encode(&f).length - 1));
-    rig_free(r);
 }
 
 /* R12: frames handed in before the request are lost, also when they wait in the inbox for the very
@@ -361,7 +348,7 @@ TEST(frames_after_the_request_wait_for_group_128)
     enum { BY_HAND, BY_RULE, BY_SETTING, BY_TIME, WAYS };
     const cw_settings at_once = {.which = CW_SET_RESTART, .restart_ticks = BIT};
     for (unsigned way = 0; way < WAYS; way++) {
-        rig *r = new_failing_node(way == BY_TIME ? 5000 * BIT : 0);
+        RIG *r = new_failing_node(way == BY_TIME ? 5000 * BIT : 0);
         const cw_rule back = {.name = "back", .trigger = CW_TRIGGER_ARMED, .manual = true,
                               .time_end = CW_NEVER,
                               .probability = UINT64_MAX, .every = 1, .nodes = NODE(0),
@@ -401,14 +388,13 @@ TEST(frames_after_the_request_wait_for_group_128)
         assert_int_equal(sent->frame.id, first->id);
         assert_int_equal(sent->tick, request + (RECOVERY_BITS + model_encode(first).length) * BIT);
         assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 3 + (way == BY_RULE));
-        rig_free(r);
     }
 }
 
 /* They are the frames of a queue, with its limit. */
 TEST(frames_that_wait_for_group_128_fill_the_queue)
 {
-    rig *r = new_failing_node(0);
+    RIG *r = new_failing_node(0);
     const cw_frame f = rig_frame(0x123, 0, 1);
     const cw_settings short_one = {.which = CW_SET_QUEUE, .queue = 3};
     (void)run_to_bus_off(r);
@@ -427,7 +413,6 @@ TEST(frames_that_wait_for_group_128_fill_the_queue)
                                  .modes = CW_MODE_LISTEN_ONLY};
     assert_int_equal(cw_node_set(r->bus, 0, &listens), CW_OK);
     assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_LISTEN_ONLY], 3);
-    rig_free(r);
 }
 
 TEST(restart_ms_runs_from_bus_off)
@@ -437,7 +422,7 @@ TEST(restart_ms_runs_from_bus_off)
         uint64_t bits; /* from bus-off to the request: the first end of a bit not before */
     } cases[] = {{1, 1}, {BIT, 1}, {BIT + 1, 2}, {1000 * BIT, 1000}, {999 * BIT + 80, 1000}};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        rig *r = new_failing_node(cases[i].ticks);
+        RIG *r = new_failing_node(cases[i].ticks);
         uint64_t off = run_to_bus_off(r);
         assert_int_equal(cw_node_restart(r->bus, 0), CW_REFUSED); /* it restarts by itself */
         rig_run(r, off + 4000 * BIT);
@@ -449,7 +434,6 @@ TEST(restart_ms_runs_from_bus_off)
         /* node 1 ends its error frame meanwhile: groups count when the wire is recessive */
         assert_in_range(back->tick, request + RECOVERY_BITS * BIT,
                         request + (RECOVERY_BITS + 14) * BIT);
-        rig_free(r);
     }
 }
 
@@ -457,7 +441,7 @@ TEST(restart_ms_runs_from_bus_off)
  * then. Nodes act in their order at that end, whatever came to other nodes before it. */
 TEST(frames_come_up_beside_a_restart)
 {
-    rig *r = new_failing_node(1000 * BIT);
+    RIG *r = new_failing_node(1000 * BIT);
     cw_frame f = rig_frame(0x123, 0, 1);
     uint64_t request = run_to_bus_off(r) + 1000 * BIT;
     rig_send(r, 2, &f, request - BIT / 2);
@@ -465,7 +449,6 @@ TEST(frames_come_up_beside_a_restart)
     rig_run(r, request);
     assert_int_equal(rig_nth(r, CW_EVENT_RESTART, 0)->tick, request);
     assert_int_equal(cw_bus_inbox_first(r->bus), CW_NEVER);
-    rig_free(r);
 }
 
 /* R12: exactly eleven recessive bits lie between two consecutive frames, from the ACK delimiter to
@@ -473,7 +456,7 @@ TEST(frames_come_up_beside_a_restart)
 TEST(recovery_under_full_load_takes_128_frames)
 {
     enum { FRAMES = 140 };
-    rig *r = new_failing_node(2000 * BIT);
+    RIG *r = new_failing_node(2000 * BIT);
     uint64_t request = run_to_bus_off(r) + 2000 * BIT;
     cw_frame f = rig_frame(0x555, 0, 0);
     uint64_t period = (model_encode(&f).length + INTERMISSION_BITS) * BIT;
@@ -487,14 +470,13 @@ TEST(recovery_under_full_load_takes_128_frames)
     assert_int_equal(back->tick, request + 128 * period);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 0), FRAMES - 128);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 2), FRAMES);
-    rig_free(r);
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
 TEST(settings_are_changed_and_read)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_settings s;
     const cw_settings all = {.which = UINT8_MAX, .modes_mask = CW_MODE_ONE_SHOT,
                              .modes = CW_MODE_ONE_SHOT | CW_MODE_LISTEN_ONLY,
@@ -528,19 +510,16 @@ TEST(settings_are_changed_and_read)
     assert_int_equal(cw_node_get_settings(r->bus, 1, &s), CW_OK);
     assert_int_equal(s.queue, 3);
     assert_int_equal(s.order, CW_ORDER_FIFO);
-    rig_free(r);
 }
 
 /* Frames beyond a smaller limit stay; a rule from the start may enlarge the queue. */
 TEST(a_queue_limit_is_for_new_frames)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->nodes[0].queue = 2;
-    cw_rule *larger = rig_rule(r, new_rule("larger", CW_TRIGGER_TIME, CW_ACTION_SET));
-    larger->nodes = NODE(0);
-    larger->settings = (cw_settings){.which = CW_SET_QUEUE, .queue = 5};
-    larger->time_begin = 5 * BIT;
+    ADD_RULE(r, "larger", TIME, SET, .nodes = NODE(0),
+             .settings = (cw_settings){.which = CW_SET_QUEUE, .queue = 5}, .time_begin = 5 * BIT);
     rig_start(r);
     for (unsigned i = 0; i < 3; i++)
         rig_send(r, 0, &frame, 0);
@@ -557,7 +536,6 @@ TEST(a_queue_limit_is_for_new_frames)
     rig_run_bits(r, 1000);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 5);
     assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_QUEUE_FULL], 1 + 2 + 1);
-    rig_free(r);
 }
 
 /* ---- Nodes that leave ------------------------------------------------------------------------ */
@@ -565,13 +543,10 @@ TEST(a_queue_limit_is_for_new_frames)
 /* All that a node holds is dropped and counted; it is not on the bus any more. */
 TEST(a_flushed_node_is_gone)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    cw_rule *late = rig_rule(r, new_rule("late", CW_TRIGGER_FRAME, CW_ACTION_DELAY));
-    late->for_ticks = 1000 * BIT;
-    late->count = 1;
-    cw_rule *away = rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
-    away->nodes = NODE(1);
+    ADD_RULE(r, "late", FRAME, DELAY, .for_ticks = 1000 * BIT, .count = 1);
+    cw_rule *away = ADD_RULE(r, "away", TIME, DISCONNECT, .nodes = NODE(1));
     away->for_ticks = 100 * BIT; /* its end must not bring the flushed node back */
     rig_start(r);
     for (unsigned i = 0; i < 4; i++)
@@ -585,21 +560,17 @@ TEST(a_flushed_node_is_gone)
     rig_run_bits(r, 2000);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 0), 1);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 2), 0);
-    rig_free(r);
 }
 
 /* Neither its host nor a rule nor another bus brings it back; what it gets to send is dropped. */
 TEST(a_flushed_node_stays_gone)
 {
     static const uint8_t same[] = {0, 1, 2};
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->nodes[1].restart_ticks = 10 * BIT;
-    cw_rule *off = rig_rule(r, new_rule("off", CW_TRIGGER_TIME, CW_ACTION_BUS_OFF));
-    off->nodes = NODE(1);
-    cw_rule *back = rig_rule(r, new_rule("back", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
-    back->nodes = NODE(1);
-    back->time_begin = 100 * BIT;
+    ADD_RULE(r, "off", TIME, BUS_OFF, .nodes = NODE(1));
+    ADD_RULE(r, "back", TIME, COUNTERS, .nodes = NODE(1), .time_begin = 100 * BIT);
     rig_start(r);
     rig_run_bits(r, 5);
     assert_int_equal(cw_node_flush(r->bus, 1), CW_OK);
@@ -612,7 +583,7 @@ TEST(a_flushed_node_stays_gone)
     assert_int_equal(rig_stats(r, 1).dropped[CW_DROP_REMOVED], 1);
     assert_int_equal(rig_stats(r, 1).restarts, 0);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 1), 0);
-    rig *next = rig_new(3);
+    RIG *next = rig_new(3);
     rig_start(next);
     assert_int_equal(cw_bus_take_over(next->bus, r->bus, same), CW_OK);
     rig_send(next, 0, &frame, 1000 * BIT);
@@ -620,6 +591,4 @@ TEST(a_flushed_node_stays_gone)
     assert_int_equal(cw_node_attach(next->bus, 1, true), CW_REFUSED);
     assert_int_equal(rig_count(next, CW_EVENT_RX, 1), 0);
     assert_int_equal(rig_count(next, CW_EVENT_RX, 2), 1);
-    rig_free(next);
-    rig_free(r);
 }

@@ -126,7 +126,7 @@ static size_t check(const rig *r, plan *p)
 static size_t run(uint64_t seed, uint64_t fifo, bool stepping, bool own)
 {
     plan p;
-    rig *r = rig_new(NODES);
+    RIG *r = rig_new(NODES);
     make_plan(&p, seed, NODES - 1);
     for (unsigned i = 0; i < NODES; i++) {
         r->nodes[i].queue = FRAMES;
@@ -139,7 +139,6 @@ static size_t run(uint64_t seed, uint64_t fifo, bool stepping, bool own)
         rig_send(r, p.frames[n].node, &p.frames[n].frame, p.frames[n].tick);
     rig_run_bits(r, 60000);
     const size_t count = check(r, &p);
-    rig_free(r);
     return count;
 }
 
@@ -160,7 +159,7 @@ TEST(each_frame_that_waits_in_the_wrong_place_is_told)
 /* It is counted also when nobody wants the event. */
 TEST(an_unwanted_event_is_counted)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     r->nodes[0].order = CW_ORDER_FIFO;
     rig_start(r);
     cw_bus_set_events(r->bus, CW_EVENTS_USUAL & ~(1u << CW_EVENT_IMPROPER));
@@ -171,13 +170,12 @@ TEST(an_unwanted_event_is_counted)
     assert_int_equal(rig_count(r, CW_EVENT_IMPROPER, -1), 0);
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
     assert_int_equal(rig_bus_stats(r).improper_arbitrations, 1);
-    rig_free(r);
 }
 
 /* Nodes on different wires do not compete. */
 TEST(another_wire_has_its_own_order)
 {
-    rig *r = rig_new(4);
+    RIG *r = rig_new(4);
     r->rules[r->config.rule_count++] =
         (cw_rule){.name = "cut", .action = CW_ACTION_PARTITION, .trigger = CW_TRIGGER_TIME,
                   .group = {0, 0, 1, 1}, .time_end = CW_NEVER, .probability = UINT64_MAX,
@@ -190,5 +188,4 @@ TEST(another_wire_has_its_own_order)
     rig_run_bits(r, 200);
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
     assert_int_equal(rig_count(r, CW_EVENT_IMPROPER, -1), 0);
-    rig_free(r);
 }

@@ -147,7 +147,7 @@ TEST(a_sender_that_is_taken_away_is_the_sender)
 TEST(a_frame_that_was_given_up_keeps_its_time)
 {
     for (unsigned stepping = 0; stepping < 2; stepping++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         const cw_frame f = rig_frame(0x123, 0, 1), next = rig_frame(0x124, 0, 1);
         r->nodes[0].modes = CW_MODE_ONE_SHOT;
         r->nodes[0].queue = 1;
@@ -165,7 +165,6 @@ TEST(a_frame_that_was_given_up_keeps_its_time)
         assert_true(rx->tick > rig_nth(r, CW_EVENT_DROP, 0)->tick + BIT);
         assert_int_equal(rx->from, NODE(0));
         assert_int_equal(rx->handed_in, HANDED_IN);
-        rig_free(r);
     }
 }
 

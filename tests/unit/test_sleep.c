@@ -155,7 +155,7 @@ TEST(a_dominant_phase_wakes_a_node)
     const cw_frame zeros = rig_frame(0, 0, 0);
     for (way w = 0; w < WAYS; w++)
         for (uint64_t ticks = 0; ticks <= 5 * BIT + 1; ticks += BIT / 16) {
-            rig *r = begin(w, 3);
+            RIG *r = begin(w, 3);
             r->nodes[1].sleeps = true;
             r->nodes[1].sleep.filter_ticks = ticks;
             r->nodes[1].sleep.wake_ticks = 1000 * BIT;
@@ -171,7 +171,6 @@ TEST(a_dominant_phase_wakes_a_node)
             }
             assert_int_equal(rig_stats(r, 1).state, CW_STATE_SLEEPING);
             assert_int_equal(rig_count(r, CW_EVENT_RX, -1), 1);
-            rig_free(r);
         }
 }
 
@@ -179,7 +178,7 @@ TEST(a_dominant_phase_wakes_a_node)
 TEST(a_pulse_wakes_a_node)
 {
     for (unsigned sixteenths = 1; sixteenths <= 32; sixteenths++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         cw_rule *pulse = rig_flip(r, "pulse", CW_FIELD_NONE, 0);
         *pulse = (cw_rule){.name = "pulse", .trigger = CW_TRIGGER_TIME, .time_begin = 100 * BIT,
                            .time_end = CW_NEVER, .probability = UINT64_MAX, .every = 1,
@@ -193,7 +192,6 @@ TEST(a_pulse_wakes_a_node)
         assert_int_equal(rig_count(r, CW_EVENT_WAKE, 1), sixteenths >= 16);
         if (sixteenths >= 16)
             assert_int_equal(rig_nth(r, CW_EVENT_WAKE, 0)->tick, 102 * BIT);
-        rig_free(r);
     }
 }
 
@@ -202,7 +200,7 @@ TEST(a_sleeping_node_neither_acknowledges_nor_signals)
 {
     const cw_frame frame = rig_frame(ALTERNATING, 0, 0);
     for (way w = 0; w < WAYS; w++) {
-        rig *r = begin(w, 3);
+        RIG *r = begin(w, 3);
         rig_flip(r, "spoil", CW_FIELD_CRC, 3)->at = NODE(1) | NODE(2);
         for (unsigned i = 1; i < 3; i++) {
             r->nodes[i].sleeps = true;
@@ -221,7 +219,6 @@ TEST(a_sleeping_node_neither_acknowledges_nor_signals)
             assert_int_equal(s.state, CW_STATE_SLEEPING);
             assert_int_equal(stats_of(r, i).ticks, 500 * BIT);
         }
-        rig_free(r);
     }
 }
 
@@ -229,7 +226,7 @@ TEST(frames_wake_those_that_want_them)
 {
     const cw_frame first = rig_frame(0x100, 0, 1), second = rig_frame(0x101, 0, 1);
     for (way w = 0; w < WAYS; w++) {
-        rig *r = begin(w, 4);
+        RIG *r = begin(w, 4);
         for (unsigned i = 1; i < 3; i++) {
             r->nodes[i].sleeps = true;
             r->nodes[i].sleep.frame_count = 1;
@@ -253,7 +250,6 @@ TEST(frames_wake_those_that_want_them)
             assert_int_equal(stats_of(r, i).wake_ups, 1);
             assert_int_equal(stats_of(r, i).ticks, e->tick);
         }
-        rig_free(r);
     }
 }
 
@@ -262,7 +258,7 @@ TEST(a_node_needs_a_time_to_wake_up)
 {
     const cw_frame zeros = rig_frame(0, 0, 0);
     for (way w = 0; w < WAYS; w++) {
-        rig *r = begin(w, 3);
+        RIG *r = begin(w, 3);
         r->nodes[1].sleeps = true;
         r->nodes[1].sleep.wake_ticks = 250 * BIT - 1;
         start(r, w);
@@ -277,7 +273,6 @@ TEST(a_node_needs_a_time_to_wake_up)
         assert_int_equal(e->tick, awake);
         /* frames begin at JOIN, 100, 200, 300: it integrates behind the third one */
         assert_int_equal(rig_count(r, CW_EVENT_RX, 1), 3);
-        rig_free(r);
     }
 }
 
@@ -287,7 +282,7 @@ TEST(frames_wait_until_the_host_wakes_its_node)
 {
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (way w = 0; w < WAYS; w++) {
-        rig *r = begin(w, 2);
+        RIG *r = begin(w, 2);
         r->nodes[1].sleep.filter_ticks = BIT;
         start(r, w);
         rig_run_bits(r, 20);
@@ -305,7 +300,6 @@ TEST(frames_wait_until_the_host_wakes_its_node)
         assert_int_equal(rig_count(r, CW_EVENT_TX, 1), 3);
         assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->tick, (5000 + JOIN + 45) * BIT);
         assert_int_equal(rig_stats(r, 1).dropped[CW_DROP_QUEUE_FULL], 0);
-        rig_free(r);
     }
 }
 
@@ -313,7 +307,7 @@ TEST(frames_wait_until_the_host_wakes_its_node)
 TEST(a_bus_asleep_is_at_rest)
 {
     for (way w = 0; w < WAYS; w++) {
-        rig *r = begin(w, 64);
+        RIG *r = begin(w, 64);
         for (unsigned i = 0; i < 64; i++) {
             r->nodes[i].sleeps = true;
             r->nodes[i].sleep.frame_count = i % 2;
@@ -328,13 +322,12 @@ TEST(a_bus_asleep_is_at_rest)
         assert_in_range(cw_bus_work(r->bus) - work, 0, 10000);
         assert_int_equal(rig_count(r, CW_EVENT_STATE, -1), 64);
         assert_int_equal(rig_bus_stats(r).busy_bits, 0);
-        rig_free(r);
     }
 }
 
 TEST(settings_are_kept_and_checked)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_settings now, s = {.which = CW_SET_SLEEP | CW_SET_WAKE | CW_SET_MODES, .sleeps = true,
                           .modes_mask = CW_MODE_ONE_SHOT, .modes = CW_MODE_ONE_SHOT,
                           .sleep = {.filter_ticks = 400, .wake_ticks = 7, .frame_count = 1,
@@ -360,7 +353,6 @@ TEST(settings_are_kept_and_checked)
     rig_run_bits(r, 60);
     assert_int_equal(rig_stats(r, 1).state, CW_STATE_ERROR_ACTIVE);
     assert_int_equal(cw_node_get_sleep_stats(r->bus, 2, &(cw_sleep_stats){0}), CW_INVALID);
-    rig_free(r);
 }
 
 /* From a dominant phase to frames and back, while it sleeps. */
@@ -371,7 +363,7 @@ TEST(what_wakes_a_node_can_change_while_it_sleeps)
                                 .sleep = {.frame_count = 1, .frames = {{.value = 1, .mask = 7}}}};
     const cw_settings none = {.which = CW_SET_WAKE_ON};
     for (way w = 0; w < WAYS; w++) {
-        rig *r = begin(w, 3);
+        RIG *r = begin(w, 3);
         r->nodes[1].sleeps = true;
         r->nodes[1].modes = CW_MODE_LOOPBACK;
         start(r, w);
@@ -385,7 +377,6 @@ TEST(what_wakes_a_node_can_change_while_it_sleeps)
         cw_settings now;
         assert_int_equal(cw_node_get_settings(r->bus, 1, &now), CW_OK);
         assert_int_equal(now.modes, CW_MODE_LOOPBACK);
-        rig_free(r);
     }
 }
 
@@ -403,7 +394,7 @@ static cw_rule *at_time(rig *r, cw_action action, uint64_t bits)
 TEST(counters_last_and_bus_off_ends_a_sleep)
 {
     for (unsigned frames = 0; frames < 2; frames++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         at_time(r, CW_ACTION_COUNTERS, 10)->tec = 130;
         at_time(r, CW_ACTION_COUNTERS, 100)->tec = 140;
         at_time(r, CW_ACTION_BUS_OFF, 200);
@@ -430,7 +421,6 @@ TEST(counters_last_and_bus_off_ends_a_sleep)
         rig_run_bits(r, 250 + 128 * 11 + 20);
         assert_int_equal(rig_stats(r, 1).state, CW_STATE_SLEEPING);
         assert_int_equal(rig_stats(r, 1).tec, 0);
-        rig_free(r);
     }
 }
 
@@ -438,7 +428,7 @@ TEST(a_sleeping_node_has_a_link)
 {
     const cw_frame zeros = rig_frame(0, 0, 0);
     for (unsigned frames = 0; frames < 2; frames++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         r->nodes[1].sleeps = true;
         r->nodes[1].sleep.filter_ticks = BIT;
         r->nodes[1].sleep.frame_count = (uint8_t)frames;
@@ -454,14 +444,13 @@ TEST(a_sleeping_node_has_a_link)
         rig_send(r, 0, &zeros, 300 * BIT);
         rig_run_bits(r, 500);
         assert_int_equal(rig_count(r, CW_EVENT_WAKE, 1), 1);
-        rig_free(r);
     }
 }
 
 TEST(rules_see_that_a_node_sleeps)
 {
     const cw_frame frame = rig_frame(ALTERNATING, 0, 0);
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     cw_rule *rule = rig_flip(r, "flip", CW_FIELD_ID, 0);
     rule->state_nodes = NODE(1);
     rule->state_mask = 1u << CW_STATE_SLEEPING;
@@ -475,13 +464,12 @@ TEST(rules_see_that_a_node_sleeps)
     rig_send(r, 0, &frame, 120 * BIT);
     rig_run_bits(r, 300);
     assert_int_equal(rig_count(r, CW_EVENT_FAULT, -1), 1);
-    rig_free(r);
 }
 
 /* A cut line is recessive, so a node that shall sleep does so at once. */
 TEST(a_cut_node_falls_asleep)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame zeros = rig_frame(0, 0, 0);
     cw_rule *cut = at_time(r, CW_ACTION_DISCONNECT, 30);
     cut->for_ticks = 50 * BIT;
@@ -499,7 +487,6 @@ TEST(a_cut_node_falls_asleep)
     assert_int_equal(rig_count(r, CW_EVENT_WAKE, 1), 0);
     rig_run_bits(r, 200);
     assert_int_equal(rig_count(r, CW_EVENT_WAKE, 1), 1);
-    rig_free(r);
 }
 
 /* ---- Another bus goes on --------------------------------------------------------------------- */
@@ -524,7 +511,7 @@ TEST(sleep_goes_on_in_another_bus)
 {
     const cw_frame zeros = rig_frame(0, 0, 0);
     for (unsigned how = 0; how < 4 * WAYS; how++) {
-        rig *old = rig_new(3);
+        RIG *old = rig_new(3);
         old->nodes[1].sleeps = true;
         old->nodes[1].sleep.filter_ticks = 20 * BIT;
         old->nodes[1].sleep.frame_count = how / WAYS % 2;
@@ -533,7 +520,7 @@ TEST(sleep_goes_on_in_another_bus)
         rig_send(old, 0, &zeros, 20 * BIT);
         rig_send(old, 1, &zeros, 20 * BIT);
         rig_run_bits(old, 30);
-        rig *r = take_over(old, how / WAYS / 2);
+        RIG *r = take_over(old, how / WAYS / 2);
         rig_send(r, 0, &zeros, 100 * BIT);
         rig_run_bits(r, 99);
         assert_int_equal(rig_stats(r, 1).state, CW_STATE_SLEEPING);
@@ -543,25 +530,21 @@ TEST(sleep_goes_on_in_another_bus)
         assert_int_equal(rig_count(r, CW_EVENT_WAKE, 1), 1);
         assert_int_equal(rig_count(r, CW_EVENT_TX, 1), 1);
         assert_int_equal(rig_stats(r, 2).state, CW_STATE_ERROR_ACTIVE);
-        rig_free(old);
-        rig_free(r);
     }
 }
 
 TEST(a_wake_up_goes_on_in_another_bus)
 {
-    rig *old = rig_new(3);
+    RIG *old = rig_new(3);
     old->nodes[1].sleeps = true;
     old->nodes[1].sleep.wake_ticks = 200 * BIT;
     rig_start(old);
     rig_run_bits(old, 50);
     set(old, 1, false);
     rig_run_bits(old, 60);
-    rig *r = take_over(old, false);
+    RIG *r = take_over(old, false);
     rig_run_bits(r, 300);
     assert_int_equal(rig_nth(r, CW_EVENT_STATE, 0)->tick, 250 * BIT);
     assert_int_equal(stats_of(r, 1).wake_ups, 1);
     assert_int_equal(stats_of(r, 1).ticks, 250 * BIT);
-    rig_free(old);
-    rig_free(r);
 }

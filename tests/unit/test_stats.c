@@ -93,7 +93,7 @@ TEST(no_delay_has_no_quantile)
 /* Busy are SOF to the third intermission bit: a frame of L bits takes L + 3. */
 TEST(busy_bits_are_the_frame_and_its_intermission)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 4);
     unsigned length = model_encode(&f).length;
     rig_start(r);
@@ -110,12 +110,11 @@ TEST(busy_bits_are_the_frame_and_its_intermission)
     assert_int_equal(s.frames, 1);
     assert_int_equal(s.frame_bits, length);
     assert_int_equal(s.load_permille, length + 3);
-    rig_free(r);
 }
 
 TEST(a_saturated_bus_is_at_full_load)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 8);
     rig_start(r);
     for (unsigned i = 0; i < 16; i++)
@@ -127,7 +126,6 @@ TEST(a_saturated_bus_is_at_full_load)
     assert_int_equal(after.frames, 16);
     assert_int_equal(cw_load_permille(&before, &after), 1000);
     assert_int_equal(cw_load_permille(&after, &after), 0);
-    rig_free(r);
 }
 
 /* The second is made of ten slices of 100 ms; the present one and the nine before it count. */
@@ -135,7 +133,7 @@ TEST(load_of_the_last_second_slides)
 {
     enum { SLICE = SECOND_BITS / 10, SLICES = 35 };
     uint64_t busy[SLICES + 1] = {0}; /* up to the beginning of each slice */
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 8);
     rig_random random = {5};
     rig_start(r);
@@ -151,7 +149,6 @@ TEST(load_of_the_last_second_slides)
         assert_int_equal(s.load_permille,
                          (busy[i] - busy[oldest]) * 1000 / ((uint64_t)(i - oldest) * SLICE));
     }
-    rig_free(r);
 }
 
 /* ---- Counters -------------------------------------------------------------------------------- */
@@ -159,7 +156,7 @@ TEST(load_of_the_last_second_slides)
 /* Delay: from hand-in, in the middle of a bit too, to the end of EOF. */
 TEST(delay_is_from_hand_in_to_the_end_of_eof)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame first = rig_frame(0x100, 0, 8);
     cw_frame second = rig_frame(0x200, 0, 0);
     uint64_t end_of_first = (JOIN + model_encode(&first).length) * (uint64_t)BIT;
@@ -173,7 +170,6 @@ TEST(delay_is_from_hand_in_to_the_end_of_eof)
     assert_int_equal(d.min_ticks, end_of_first);
     assert_int_equal(d.max_ticks, end_of_second - 1234);
     assert_int_equal(d.sum_ticks, end_of_first + end_of_second - 1234);
-    rig_free(r);
 }
 
 /* Checks that every frame was sent, waits, or was dropped for a reason. */
@@ -226,7 +222,7 @@ static void hand_in_random_frames(rig *r, unsigned frames)
 
 TEST(frames_are_conserved)
 {
-    rig *r = new_busy_bus();
+    RIG *r = new_busy_bus();
     hand_in_random_frames(r, 1500);
     for (unsigned bits = 0; bits <= 200000; bits += 977) {
         rig_run_bits(r, bits);
@@ -241,12 +237,11 @@ TEST(frames_are_conserved)
     assert_true(off.dropped[CW_DROP_BUS_OFF] > 0);
     assert_true(off.bus_off > 1 && off.restarts > 1);
     assert_true(off.error_warning >= off.bus_off && off.error_passive >= off.bus_off);
-    rig_free(r);
 }
 
 TEST(counters_agree_with_events)
 {
-    rig *r = new_busy_bus();
+    RIG *r = new_busy_bus();
     hand_in_random_frames(r, 1000);
     rig_run_bits(r, 200000);
     uint64_t lost = 0;
@@ -265,14 +260,13 @@ TEST(counters_agree_with_events)
     assert_int_equal(rig_bus_stats(r).arbitration_lost, lost);
     assert_int_equal(rig_bus_stats(r).faults, rig_count(r, CW_EVENT_FAULT, -1));
     assert_int_equal(rig_bus_stats(r).frames, rig_count(r, CW_EVENT_TX, -1));
-    rig_free(r);
 }
 
 /* Three attempts spoilt, the fourth good: three retransmissions and three error frames, each of
  * which is one although the flags of all nodes are superposed. */
 TEST(retransmissions_and_error_frames)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 2);
     rig_flip(r, "three", CW_FIELD_DATA, 5)->count = 3;
     rig_start(r);
@@ -289,13 +283,12 @@ TEST(retransmissions_and_error_frames)
     assert_int_equal(rig_bus_stats(r).error_frames, 3);
     assert_int_equal(rig_bus_stats(r).overload_frames, 0);
     assert_int_equal(rig_stats(r, 1).rx_bytes, 4);
-    rig_free(r);
 }
 
 /* An attempt after lost arbitration is a retransmission too. */
 TEST(attempts_after_lost_arbitration_count)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     cw_frame high = rig_frame(0x100, 0, 0);
     cw_frame low = rig_frame(0x101, 0, 0);
     rig_start(r);
@@ -305,12 +298,11 @@ TEST(attempts_after_lost_arbitration_count)
     assert_int_equal(rig_stats(r, 0).retransmissions, 0);
     assert_int_equal(rig_stats(r, 1).retransmissions, 1);
     assert_int_equal(rig_stats(r, 1).arbitration_lost, 1);
-    rig_free(r);
 }
 
 TEST(queue_depth_and_its_peak)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame f = rig_frame(0x123, 0, 0);
     rig_start(r);
     for (unsigned i = 0; i < 5; i++)
@@ -322,16 +314,14 @@ TEST(queue_depth_and_its_peak)
     rig_run_bits(r, 1000);
     assert_int_equal(rig_stats(r, 0).queue, 0);
     assert_int_equal(rig_stats(r, 0).queue_peak, 5);
-    rig_free(r);
 }
 
 TEST(what_does_not_exist_has_no_statistics)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_node_stats node;
     cw_rule_stats rule;
     rig_start(r);
     assert_int_equal(cw_node_get_stats(r->bus, 2, &node), CW_INVALID);
     assert_int_equal(cw_rule_get_stats(r->bus, 0, &rule), CW_INVALID);
-    rig_free(r);
 }

@@ -20,8 +20,8 @@ TEST(a_bus_that_takes_over_goes_on)
 {
     static const uint8_t same[] = {0, 1, 2};
     rig_random random = {.state = 11};
-    rig *one = rig_new(3);
-    rig *now = rig_new(3);
+    RIG *one = rig_new(3);
+    RIG *now = rig_new(3);
     rig_start(one);
     rig_start(now);
     for (unsigned round = 0; round < 50; round++) {
@@ -35,21 +35,18 @@ TEST(a_bus_that_takes_over_goes_on)
         uint64_t until = cw_bus_now(one->bus) + rig_below(&random, 300) * BIT;
         rig_run(one, until);
         rig_run(now, until);
-        rig *next = rig_new(3);
+        RIG *next = rig_new(3);
         rig_start(next);
         assert_int_equal(cw_bus_take_over(next->bus, now->bus, same), CW_OK);
         free(now->memory);
         now->memory = next->memory;
         now->bus = next->bus;
         next->memory = NULL;
-        rig_free(next);
     }
     rig_assert_same_events(one, now);
     const cw_bus_stats left = rig_bus_stats(one);
     const cw_bus_stats right = rig_bus_stats(now);
     assert_memory_equal(&left, &right, sizeof left);
-    rig_free(one);
-    rig_free(now);
 }
 
 /* A rule with a period keeps to its grid: it begins neither anew nor at once. So does one that is
@@ -62,12 +59,12 @@ TEST(times_of_a_rule_go_on_when_taking_over)
     again.time_begin = 30 * BIT;
     again.again_ticks = 100 * BIT;
     again.time_end = 430 * BIT;
-    rig *old = rig_new(3);
+    RIG *old = rig_new(3);
     rig_rule(old, again);
     rig_start(old);
     rig_run_bits(old, 150);
     assert_int_equal(hits(old, 0), 2); /* at 30 and 130 */
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     rig_rule(r, again);
     r->config.rule_room = 1;
     rig_start(r);
@@ -84,18 +81,14 @@ TEST(times_of_a_rule_go_on_when_taking_over)
     assert_int_equal(cw_bus_rules_until(r->bus), 0);
     again.trigger = CW_TRIGGER_FRAME;
     assert_int_equal(cw_bus_add_rule(r->bus, &index, &again), CW_INVALID);
-    rig_free(old);
-    rig_free(r);
 }
 
 /* Nodes come, go and change places; frames and counters go with their node. */
 TEST(nodes_are_matched_when_taking_over)
 {
     static const uint8_t from[] = {CW_NO_NODE, 2, 0};
-    rig *old = rig_new(3);
-    cw_rule *set = rig_rule(old, new_rule("tec", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
-    set->nodes = NODE(2);
-    set->tec = 50;
+    RIG *old = rig_new(3);
+    ADD_RULE(old, "tec", TIME, COUNTERS, .nodes = NODE(2), .tec = 50);
     rig_start(old);
     for (unsigned node = 0; node < 3; node++) {
         const cw_frame frame = rig_frame(0x100 + node, 0, 0);
@@ -103,7 +96,7 @@ TEST(nodes_are_matched_when_taking_over)
             rig_send(old, node, &frame, i < 2 ? 0 : 500 * BIT);
     }
     rig_run_bits(old, 5);
-    rig *r = successor(3);
+    RIG *r = successor(3);
     rig_start(r);
     rig_run_bits(r, 1);
     assert_int_equal(cw_bus_take_over(r->bus, old->bus, from), CW_INVALID); /* not at tick 0 */
@@ -127,8 +120,6 @@ TEST(nodes_are_matched_when_taking_over)
     assert_int_equal(rig_count(r, CW_EVENT_TX, 1), 3);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 2), 1);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 0), 3); /* it integrates in the first one */
-    rig_free(old);
-    rig_free(r);
 }
 
 /* The settings are those of the new configuration, at once. */
@@ -136,12 +127,9 @@ TEST(settings_are_the_new_ones_when_taking_over)
 {
     static const uint8_t same[] = {0, 1, 2, 3};
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    rig *old = rig_new(4);
-    cw_rule *warn = rig_rule(old, new_rule("tec", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
-    warn->nodes = NODE(0);
-    warn->tec = 100;
-    cw_rule *off = rig_rule(old, new_rule("off", CW_TRIGGER_TIME, CW_ACTION_BUS_OFF));
-    off->nodes = NODE(2) | NODE(3);
+    RIG *old = rig_new(4);
+    ADD_RULE(old, "tec", TIME, COUNTERS, .nodes = NODE(0), .tec = 100);
+    ADD_RULE(old, "off", TIME, BUS_OFF, .nodes = NODE(2) | NODE(3));
     old->nodes[3].restart_ticks = 200 * BIT;
     rig_start(old);
     for (unsigned i = 0; i < 3; i++) {
@@ -149,7 +137,7 @@ TEST(settings_are_the_new_ones_when_taking_over)
         rig_send(old, 1, &frame, 0);
     }
     rig_run_bits(old, 5);
-    rig *r = successor(4);
+    RIG *r = successor(4);
     r->nodes[0].queue = 2;
     r->nodes[0].warning_limit = 101;
     r->nodes[1].modes = CW_MODE_LISTEN_ONLY;
@@ -163,8 +151,6 @@ TEST(settings_are_the_new_ones_when_taking_over)
     assert_int_equal(rig_nth(r, CW_EVENT_RESTART, 0)->tick, 100 * BIT); /* R12: from bus-off */
     assert_int_equal(rig_count(r, CW_EVENT_RESTART, 3), 0); /* restart-ms is 0 now */
     assert_int_equal(cw_bus_pending(r->bus), 2);
-    rig_free(old);
-    rig_free(r);
 }
 
 /* Forces a passive flag of the transmitter around the end of the CRC. When the rest of the flag is
@@ -176,22 +162,18 @@ static unsigned run_frames_that_are_left(bool partitioned)
     for (unsigned k = 0; k < 64 * 32; k++) {
         const cw_frame frame = rig_frame(0x6C0 + k / 32, 0, 0);
         const cw_frame other = rig_frame(0x123, 0, 8);
-        rig *r = rig_new(5);
-        cw_rule *split = rig_rule(r, new_rule("split", CW_TRIGGER_TIME, CW_ACTION_PARTITION));
+        RIG *r = rig_new(5);
+        cw_rule *split = ADD_RULE(r, "split", TIME, PARTITION);
         split->group[3] = split->group[4] = partitioned;
-        cw_rule *passive = rig_rule(r, new_rule("passive", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
-        passive->nodes = NODE(0);
-        passive->tec = 200;
-        cw_rule *flag = rig_rule(r, new_rule("flag", CW_TRIGGER_TIME, CW_ACTION_ERROR_FLAG));
-        flag->nodes = NODE(0);
-        flag->time_begin = (11 + 20 + k % 32) * BIT;
+        ADD_RULE(r, "passive", TIME, COUNTERS, .nodes = NODE(0), .tec = 200);
+        ADD_RULE(r, "flag", TIME, ERROR_FLAG, .nodes = NODE(0),
+                 .time_begin = (11 + 20 + k % 32) * BIT);
         rig_start(r);
         rig_send(r, 0, &frame, 0);
         for (unsigned i = 0; partitioned && i < 3; i++)
             rig_send(r, 3, &other, 0);
         rig_run_by_next(r, 300 * BIT);
         taken += rig_count(r, CW_EVENT_RX, 1) > 1;
-        rig_free(r);
     }
     return taken;
 }
@@ -210,7 +192,7 @@ TEST(a_smaller_queue_keeps_the_first_frames)
     const cw_frame middle = rig_frame(0x200, 0, 0);
     const cw_frame high = rig_frame(0x100, 0, 8);
     for (unsigned stepping = 0; stepping < 2; stepping++) {
-        rig *old = rig_new(3);
+        RIG *old = rig_new(3);
         rig_start(old);
         cw_bus_set_stepping(old->bus, stepping == 1);
         rig_send(old, 0, &high, 0);
@@ -218,7 +200,7 @@ TEST(a_smaller_queue_keeps_the_first_frames)
         rig_send(old, 1, &middle, 50 * BIT);
         rig_run_bits(old, 60);
         assert_int_equal(rig_count(old, CW_EVENT_ARBITRATION_LOST, 1), 1);
-        rig *r = successor(3);
+        RIG *r = successor(3);
         r->nodes[1].queue = 1;
         r->nodes[1].queue_room = stepping ? 16 : 0; /* there is more, for later */
         rig_start(r);
@@ -227,8 +209,6 @@ TEST(a_smaller_queue_keeps_the_first_frames)
         assert_int_equal(rig_nth(r, CW_EVENT_DROP, 0)->frame.id, low.id);
         assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
         assert_int_equal(rig_nth(r, CW_EVENT_TX, 1)->frame.id, middle.id);
-        rig_free(old);
-        rig_free(r);
     }
 }
 
@@ -237,21 +217,18 @@ TEST(a_wrong_crc_is_taken_over)
 {
     static const uint8_t same[] = {0, 1};
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    rig *old = rig_new(2);
-    cw_rule *wrong = rig_rule(old, new_rule("wrong", CW_TRIGGER_FRAME, CW_ACTION_WRONG_CRC));
-    wrong->nodes = NODE(0);
+    RIG *old = rig_new(2);
+    ADD_RULE(old, "wrong", FRAME, WRONG_CRC, .nodes = NODE(0));
     rig_start(old);
     rig_send(old, 0, &frame, 0);
     rig_run_bits(old, JOIN + 10);
-    rig *r = successor(2);
+    RIG *r = successor(2);
     rig_start(r);
     assert_int_equal(cw_bus_take_over(r->bus, old->bus, same), CW_OK);
     rig_run_bits(r, 300);
     assert_int_equal(rig_nth(r, CW_EVENT_ERROR, 0)->error.type, CW_ERROR_ACK);
     assert_int_equal(rig_count(r, CW_EVENT_ERROR, 0), 1);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
-    rig_free(old);
-    rig_free(r);
 }
 
 /* Nodes have other numbers on the new bus, and one is removed. */
@@ -261,22 +238,18 @@ TEST(the_sender_of_a_held_frame_is_renumbered)
     static const uint8_t without[] = {CW_NO_NODE, 1, 2};
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (unsigned gone = 0; gone < 2; gone++) {
-        rig *old = rig_new(3);
-        cw_rule *late = rig_rule(old, new_rule("late", CW_TRIGGER_FRAME, CW_ACTION_DELAY));
-        late->for_ticks = 100000 * BIT;
-        late->side = CW_SIDE_RX;
-        late->at = NODE(1);
+        RIG *old = rig_new(3);
+        ADD_RULE(old, "late", FRAME, DELAY, .for_ticks = 100000 * BIT, .side = CW_SIDE_RX,
+                 .at = NODE(1));
         rig_start(old);
         rig_send(old, 0, &frame, 0);
         rig_run_bits(old, 100);
-        rig *r = successor(3);
+        RIG *r = successor(3);
         rig_start(r);
         assert_int_equal(cw_bus_take_over(r->bus, old->bus, gone ? without : turned), CW_OK);
         rig_run_bits(r, 110);
         assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->nodes, NODE(1));
         assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->from, gone ? 0 : NODE(2));
-        rig_free(old);
-        rig_free(r);
     }
 }
 
@@ -285,17 +258,14 @@ TEST(old_rules_end_when_taken_over)
 {
     static const uint8_t same[] = {0, 1, 2};
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    rig *old = rig_new(3);
-    cw_rule *away = rig_rule(old, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
-    away->nodes = NODE(2);
-    cw_rule *deaf = rig_rule(old, new_rule("no-ack", CW_TRIGGER_TIME, CW_ACTION_NO_ACK));
-    deaf->nodes = NODE(1);
-    cw_rule *late = rig_rule(old, new_rule("late", CW_TRIGGER_FRAME, CW_ACTION_DELAY));
-    late->for_ticks = 100000 * BIT;
+    RIG *old = rig_new(3);
+    ADD_RULE(old, "away", TIME, DISCONNECT, .nodes = NODE(2));
+    ADD_RULE(old, "no-ack", TIME, NO_ACK, .nodes = NODE(1));
+    ADD_RULE(old, "late", FRAME, DELAY, .for_ticks = 100000 * BIT);
     rig_start(old);
     rig_send(old, 0, &frame, 0);
     rig_run_bits(old, 100);
-    rig *r = successor(3);
+    RIG *r = successor(3);
     cw_rule *soon = rig_rule(r, probe("soon", CW_TRIGGER_TIME));
     soon->time_begin = 50 * BIT;
     cw_rule *over = rig_rule(r, probe("over", CW_TRIGGER_TIME));
@@ -313,8 +283,6 @@ TEST(old_rules_end_when_taken_over)
     rig_send(r, 2, &frame, 300 * BIT);
     rig_run_bits(r, 600);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 2), 1);
-    rig_free(old);
-    rig_free(r);
 }
 
 /* Receivers get it when its transmitter has left it behind the CRC: a controller of the new kind
@@ -326,11 +294,11 @@ TEST(a_frame_that_its_new_controller_does_not_know_has_its_time)
     const unsigned bits = cw_frame_wire_bits(&frame);
     size_t received = 0;
     for (unsigned left = 0; left < bits; left++) {
-        rig *old = rig_new(2);
+        RIG *old = rig_new(2);
         rig_start(old);
         rig_send(old, 1, &frame, 100 * BIT);
         rig_run_bits(old, 100 + left);
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         r->nodes[1].protocol = CW_PROTOCOL_2_0A;
         rig_start(r);
         assert_int_equal(cw_bus_take_over(r->bus, old->bus, same), CW_OK);
@@ -339,8 +307,6 @@ TEST(a_frame_that_its_new_controller_does_not_know_has_its_time)
         received += count;
         if (count > 0)
             assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->handed_in, 100 * BIT);
-        rig_free(old);
-        rig_free(r);
     }
     assert_in_range(received, 5, 12); /* from the CRC delimiter on */
 }
@@ -350,17 +316,15 @@ TEST(a_node_is_taken_over_once)
 {
     static const uint8_t twice[] = {0, 0};
     static const uint8_t once[] = {0, CW_NO_NODE};
-    rig *old = rig_new(2);
+    RIG *old = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     rig_start(old);
     rig_send(old, 0, &frame, 5 * BIT);
     rig_run_bits(old, 8);
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     rig_start(r);
     assert_int_equal(cw_bus_take_over(r->bus, old->bus, twice), CW_INVALID);
     assert_int_equal(cw_bus_pending(r->bus), 0);
     assert_int_equal(cw_bus_take_over(r->bus, old->bus, once), CW_OK);
     assert_int_equal(cw_bus_pending(r->bus), 1);
-    rig_free(old);
-    rig_free(r);
 }

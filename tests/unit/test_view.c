@@ -47,7 +47,7 @@ static void assert_place(const cw_place *got, const cw_place *wanted)
 
 TEST(bits_are_there_only_when_stepping)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_bit_view view = {.start = 42};
     rig_start(r);
     assert_int_equal(cw_bus_get_bit(r->bus, &view), CW_REFUSED);
@@ -62,7 +62,6 @@ TEST(bits_are_there_only_when_stepping)
     cw_bus_set_stepping(r->bus, false);
     rig_run_bits(r, 30);
     assert_int_equal(cw_bus_get_bit(r->bus, &view), CW_REFUSED);
-    rig_free(r);
 }
 
 static void assert_same_bit(const cw_bit_view *a, const cw_bit_view *b)
@@ -116,7 +115,7 @@ static rig *make_troubled_bus(void)
 TEST(what_is_quiet_is_as_the_bit_before)
 {
     const uint64_t end = 20000;
-    rig *watched = make_troubled_bus(), *reference = make_troubled_bus();
+    RIG *watched = make_troubled_bus(), *reference = make_troubled_bus();
     cw_bit_view seen = {.start = 0}, real = {.start = 0};
     uint64_t skipped = 0;
     cw_bus_set_stepping(reference->bus, true);
@@ -136,8 +135,6 @@ TEST(what_is_quiet_is_as_the_bit_before)
     assert_int_equal(seen.end, end * BIT);
     assert_true(skipped > end / 4);
     assert_true(rig_stats(watched, 0).restarts > 0);
-    rig_free(watched);
-    rig_free(reference);
 }
 
 static void check_frame(rig *r, const cw_frame *frame)
@@ -165,7 +162,7 @@ static void check_frame(rig *r, const cw_frame *frame)
 TEST(a_frame_is_seen_as_it_was_encoded)
 {
     rig_random random = {.state = 5};
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     start_stepping(r);
     for (unsigned i = 0; i < 60; i++) {
         cw_frame frame = rig_random_frame(&random);
@@ -179,13 +176,12 @@ TEST(a_frame_is_seen_as_it_was_encoded)
         check_frame(r, &frame);
     }
     assert_int_equal(rig_stats(r, 1).rx_frames, 60);
-    rig_free(r);
 }
 
 /* M2: 124 loses against 123 in id[8]; in that bit it is still a transmitter. */
 TEST(levels_part_where_arbitration_is_lost)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     cw_frame low = rig_frame(0x123, 0, 1);
     cw_frame high = rig_frame(0x124, 0, 1);
     start_stepping(r);
@@ -198,7 +194,6 @@ TEST(levels_part_where_arbitration_is_lost)
     assert_int_equal(view.tx_faults | view.wire_faults | view.rx_faults, 0);
     assert_int_equal(rig_count(r, CW_EVENT_ARBITRATION_LOST, 1), 1);
     assert_int_equal(next_bit(r).nodes[1].role, CW_ROLE_RECEIVER);
-    rig_free(r);
 }
 
 static cw_rule *add_rule(rig *r, cw_action action)
@@ -219,7 +214,7 @@ TEST(a_foreign_sof_is_a_sof)
         unsigned wait;       /* bits from the end of intermission to the frame of node 1 */
     } cases[] = {{1, 0, 0}, {1, 140, 0}, {0, 140, 0}, {0, 140, 7}, {0, 140, 8}, {0, 0, 0}};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         cw_frame frame = rig_frame(0x100, 0, 0);
         cw_rule *counters = add_rule(r, CW_ACTION_COUNTERS);
         counters->nodes = NODE(0);
@@ -243,7 +238,6 @@ TEST(a_foreign_sof_is_a_sof)
         assert_int_equal(view.nodes[0].role, CW_ROLE_RECEIVER);
         assert_int_equal(view.sampled & NODE(0), 0);
         assert_int_equal(next_bit(r).nodes[0].place.field, CW_FIELD_ID);
-        rig_free(r);
     }
 }
 
@@ -271,7 +265,7 @@ TEST(faults_show_where_they_act)
         {{.action = CW_ACTION_STUCK, .line = CW_LINE_WIRE, .level = true}, 6, 7, 7, 0, 7, 0},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         cw_frame frame = rig_frame(0x555, 0, 1);
         cw_rule *rule = rig_flip(r, "rule", CW_FIELD_DATA, 0);
         rule->action = cases[i].rule.action;
@@ -295,13 +289,12 @@ TEST(faults_show_where_they_act)
         assert_int_equal(view.tx_faults, cases[i].tx_faults);
         assert_int_equal(view.wire_faults, cases[i].wire_faults);
         assert_int_equal(view.rx_faults, cases[i].rx_faults);
-        rig_free(r);
     }
 }
 
 TEST(a_partitioned_bus_has_several_wires)
 {
-    rig *r = rig_new(4);
+    RIG *r = rig_new(4);
     cw_frame frame = rig_frame(0x555, 0, 1);
     cw_rule *rule = add_rule(r, CW_ACTION_PARTITION);
     rule->time_begin = 5 * BIT;
@@ -327,7 +320,6 @@ TEST(a_partitioned_bus_has_several_wires)
     assert_int_equal(view.nodes[2].phase, CW_MAC_IDLE);
     rig_run_bits(r, 300);
     assert_int_equal(next_bit(r).wire_count, 1);
-    rig_free(r);
 }
 
 /* Nodes that are not there are recessive and without faults, whatever happens to the wire. */
@@ -335,7 +327,7 @@ TEST(only_nodes_have_faults)
 {
     static const unsigned counts[] = {1, 2, 63, 64};
     for (size_t i = 0; i < sizeof counts / sizeof counts[0]; i++) {
-        rig *r = rig_new(counts[i]);
+        RIG *r = rig_new(counts[i]);
         cw_rule *rule = add_rule(r, CW_ACTION_STUCK);
         uint64_t nodes = ALL >> (64 - counts[i]);
         rule->time_begin = 2 * BIT;
@@ -349,14 +341,13 @@ TEST(only_nodes_have_faults)
         assert_int_equal(view.sampled, ~nodes);
         assert_int_equal(view.wire_faults, nodes);
         assert_int_equal(view.tx_faults | view.rx_faults, 0);
-        rig_free(r);
     }
 }
 
 /* A node that is cut off amid its frame drives nothing from that bit on. */
 TEST(a_disconnected_node_is_off)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame frame = rig_frame(0x555, 0, 1);
     cw_rule *rule = add_rule(r, CW_ACTION_DISCONNECT);
     rule->nodes = NODE(0);
@@ -371,13 +362,12 @@ TEST(a_disconnected_node_is_off)
     assert_int_equal(view.driven, ALL);
     assert_int_equal(view.tx_faults, 0);
     assert_int_equal(view.nodes[1].place.field, CW_FIELD_DLC);
-    rig_free(r);
 }
 
 /* Cut off by its own SOF, which it has begun to send. */
 TEST(a_node_may_be_disconnected_amid_a_bit)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame frame = rig_frame(0x555, 0, 1);
     cw_rule *rule = add_rule(r, CW_ACTION_DISCONNECT);
     rule->trigger = CW_TRIGGER_FRAME;
@@ -390,7 +380,6 @@ TEST(a_node_may_be_disconnected_amid_a_bit)
     assert_int_equal(view.tx_faults, NODE(0));
     assert_int_equal(view.driven & view.wire, ALL);
     assert_int_equal(next_bit(r).tx_faults, 0);
-    rig_free(r);
 }
 
 /* ---- Modes, counters ------------------------------------------------------------------------- */
@@ -398,7 +387,7 @@ TEST(a_node_may_be_disconnected_amid_a_bit)
 /* M11: its dominant ACK stays inside the listener, which still samples the bit as dominant. */
 TEST(a_listener_takes_its_own_ack)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame frame = rig_frame(0x555, 0, 1);
     r->nodes[1].modes = CW_MODE_LISTEN_ONLY;
     start_stepping(r);
@@ -407,13 +396,12 @@ TEST(a_listener_takes_its_own_ack)
     assert_int_equal(view.driven & view.wire, ALL);
     assert_int_equal(view.sampled, ALL & ~NODE(1));
     assert_int_equal(view.tx_faults | view.wire_faults | view.rx_faults, 0);
-    rig_free(r);
 }
 
 /* M15. */
 TEST(loopback_takes_its_own_bits)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame frame = rig_frame(0x555, 0, 1);
     r->nodes[0].modes = CW_MODE_LOOPBACK;
     start_stepping(r);
@@ -423,13 +411,12 @@ TEST(loopback_takes_its_own_bits)
     assert_int_equal(view.sampled, ALL & ~NODE(0));
     assert_int_equal(view.tx_faults | view.wire_faults | view.rx_faults, 0);
     assert_int_equal(view.nodes[1].phase, CW_MAC_IDLE);
-    rig_free(r);
 }
 
 /* R3, R9: counters and state are those after the bit. */
 TEST(counters_are_those_after_the_bit)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame frame = rig_frame(0x555, 0, 1);
     cw_rule *rule = add_rule(r, CW_ACTION_COUNTERS);
     rule->nodes = NODE(0);
@@ -451,5 +438,4 @@ TEST(counters_are_those_after_the_bit)
     assert_int_equal(view.driven & NODE(0), 0);
     view = bit_at(r, 1, CW_FIELD_ERROR_FLAG, 0);
     assert_int_equal(view.nodes[1].rec, 1);
-    rig_free(r);
 }

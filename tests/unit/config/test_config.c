@@ -68,7 +68,7 @@ static bool fits(const char *line, const char *path, const char *expected)
 /* Compares the errors, line by line, with the head of the file. */
 static void check_bad(const char *path)
 {
-    char *errors = errors_of(path);
+    FREED char *errors = errors_of(path);
     char *rest = errors;
     FILE *file = fopen(path, "r");
     char expected[LINE_SIZE];
@@ -90,7 +90,6 @@ static void check_bad(const char *path)
     if (rest && *rest)
         fail_msg("%s: not expected: %s", path, rest);
     fclose(file);
-    free(errors);
 }
 
 TEST(bad_files_are_refused_with_all_errors)
@@ -100,7 +99,7 @@ TEST(bad_files_are_refused_with_all_errors)
 
 TEST(defaults_are_set)
 {
-    cfg *config = load_good(GOOD "minimal.yaml");
+    CFG *config = load_good(GOOD "minimal.yaml");
     const cfg_node *node = &config->nodes[0];
 
     assert_string_equal(config->file, GOOD "minimal.yaml");
@@ -124,12 +123,11 @@ TEST(defaults_are_set)
     assert_int_equal(config->pacing, CFG_PACING_PRECISE);
     assert_int_equal(config->missing_port, CFG_MISSING_PORT_FAIL);
     assert_int_equal(config->catch_up.ns, 1000000000);
-    cfg_free(config);
 }
 
 TEST(lcm_defaults_are_set)
 {
-    cfg *config = load_good(GOOD "quoted.yaml");
+    CFG *config = load_good(GOOD "quoted.yaml");
 
     assert_true(config->lcm.enabled);
     assert_string_equal(config->lcm.url, "udpm://239.255.76.67:7667?ttl=0");
@@ -137,12 +135,11 @@ TEST(lcm_defaults_are_set)
     assert_int_equal(config->lcm.events, 1u << CW_EVENT_ERROR | 1u << CW_EVENT_STATE |
                                              1u << CW_EVENT_RESTART | 1u << CW_EVENT_OVERLOAD |
                                              1u << CW_EVENT_DROP | 1u << CW_EVENT_FAULT);
-    cfg_free(config);
 }
 
 TEST(bus_keys_are_read)
 {
-    cfg *config = load_good(GOOD "full.yaml");
+    CFG *config = load_good(GOOD "full.yaml");
 
     assert_string_equal(config->bus_name, "power_train.1");
     assert_int_equal(config->bitrate_bps, 125000);
@@ -158,7 +155,6 @@ TEST(bus_keys_are_read)
     assert_true(cfg_waits_for_port(config, &config->nodes[0]));
     assert_false(cfg_waits_for_port(config, &config->nodes[1]));
     assert_int_equal(config->catch_up.ns, 250000000);
-    cfg_free(config);
 }
 
 TEST(recordings_are_read)
@@ -169,7 +165,7 @@ TEST(recordings_are_read)
         {.format = CFG_RECORD_VCD, .size = UINT64_C(1000000000000), .files = 1000},
         {.format = CFG_RECORD_CANDUMP, .size = 100000, .files = 5},
     };
-    cfg *config = load_good(GOOD "full.yaml");
+    CFG *config = load_good(GOOD "full.yaml");
 
     assert_int_equal(config->record_count, 4);
     assert_string_equal(config->records[0].file, GOOD "drive.log");
@@ -179,12 +175,11 @@ TEST(recordings_are_read)
         assert_int_equal(config->records[i].size, expected[i].size);
         assert_int_equal(config->records[i].files, expected[i].files);
     }
-    cfg_free(config);
 }
 
 TEST(expectations_are_read)
 {
-    cfg *config = load_good(GOOD "expect.yaml");
+    CFG *config = load_good(GOOD "expect.yaml");
     const cfg_expect *e = config->expects;
 
     assert_int_equal(config->expect_count, 22);
@@ -240,15 +235,14 @@ TEST(expectations_are_read)
     assert_int_equal(e[18].max, 2);
     assert_int_equal(e[19].when.rate, CW_RATE_DATA);
     assert_int_equal(e[20].when.rate, CW_RATE_NOMINAL);
-    cfg_free(config);
 }
 
 /* The texts of all files are kept, and the configuration can be made of them alone. */
 TEST(files_are_kept_and_can_be_given)
 {
-    cfg *config = load_good(GOOD "profiles.yaml");
+    CFG *config = load_good(GOOD "profiles.yaml");
     cfg_file renamed[8];
-    char *errors = NULL;
+    FREED char *errors = NULL;
     size_t length = 0;
 
     assert_in_range(config->file_count, 2, COUNT(renamed));
@@ -258,7 +252,7 @@ TEST(files_are_kept_and_can_be_given)
                                 .text = config->files[i].text,
                                 .size = config->files[i].size};
     assert_non_null(strstr(renamed[0].text, "profiles:"));
-    cfg *again = cfg_load_given(renamed, config->file_count, stderr);
+    CFG *again = cfg_load_given(renamed, config->file_count, stderr);
     assert_non_null(again);
     assert_int_equal(again->rule_count, config->rule_count);
     assert_int_equal(again->file_count, config->file_count);
@@ -266,9 +260,6 @@ TEST(files_are_kept_and_can_be_given)
     assert_null(cfg_load_given(renamed, 1, out)); /* though the others are there */
     fclose(out);
     assert_non_null(strstr(errors, "this file is not among those that are given"));
-    free(errors);
-    cfg_free(again);
-    cfg_free(config);
 }
 
 TEST(bus_config_is_usable)
@@ -276,7 +267,7 @@ TEST(bus_config_is_usable)
     static const char *const files[] = {GOOD "full.yaml", GOOD "minimal.yaml"};
 
     for (size_t i = 0; i < COUNT(files); i++) {
-        cfg *config = load_good(files[i]);
+        CFG *config = load_good(files[i]);
         cw_node_config nodes[CW_NODES_MAX];
         cw_bus_config bus;
 
@@ -287,7 +278,6 @@ TEST(bus_config_is_usable)
         assert_int_equal(nodes[0].restart_ticks, config->nodes[0].restart_ms * UINT64_C(80000));
         assert_int_equal(nodes[0].queue, config->nodes[0].queue);
         assert_true(cw_bus_size(&bus) > 0);
-        cfg_free(config);
     }
 }
 

@@ -7,7 +7,7 @@
 
 TEST(actions_on_bits_are_read)
 {
-    cfg *config = load_good(GOOD "faults.yaml");
+    CFG *config = load_good(GOOD "faults.yaml");
     const cw_rule *bits = rule_of(config, "force-bits");
     const cw_rule *time = rule_of(config, "force-time");
     const cw_rule *glitch = rule_of(config, "glitch");
@@ -27,12 +27,11 @@ TEST(actions_on_bits_are_read)
     assert_int_equal(glitch->pattern_mask, 11);
     assert_int_equal(glitch->field, CW_FIELD_STUFF);
     assert_int_equal(rule_of(config, "glitch-unquoted")->pattern_level, 6);
-    cfg_free(config);
 }
 
 TEST(lasting_actions_are_read)
 {
-    cfg *config = load_good(GOOD "faults.yaml");
+    CFG *config = load_good(GOOD "faults.yaml");
     const cw_rule *wire = rule_of(config, "stuck-wire");
     const cw_rule *tx = rule_of(config, "stuck-tx");
     const cw_rule *rx = rule_of(config, "stuck-rx");
@@ -56,12 +55,11 @@ TEST(lasting_actions_are_read)
     assert_int_equal(rule_of(config, "no-ack")->nodes, 6);
     assert_int_equal(rule_of(config, "disconnect")->nodes, 3);
     assert_memory_equal(groups->group, "\0\0\1\2", 4);
-    cfg_free(config);
 }
 
 TEST(controller_actions_are_read)
 {
-    cfg *config = load_good(GOOD "faults.yaml");
+    CFG *config = load_good(GOOD "faults.yaml");
     const cw_rule *moment = rule_of(config, "moment");
     const cw_rule *until = rule_of(config, "until");
     const cw_rule *crc = rule_of(config, "wrong-crc");
@@ -87,12 +85,11 @@ TEST(controller_actions_are_read)
     assert_int_equal(set->queue, 32);
     assert_int_equal(set->order, CW_ORDER_FIFO);
     assert_int_equal(set->warning_limit, 10);
-    cfg_free(config);
 }
 
 TEST(host_actions_are_read)
 {
-    cfg *config = load_good(GOOD "faults.yaml");
+    CFG *config = load_good(GOOD "faults.yaml");
     const cw_change *change = &rule_of(config, "change")->change;
 
     assert_int_equal(rule_of(config, "drop-tx")->side, CW_SIDE_TX);
@@ -114,12 +111,11 @@ TEST(host_actions_are_read)
     assert_memory_equal(change->and_mask, "\x0F\xFF\xFF\xFF\xFF\xFF\xFF\xFF", 8);
     assert_memory_equal(change->or_mask, "\x00\x10\x00\x00\x00\x00\x00\x00", 8);
     assert_memory_equal(change->xor_mask, "\xFF\x00\x00\x00\x00\x00\x00\x00", 8);
-    cfg_free(config);
 }
 
 TEST(traffic_actions_are_read)
 {
-    cfg *config = load_good(GOOD "faults.yaml");
+    CFG *config = load_good(GOOD "faults.yaml");
     const cw_rule *send = rule_of(config, "send");
     const cw_rule *burst = rule_of(config, "burst");
     const cw_rule *reply = rule_of(config, "reply");
@@ -134,14 +130,13 @@ TEST(traffic_actions_are_read)
     assert_int_equal(rule_of(config, "load")->node, 2);
     assert_int_equal(reply->for_ticks, 80000);
     assert_int_equal(reply->filters[0].mask, 0xC00007FF);
-    cfg_free(config);
 }
 
 /* An action that the library has and the configuration lacks is found here. test_schema.py compares
  * this file with the schema, and test_man.py the schema with the man page. */
 TEST(each_action_of_the_library_is_read)
 {
-    cfg *config = load_good(GOOD "faults.yaml");
+    CFG *config = load_good(GOOD "faults.yaml");
 
     for (unsigned action = 0; action < CW_ACTION_COUNT; action++) {
         bool found = false;
@@ -151,5 +146,4 @@ TEST(each_action_of_the_library_is_read)
         if (!found)
             fail_msg("no rule of faults.yaml has the action %s", cw_action_name(action));
     }
-    cfg_free(config);
 }

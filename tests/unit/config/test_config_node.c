@@ -31,7 +31,7 @@ TEST(ports_are_read)
                                         TCP "listen=0.0.0.0:20000,peer=10.0.0.1:20000"
                                             REST("1000us"),
                                         TCP "connect=10.0.0.1:20004" REST("1000us")};
-    cfg *config = load_good(GOOD "ports.yaml");
+    CFG *config = load_good(GOOD "ports.yaml");
     assert_int_equal(config->node_count, sizeof ports / sizeof ports[0]);
     for (unsigned i = 0; i < config->node_count; i++)
         assert_string_equal(config->nodes[i].port, ports[i]);
@@ -44,13 +44,12 @@ TEST(ports_are_read)
         assert_int_equal(config->nodes[i].when_full,
                          i == 0 ? CFG_WHEN_FULL_DROP : CFG_WHEN_FULL_WAIT);
     }
-    cfg_free(config);
 }
 
 TEST(ports_have_peers_by_one_key)
 {
     static const char *const peers[] = {"engine", "can0", "can0", NULL, NULL};
-    cfg *config = load_good(GOOD "vxcan.yaml");
+    CFG *config = load_good(GOOD "vxcan.yaml");
     assert_true(config->vxcan);
     for (unsigned i = 0; i < 5; i++) {
         if (peers[i])
@@ -60,12 +59,11 @@ TEST(ports_have_peers_by_one_key)
     }
     assert_null(config->nodes[1].netns);
     assert_string_equal(config->nodes[2].netns, "dash");
-    cfg_free(config);
 }
 
 TEST(node_keys_are_read)
 {
-    cfg *config = load_good(GOOD "full.yaml");
+    CFG *config = load_good(GOOD "full.yaml");
     const cfg_node *engine = &config->nodes[0];
     const cfg_node *gearbox = &config->nodes[1];
 
@@ -90,14 +88,13 @@ TEST(node_keys_are_read)
     assert_int_equal(gearbox->modes, 0);
     assert_false(gearbox->berr_reporting);
     assert_int_equal(gearbox->warning_limit, 1);
-    cfg_free(config);
 }
 
 TEST(nodes_have_defaults_and_may_say_otherwise)
 {
     static const unsigned modes = CW_MODE_ONE_SHOT | CW_MODE_PRESUME_ACK |
                                   CW_MODE_BERR_REPORTING | CW_MODE_LOST_ARBITRATION_REPORTING;
-    cfg *config = load_good(GOOD "defaults.yaml");
+    CFG *config = load_good(GOOD "defaults.yaml");
     const cfg_node *all = &config->nodes[0];
     const cfg_node *own = &config->nodes[1];
     const cfg_node *interface = &config->nodes[2];
@@ -120,13 +117,12 @@ TEST(nodes_have_defaults_and_may_say_otherwise)
     assert_int_equal(socket->when_full, CFG_WHEN_FULL_DROP);
     assert_false(socket->berr_reporting);
     assert_int_equal(config->nodes[4].queue, 7);
-    cfg_free(config);
 }
 
 TEST(nodes_are_matched_by_name)
 {
-    cfg *full = load_good(GOOD "full.yaml");
-    cfg *small = load_good(GOOD "expect.yaml");
+    CFG *full = load_good(GOOD "full.yaml");
+    CFG *small = load_good(GOOD "expect.yaml");
     uint8_t from[CW_NODES_MAX];
 
     cfg_match_nodes(from, small, full); /* engine, gearbox, dash of engine, gearbox, load */
@@ -134,6 +130,4 @@ TEST(nodes_are_matched_by_name)
     assert_int_equal(from[1], 1);
     for (size_t i = 2; i < CW_NODES_MAX; i++)
         assert_int_equal(from[i], CW_NO_NODE);
-    cfg_free(full);
-    cfg_free(small);
 }

@@ -7,7 +7,7 @@
 
 TEST(profiles_take_parameters)
 {
-    cfg *config = load_good(GOOD "profiles.yaml");
+    CFG *config = load_good(GOOD "profiles.yaml");
     const cw_rule *r = config->rules;
 
     assert_int_equal(config->rule_count, 6);
@@ -26,21 +26,19 @@ TEST(profiles_take_parameters)
     assert_int_equal(r[4].after, 3);
     assert_string_equal(r[5].name, "own");
     assert_int_equal(r[5].after, 4);
-    cfg_free(config);
 }
 
 /* Loads rules from a text against config/profiles.yaml. After errors it returns NULL, with the
  * messages in *errors. */
 static cfg_rules *inject(char **errors, const char *text, const cfg_running *running)
 {
-    cfg *config = load_good(GOOD "profiles.yaml");
+    CFG *config = load_good(GOOD "profiles.yaml");
     size_t length;
     FILE *out = open_memstream(errors, &length);
     cfg_rules *rules = cfg_load_rules(text, strlen(text), "text", config, running, out);
 
     fclose(out);
     assert_true((rules == NULL) == (length > 0));
-    cfg_free(config); /* the rules do not need it any more */
     return rules;
 }
 
@@ -55,7 +53,7 @@ TEST(rules_are_read_from_texts)
         "{ parameters: { v: engine }, faults: [{ name: x, do: { bus-off: $v } }] }",
     };
     for (size_t i = 0; i < COUNT(texts); i++) {
-        char *errors;
+        FREED char *errors;
         cfg_rules *rules = inject(&errors, texts[i], NULL);
 
         if (!rules)
@@ -64,7 +62,6 @@ TEST(rules_are_read_from_texts)
         assert_string_equal(rules->rules[0].name, "x");
         assert_int_equal(rules->rules[0].nodes, 1);
         cfg_free_rules(rules);
-        free(errors);
     }
 }
 
@@ -90,12 +87,11 @@ TEST(bad_texts_are_refused)
          "text: there are rules that come after each other in a circle"},
     };
     for (size_t i = 0; i < COUNT(cases); i++) {
-        char *errors;
+        FREED char *errors;
 
         assert_null(inject(&errors, cases[i].text, NULL));
         if (strncmp(errors, cases[i].error, strlen(cases[i].error)) != 0)
             fail_msg("expected %s\ngot %s", cases[i].error, errors);
-        free(errors);
     }
 }
 
@@ -111,7 +107,7 @@ TEST(injected_rules_come_in_an_order_that_can_be_added)
     static const cfg_running running = {.count = COUNT(names), .names = names};
     static const char *const order[] = {"c", "d", "b", "a"};
     static const unsigned after[] = {0, 2, 3, 5};
-    char *errors;
+    FREED char *errors;
     cfg_rules *rules = inject(&errors, text, &running);
 
     assert_non_null(rules);
@@ -122,18 +118,16 @@ TEST(injected_rules_come_in_an_order_that_can_be_added)
         assert_int_equal(rules->rules[i].after, after[i]);
     }
     cfg_free_rules(rules);
-    free(errors);
 }
 
 TEST(a_profile_is_no_configuration)
 {
     static const char path[] = "tests/config/profiles/two-rules.yaml";
-    char *text;
+    FREED char *text;
     size_t length;
     FILE *out = open_memstream(&text, &length);
 
     assert_null(cfg_load(path, out));
     fclose(out);
     assert_non_null(strstr(text, ":1:1: this is a fault profile"));
-    free(text);
 }

@@ -8,7 +8,7 @@
 
 TEST(rules_are_read)
 {
-    cfg *config = load_good(GOOD "full.yaml");
+    CFG *config = load_good(GOOD "full.yaml");
     const cw_rule *r = config->rules;
 
     assert_int_equal(config->rule_count, 3);
@@ -33,12 +33,11 @@ TEST(rules_are_read)
     assert_true(r[1].time_end == CW_NEVER);
     assert_int_equal(r[1].index, 63);
     assert_int_equal(r[1].at, 1);
-    cfg_free(config);
 }
 
 TEST(rule_defaults_act_always)
 {
-    cfg *config = load_good(GOOD "full.yaml");
+    CFG *config = load_good(GOOD "full.yaml");
     const cw_rule *rule = &config->rules[2];
 
     assert_int_equal(rule->filter_count, 0);
@@ -51,7 +50,6 @@ TEST(rule_defaults_act_always)
     assert_true(rule->probability == UINT64_MAX);
     assert_int_equal(rule->bits, 1);
     assert_int_equal(rule->at, 0);
-    cfg_free(config);
 }
 
 TEST(rules_wait_for_what_is_written)
@@ -80,7 +78,7 @@ TEST(rules_wait_for_what_is_written)
         {"again", CW_TRIGGER_TIME, TICKS_PER_S, 9 * TICKS_PER_S},
         {"reply", CW_TRIGGER_FRAME, 0, CW_NEVER},
     };
-    cfg *config = load_good(GOOD "faults.yaml");
+    CFG *config = load_good(GOOD "faults.yaml");
 
     for (size_t i = 0; i < COUNT(cases); i++) {
         const cw_rule *rule = rule_of(config, cases[i].name);
@@ -89,12 +87,11 @@ TEST(rules_wait_for_what_is_written)
             fail_msg("%s: trigger %d", cases[i].name, (int)rule->trigger);
         assert_true(rule->time_begin == cases[i].begin && rule->time_end == cases[i].end);
     }
-    cfg_free(config);
 }
 
 TEST(conditions_are_read)
 {
-    cfg *config = load_good(GOOD "faults.yaml");
+    CFG *config = load_good(GOOD "faults.yaml");
     const cw_rule *list = rule_of(config, "list");
     const cw_rule *errors = rule_of(config, "errors");
     const cw_rule *states = rule_of(config, "states");
@@ -119,21 +116,19 @@ TEST(conditions_are_read)
     assert_int_equal(sequence->after_delay, 20 * 160);
     assert_true(rule_of(config, "by-hand")->manual);
     assert_true(rule_of(config, "armed-frame")->has_after);
-    cfg_free(config);
 }
 
 /* Loads rules where node 0 knows CAN FD frames and the others do not. Returns NULL after errors,
  * with the messages in *errors. */
 static cfg_rules *load_fd(char **errors, const char *text)
 {
-    cfg *config = load_good(GOOD "full.yaml");
+    CFG *config = load_good(GOOD "full.yaml");
     size_t length;
     FILE *out = open_memstream(errors, &length);
 
     config->nodes[0].kind = CFG_KIND_FD;
     cfg_rules *rules = cfg_load_rules(text, strlen(text), "text", config, NULL, out);
     fclose(out);
-    cfg_free(config);
     return rules;
 }
 
@@ -146,7 +141,7 @@ TEST(rules_may_ask_for_fd_frames)
         " { name: d, do: { flip: \"data[63.7]\" } },"
         " { name: e, when: { rate: data }, do: { send: 1FFFFFFF##2112233445566778899,"
         "   as: engine } }]";
-    char *errors;
+    FREED char *errors;
     cfg_rules *rules = load_fd(&errors, text);
 
     if (!rules)
@@ -168,7 +163,6 @@ TEST(rules_may_ask_for_fd_frames)
     assert_int_equal(r[4].frame.flags, CW_FRAME_FD | CW_FRAME_ESI | CW_FRAME_EXTENDED);
     assert_int_equal(r[4].frame.dlc, 9); /* filled up to 12 bytes */
     cfg_free_rules(rules);
-    free(errors);
 }
 
 TEST(nodes_send_what_they_know)
@@ -193,11 +187,10 @@ TEST(nodes_send_what_they_know)
          "fdf res brs"},
     };
     for (size_t i = 0; i < COUNT(cases); i++) {
-        char *errors;
+        FREED char *errors;
 
         assert_null(load_fd(&errors, cases[i].text));
         if (strncmp(errors, cases[i].expected, strlen(cases[i].expected)) != 0)
             fail_msg("expected %s\ngot %s", cases[i].expected, errors);
-        free(errors);
     }
 }

@@ -32,7 +32,7 @@ TEST(prescaler_and_error_are_found_from_a_quantum)
         {2, -100000, 2, -100000}, {4, 0, 4, 0},     {4, 50, 4, 50},     {1, 0, 1, 0},
         {3, -20, 3, -20},
     };
-    cfg *config = load_text("bus: { bitrate: 500000 }\n"
+    CFG *config = load_text("bus: { bitrate: 500000 }\n"
                             "nodes: [ { name: a, clock: 16MHz, brp: 2, prop-seg: 4, "
                             "phase-seg1: 5, phase-seg2: 6 } ]");
 
@@ -48,7 +48,6 @@ TEST(prescaler_and_error_are_found_from_a_quantum)
         assert_int_equal(found.phase_seg1, 7);
         assert_int_equal(found.clock_hz, 16000000);
     }
-    cfg_free(config);
 }
 
 /* ---- Defaults -------------------------------------------------------------------------------- */
@@ -67,7 +66,7 @@ static void assert_segments(const cfg_node *node, bit_timing expected)
 
 TEST(keys_of_time_have_defaults_and_nodes_may_say_otherwise)
 {
-    cfg *config = load_good(GOOD "time-defaults.yaml");
+    CFG *config = load_good(GOOD "time-defaults.yaml");
     const cfg_node *nodes = config->nodes;
 
     assert_segments(&nodes[0], (bit_timing){16000000, 2, 4, 5, 6, 4});
@@ -84,7 +83,6 @@ TEST(keys_of_time_have_defaults_and_nodes_may_say_otherwise)
     assert_int_equal(nodes[0].time.timing.stub, CW_TICK);
     assert_int_equal(nodes[2].time.timing.stub, 0);
     assert_string_equal(config->warnings, "");
-    cfg_free(config);
 }
 
 /* ---- Termination ----------------------------------------------------------------------------- */
@@ -105,33 +103,30 @@ TEST(missing_terminators_ring_for_round_trips)
                  "nodes: [ { name: a, position: 40m }, { name: b, position: 20m, stub: 0 },\n"
                  "         { name: c, position: 10m }, { name: d, position: 12m, ringing: 25ns } ]",
                  cases[i].termination);
-        cfg *config = load_text(text);
+        CFG *config = load_text(text);
         for (size_t n = 0; n < 3; n++)
             assert_int_equal(config->nodes[n].time.timing.ringing,
                              CW_TICK * 28 * cases[i].trips);
         assert_int_equal(config->nodes[3].time.timing.ringing, CW_TICK * 2);
         assert_string_equal(config->warnings, "");
-        cfg_free(config);
     }
 }
 
 TEST(termination_adds_to_the_ringing_of_defaults)
 {
-    cfg *config = load_good(GOOD "time-defaults.yaml");
+    CFG *config = load_good(GOOD "time-defaults.yaml");
 
     assert_int_equal(config->nodes[0].time.timing.ringing, CW_TICK * (8 + 28));
     assert_int_equal(config->nodes[4].time.timing.ringing, 0);
-    cfg_free(config);
 }
 
 TEST(a_line_without_length_does_not_ring)
 {
-    cfg *config = load_text("bus: { bitrate: 500000, termination: none }\n"
+    CFG *config = load_text("bus: { bitrate: 500000, termination: none }\n"
                             "nodes: [ { name: a }, { name: b, position: 0 } ]");
 
     assert_int_equal(config->nodes[0].time.timing.ringing, 0);
     assert_non_null(strstr(config->warnings, "bus.yaml:2:8: warning: termination: nothing rings"));
-    cfg_free(config);
 }
 
 /* ---- The data phase -------------------------------------------------------------------------- */
@@ -147,18 +142,16 @@ TEST(default_data_phases_are_on_the_grid)
     for (size_t i = 0; i < COUNT(rates) * COUNT(controllers); i++) {
         const uint32_t *rate = rates[i / COUNT(controllers)];
         char text[300];
-        void *memory;
+        FREED void *memory;
         snprintf(text, sizeof text, "{ bus: { bitrate: %u, dbitrate: %u }, defaults: { controller: "
                  "%s }, nodes: [ { name: a }, { name: b }, { name: c, kind: classical } ] }",
                  (unsigned)rate[0], (unsigned)rate[1], controllers[i % COUNT(controllers)]);
-        cfg *config = load_text(text);
+        CFG *config = load_text(text);
         assert_int_equal(timing_bitrate_bps(&config->nodes[0].time.phase[1].bit), rate[1]);
         cw_bus *bus = bus_make(&memory, config);
         assert_non_null(bus);
         if (!cw_bus_is_on_grid(bus))
             fail_msg("%s", text);
-        free(memory);
-        cfg_free(config);
     }
 }
 
@@ -191,9 +184,9 @@ TEST(another_data_phase_leaves_the_grid_and_the_same_one_comes_back)
         {RETIME_SAMPLE_POINT, "80%", "87.5%"},
         {RETIME_CLOCK, "40MHz", "80MHz"},
     };
-    cfg *config = load_text("{ bus: { bitrate: 500000, dbitrate: 2000000 }, nodes: [ { name: a }, "
+    CFG *config = load_text("{ bus: { bitrate: 500000, dbitrate: 2000000 }, nodes: [ { name: a }, "
                             "{ name: b } ] }");
-    void *memory;
+    FREED void *memory;
     cw_bus *bus = bus_make(&memory, config);
 
     for (size_t i = 0; i < COUNT(cases); i++) {
@@ -204,14 +197,12 @@ TEST(another_data_phase_leaves_the_grid_and_the_same_one_comes_back)
         if (!cw_bus_is_on_grid(bus))
             fail_msg("%s=%s", cfg_retime_row(cases[i].key)->name, cases[i].back);
     }
-    free(memory);
-    cfg_free(config);
 }
 
 /* Present values of a node are printed in a form that sets the same. */
 TEST(present_values_can_be_set_again)
 {
-    cfg *config = load_text("{ bus: { bitrate: 500000, dbitrate: 2000000 }, nodes: [ { name: a }, "
+    CFG *config = load_text("{ bus: { bitrate: 500000, dbitrate: 2000000 }, nodes: [ { name: a }, "
                             "{ name: b, dbrp: 2, dprop-seg: 6, dphase-seg1: 7, dphase-seg2: 6, "
                             "tdc-mode: manual, tdcv: 9, tdco: 40 } ] }");
     const cfg_retime present = cfg_retime_present(&config->nodes[1].time);
@@ -239,5 +230,4 @@ TEST(present_values_can_be_set_again)
                         sizeof time.phase[1].bit);
     assert_int_equal(settings.data.tdc.tdcv, 9);
     assert_int_equal(settings.data.tdc.tdco, 40);
-    cfg_free(config);
 }

@@ -8,7 +8,7 @@
 
 TEST(traffic_is_read)
 {
-    cfg *config = load_good(GOOD "full.yaml");
+    CFG *config = load_good(GOOD "full.yaml");
     const cfg_node *load = &config->nodes[2];
     const cfg_traffic *t = load->traffic;
 
@@ -25,12 +25,11 @@ TEST(traffic_is_read)
     assert_int_equal(t[2].count, 1);
     assert_int_equal(t[2].offset.ns, 2000000000);
     assert_int_equal(t[3].count, 1);
-    cfg_free(config);
 }
 
 TEST(jitter_replays_and_replies_are_read)
 {
-    cfg *config = load_good(GOOD "traffic.yaml");
+    CFG *config = load_good(GOOD "traffic.yaml");
     const cfg_traffic *t = config->nodes[0].traffic;
 
     assert_int_equal(t[0].kind, CFG_TRAFFIC_SEND);
@@ -67,7 +66,6 @@ TEST(jitter_replays_and_replies_are_read)
     assert_int_equal(t[1].delay.ns, 250000);
     assert_int_equal(t[1].count, 4294967295);
     assert_int_equal(t[2].filter_count, 4);
-    cfg_free(config);
 }
 
 TEST(files_of_traffic_need_not_be_there_when_files_are_given)
@@ -76,8 +74,7 @@ TEST(files_of_traffic_need_not_be_there_when_files_are_given)
                                "nodes: [ { name: a, traffic: [ { replay: nowhere.log } ] } ]\n";
     const cfg_file file = {.name = "bus.yaml", .text = text, .size = sizeof text - 1};
 
-    cfg *config = cfg_load_given(&file, 1, stderr);
+    CFG *config = cfg_load_given(&file, 1, stderr);
     assert_non_null(config);
     assert_int_equal(config->nodes[0].traffic_count, 1);
-    cfg_free(config);
 }

@@ -12,7 +12,7 @@
 static void assert_warns(const char *path)
 {
     char wanted[LINE_SIZE];
-    cfg *config = load_good(path);
+    CFG *config = load_good(path);
     FILE *file = fopen(path, "r");
     const char *rest = config->warnings;
     assert_non_null(file);
@@ -32,15 +32,13 @@ static void assert_warns(const char *path)
     assert_string_equal(rest, "");
     assert_true(rest > config->warnings);
     fclose(file);
-    cfg_free(config);
 }
 
 TEST(times_that_are_rounded_are_told)
 {
     assert_warns(GOOD "rounded.yaml");
-    cfg *config = load_good(GOOD "full.yaml");
+    CFG *config = load_good(GOOD "full.yaml");
     assert_string_equal(config->warnings, "");
-    cfg_free(config);
 }
 
 TEST(nodes_without_margin_are_told)

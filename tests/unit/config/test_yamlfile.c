@@ -10,13 +10,12 @@
 
 TEST(aliases_stand_for_their_values)
 {
-    cfg *config = load_good(GOOD "aliases.yaml");
+    CFG *config = load_good(GOOD "aliases.yaml");
 
     assert_int_equal(config->nodes[1].restart_ms, 100);
     assert_int_equal(config->nodes[2].traffic[1].frame.id, 0x100);
     assert_int_equal(config->rules[1].time_end, TICKS_PER_S);
     assert_int_equal(config->rules[1].field, CW_FIELD_CRC);
-    cfg_free(config);
 }
 
 /* Returns NULL when the content is accepted, else the message behind the path, to be freed. */
@@ -33,11 +32,10 @@ static char *errors_of_content(const void *content, size_t length)
 
 static void expect_error(const void *content, size_t length, const char *expected)
 {
-    char *errors = errors_of_content(content, length);
+    FREED char *errors = errors_of_content(content, length);
 
     if (!errors || strncmp(errors, expected, strlen(expected)) != 0)
         fail_msg("expected %s\ngot %s", expected, errors ? errors : "no error");
-    free(errors);
 }
 
 /* A bad file reports only errors; warnings do not take their places. */
@@ -93,27 +91,24 @@ TEST(marks_and_line_ends_of_other_systems_are_accepted)
 
 TEST(what_is_no_file_is_refused)
 {
-    char *missing = errors_of("tests/config/none.yaml");
-    char *directory = errors_of("tests/config");
+    FREED char *missing = errors_of("tests/config/none.yaml");
+    FREED char *directory = errors_of("tests/config");
 
     assert_string_equal(missing,
                         "tests/config/none.yaml: No such file or directory\n");
     assert_string_equal(directory, "tests/config: cannot read: Is a directory\n");
-    free(missing);
-    free(directory);
 }
 
 /* Repeats a pattern in a file, up to the size limit. */
 static void expect_huge_error(const char *pattern, size_t length, const char *expected)
 {
-    char *content = malloc(length);
+    FREED char *content = malloc(length);
     size_t step = strlen(pattern);
 
     assert_non_null(content);
     for (size_t i = 0; i < length; i++)
         content[i] = pattern[i % step];
     expect_error(content, length, expected);
-    free(content);
 }
 
 TEST(huge_files_end_soon)
@@ -144,13 +139,12 @@ TEST(errors_without_end_are_cut)
 
     for (int i = 0; i < 400; i++)
         length += (size_t)sprintf(content + length, "k%d: 1\n", i);
-    char *errors = errors_of_content(content, length);
+    FREED char *errors = errors_of_content(content, length);
     assert_non_null(errors);
     for (const char *c = errors; *c; c++)
         lines += *c == '\n';
     assert_int_equal(lines, DIAG_MAX + 1);
     assert_non_null(strstr(errors, "there are more errors"));
-    free(errors);
 }
 
 /* A list of lists of lists: 9^40 values when expanded. */

@@ -156,12 +156,11 @@ TEST(any_bytes_are_read_within_their_bounds)
             random = random * 1664525u + 1013904223u;
             bytes[i] = i < 2 ? (uint8_t[]){2, 0}[i] : i == 3 ? 0 : (uint8_t)((random >> 24) & 0x8F);
         }
-        uint8_t *exact = realloc(bytes, count ? count : 1);
+        FREED uint8_t *exact = realloc(bytes, count ? count : 1);
         assert_non_null(exact);
         const int taken = cannelloni_take_frame(&frame, &size, exact, count);
         assert_true(taken >= -1 && taken <= (int)count);
         const int frames = cannelloni_check(exact, count);
         assert_true(frames >= -1 && (frames < 0 || frames * 5 + 5 <= (int)count));
-        free(exact);
     }
 }

@@ -66,7 +66,7 @@ TEST(balance_through_exchanges_of_ports)
     port b = {.stats.written = 0};
     conserve c = {.nodes[0].released = 0};
     port_stats s;
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     rig_start(r);
     conserve_opened(&c, 0, &a);
     conserve_opened(&c, 1, &b);
@@ -100,7 +100,6 @@ TEST(balance_through_exchanges_of_ports)
     conserve_get_stats(&s, &c, 0, &a);
     assert_int_equal(s.written + s.write_failed, 2);
     assert_false(conserve_balances(&c, r->bus, 0, &a)); /* the bus does not know of it */
-    rig_free(r);
 }
 
 TEST(a_port_that_is_gone_and_one_that_never_was)
@@ -109,7 +108,7 @@ TEST(a_port_that_is_gone_and_one_that_never_was)
     port a = {.stats.written = 0};
     conserve c = {.nodes[0].released = 0};
     port_stats s;
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     rig_start(r);
     conserve_opened(&c, 0, &a);
     write_one(r, &a, 0);
@@ -130,7 +129,6 @@ TEST(a_port_that_is_gone_and_one_that_never_was)
         assert_true(conserve_balances(&c, r->bus, i, NULL));
     conserve_get_stats(&s, &c, 2, NULL);
     assert_int_equal(s.write_failed, 0);
-    rig_free(r);
 }
 
 TEST(every_node_that_does_not_balance_is_counted)
@@ -139,11 +137,10 @@ TEST(every_node_that_does_not_balance_is_counted)
     const cfg config = {.node_count = 3, .nodes = nodes};
     port *ports[3] = {NULL};
     conserve c = {.nodes[0].released = 0};
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     rig_start(r);
     assert_int_equal(conserve_check(&c, &config, r->bus, ports), 0);
     c.nodes[0].released = 1;
     c.nodes[2].unheard = 1;
     assert_int_equal(conserve_check(&c, &config, r->bus, ports), 2);
-    rig_free(r);
 }

@@ -69,12 +69,11 @@ CASE(slow_watchers_lose_events_and_are_told)
             turn(r);
     }
     while (got + lost < sent) {
-        json_t *line = next_json(r, fd);
+        json_auto_t *line = next_json(r, fd);
         if (json_object_get(line, "lost"))
             lost += (uint64_t)number(line, "lost");
         else
             got++;
-        json_decref(line);
     }
     assert_int_equal(got + lost, sent);
     assert_true(lost > 0 && got > 1000);

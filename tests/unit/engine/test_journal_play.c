@@ -77,7 +77,7 @@ static void do_inject(host *h)
         "when: { nonsense: 1 }, do: { bus-off: a }",
     };
     char text[300];
-    char *errors = NULL;
+    FREED char *errors = NULL;
     size_t size;
     FILE *stream = open_memstream(&errors, &size);
     int used = snprintf(text, sizeof text, "- { name: r%u, %s }\n", h->rules, actions[draw(h, 6)]);
@@ -87,7 +87,6 @@ static void do_inject(host *h)
     h->rules++;
     cfg_free_rules(inputs_inject(&h->inputs, text, strlen(text), "test", stream));
     fclose(stream);
-    free(errors);
 }
 
 /* Returns false when there is no rule at the drawn place. */
@@ -214,8 +213,8 @@ TEST(the_same_inputs_give_the_same_events)
     unsigned done[INPUT_COUNT] = {0};
     for (unsigned seed = 1; seed <= 30; seed++) {
         host h;
-        char *events;
-        char *messages;
+        FREED char *events;
+        FREED char *messages;
         host_begin(&h, seed);
         host_run(&h);
         host_end(&h);
@@ -227,8 +226,6 @@ TEST(the_same_inputs_give_the_same_events)
         for (unsigned i = 0; i < INPUT_COUNT; i++)
             done[i] += h.done[i];
         free(h.events.text);
-        free(events);
-        free(messages);
     }
     for (unsigned i = 0; i < INPUT_COUNT; i++)
         assert_int_not_equal(done[i], 0);
@@ -300,18 +297,15 @@ TEST(a_small_journal_can_be_cut_at_each_byte)
 TEST(a_damaged_journal_is_played_up_to_the_damage)
 {
     size_t size;
-    char *events;
-    char *messages;
-    char *text = make_small_journal(&size);
+    FREED char *events;
+    FREED char *messages;
+    FREED char *text = make_small_journal(&size);
     *strstr(text, "\"end\"") ^= 1;
     write_file("journal", text);
     assert_int_equal(play(&events, &messages), JOURNAL_FAILED);
     assert_non_null(strstr(messages, ":7:1: damaged: wrong checksum, bytes "));
     assert_non_null(strstr(messages, " of the file, behind 0.000600000 s"));
     assert_string_not_equal(events, "");
-    free(events);
-    free(messages);
-    free(text);
 }
 
 TESTS_WITH(make_folder, remove_folder)

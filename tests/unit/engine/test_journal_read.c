@@ -107,8 +107,8 @@ TEST(bad_journals_are_refused_with_their_place)
 {
     for (size_t i = 0; i < COUNT(bad_journals); i++) {
         const bad_journal *bad = &bad_journals[i];
-        char *events;
-        char *messages;
+        FREED char *events;
+        FREED char *messages;
         write_file("journal", bad->text);
         journal_outcome outcome = play(&events, &messages);
         const char *said = messages;
@@ -116,34 +116,28 @@ TEST(bad_journals_are_refused_with_their_place)
             said += strlen(path_of("journal"));
         if (outcome != JOURNAL_FAILED || strncmp(said, bad->message, strlen(bad->message)) != 0)
             fail_msg("%s\nexpected %s\ngot %d %s", bad->text, bad->message, (int)outcome, messages);
-        free(events);
-        free(messages);
     }
 }
 
 TEST(a_broken_journal_says_so)
 {
-    char *events;
-    char *messages;
+    FREED char *events;
+    FREED char *messages;
     write_file("journal",
                HEADER CONFIG "{\"at\":0,\"fire\":\"r\"}\n{\"at\":1600,\"broken\":true}\n");
     assert_int_equal(play(&events, &messages), JOURNAL_INCOMPLETE);
     assert_non_null(strstr(messages, "the journal is broken at 0.000020000 s (line 4, byte "));
     assert_non_null(strstr(events, "\"state\":\"bus-off\""));
-    free(events);
-    free(messages);
 }
 
 TEST(a_good_journal_has_nothing_to_say)
 {
-    char *events;
-    char *messages;
+    FREED char *events;
+    FREED char *messages;
     write_file("journal", HEADER CONFIG END);
     assert_int_equal(play(&events, &messages), JOURNAL_PLAYED);
     assert_string_equal(messages, "");
     assert_string_equal(events, "");
-    free(events);
-    free(messages);
 }
 
 TESTS_WITH(make_folder, remove_folder)

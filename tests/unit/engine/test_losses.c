@@ -58,10 +58,9 @@ TEST(a_loss_is_news_for_some_time)
     uint64_t now[LOSS_KINDS] = {[CW_DROP_QUEUE_FULL] = 7, [CW_DROP_ONE_SHOT] = 7};
     for (unsigned second = 0; second <= LOSSES_LATELY_S; second++) {
         losses_note(&all.nodes[0], now);
-        json_t *status = json_object();
+        json_auto_t *status = json_object();
         losses_put_lately(&all, &config, status);
         const json_t *lately = json_object_get(status, "lately");
         assert_int_equal(json_array_size(lately), second < LOSSES_LATELY_S); /* no one-shot */
-        json_decref(status);
     }
 }

@@ -48,11 +48,10 @@ yaml_node_t *yaml_document_get_node(yaml_document_t *document, int index)
 /* Asks what must be refused, with these words in the error. */
 static void expect_refusal(const rig *r, int fd, const char *request, const char *words)
 {
-    json_t *reply = ask(r, fd, request);
+    json_auto_t *reply = ask(r, fd, request);
     const char *error = text(reply, "error");
     if (!json_is_false(json_object_get(reply, "ok")) || !error || !strstr(error, words))
         fail_msg("%.100s: expected \"%s\", got \"%s\"", request, words, error ? error : "no error");
-    json_decref(reply);
 }
 
 /* ---- Requests -------------------------------------------------------------------------------- */
@@ -75,7 +74,7 @@ CASE(id_goes_back)
 {
     const rig *r = *state;
     int fd = connect_client(r);
-    json_t *reply = grant(r, fd, "{\"id\":42,\"request\":\"faults\"}");
+    json_auto_t *reply = grant(r, fd, "{\"id\":42,\"request\":\"faults\"}");
     assert_int_equal(number(reply, "id"), 42);
     json_decref(reply);
     reply = ask(r, fd, "{\"id\":\"x\",\"request\":\"nothing\"}");
@@ -84,7 +83,6 @@ CASE(id_goes_back)
     json_decref(reply);
     reply = grant(r, fd, "{\"request\":\"faults\"}");
     assert_null(json_object_get(reply, "id"));
-    json_decref(reply);
     close(fd);
 }
 
@@ -94,7 +92,7 @@ CASE(status_tells_of_bus_and_nodes)
     const cw_frame frame = {.id = 0x123, .dlc = 2};
     int fd = connect_client(r);
     cw_node_send(r->engine.bus, 0, &frame, 0);
-    json_t *reply = grant(r, fd, "{\"request\":\"status\"}");
+    json_auto_t *reply = grant(r, fd, "{\"request\":\"status\"}");
     const json_t *status = json_object_get(reply, "status");
     const json_t *bus = json_object_get(status, "bus");
     const json_t *nodes = json_object_get(status, "nodes");
@@ -111,7 +109,6 @@ CASE(status_tells_of_bus_and_nodes)
     const json_t *c = json_array_get(nodes, 2);
     assert_int_equal(number(c, "rx_frames"), 1);
     assert_int_equal(number(json_object_get(c, "settings"), "restart-ms"), 100);
-    json_decref(reply);
     close(fd);
 }
 
@@ -159,13 +156,12 @@ CASE(status_prints_as_ip_does)
 CASE(status_prints_what_is_no_status)
 {
     char printed[TEXT_MAX] = "";
-    json_t *odd = json_loads("{\"bus\":7,\"nodes\":[{},3,null]}", 0, NULL);
+    json_auto_t *odd = json_loads("{\"bus\":7,\"nodes\":[{},3,null]}", 0, NULL);
     FILE *out = fmemopen(printed, sizeof printed, "w");
     status_print(out, odd);
     status_print(out, NULL);
     status_print_faults(out, odd);
     fclose(out);
-    json_decref(odd);
 }
 
 static const char manual_rule[] =
@@ -265,11 +261,11 @@ CASE(settings_are_changed)
 {
     rig *r = *state;
     int fd = connect_client(r);
-    json_t *reply = grant(r, fd,
-                          "{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"one-shot\":true,"
-                          "\"berr-reporting\":\"on\",\"restricted\":true,"
-                          "\"lost-arbitration-reporting\":true,\"restart-ms\":\"250\",\"queue\":3,"
-                          "\"order\":\"fifo\",\"warning-limit\":255}}");
+    json_auto_t *reply = grant(
+        r, fd,
+        "{\"request\":\"set\",\"node\":\"a\",\"settings\":{\"one-shot\":true,"
+        "\"berr-reporting\":\"on\",\"restricted\":true,\"lost-arbitration-reporting\":true,"
+        "\"restart-ms\":\"250\",\"queue\":3,\"order\":\"fifo\",\"warning-limit\":255}}");
     const json_t *now = json_object_get(reply, "settings");
     assert_true(is_on(now, "one-shot") && is_on(now, "berr-reporting"));
     assert_true(is_on(now, "lost-arbitration-reporting"));
@@ -285,7 +281,6 @@ CASE(settings_are_changed)
     now = json_object_get(reply, "settings");
     assert_false(is_on(now, "one-shot"));
     assert_true(is_on(now, "berr-reporting"));
-    json_decref(reply);
     close(fd);
 }
 
@@ -295,11 +290,10 @@ CASE(reload_tells_errors)
     int fd = connect_client(r);
     tell(r, fd, "{\"request\":\"reload\"}");
     r->engine.reload_errors = "bus.yaml:7:3: first\nbus.yaml:9:1: second\n";
-    json_t *reply = ask(r, fd, "{\"request\":\"reload\"}");
+    json_auto_t *reply = ask(r, fd, "{\"request\":\"reload\"}");
     assert_int_equal(number(reply, "line"), 7);
     assert_int_equal(number(reply, "column"), 3);
     assert_int_equal(json_array_size(json_object_get(reply, "errors")), 2);
-    json_decref(reply);
     close(fd);
 }
 
@@ -398,10 +392,9 @@ CASE(what_is_not_understood_is_refused)
     for (size_t i = 0; i < sizeof refusals / sizeof refusals[0]; i++) {
         const refusal *row = &refusals[i];
         expect_refusal(r, fd, row->request, row->words);
-        json_t *reply = ask(r, fd, row->request);
+        json_auto_t *reply = ask(r, fd, row->request);
         if (row->placed && (number(reply, "line") != 1 || number(reply, "column") < 1))
             fail_msg("%s: no place", row->request);
-        json_decref(reply);
     }
     tell(r, fd, "{\"request\":\"status\"}"); /* the connection is good for more */
     close(fd);
@@ -423,7 +416,7 @@ CASE(only_inject_may_be_long)
 {
     const rig *r = *state;
     int fd = connect_client(r);
-    char *line = make_request("{\"request\":\"status\"", ' ', "}", REQUEST_BYTES_MAX + 1);
+    FREED char *line = make_request("{\"request\":\"status\"", ' ', "}", REQUEST_BYTES_MAX + 1);
     expect_refusal(r, fd, line, "longer than 65536 bytes");
     free(line);
     line = make_request("{\"request\":\"status\"", ' ', "}", REQUEST_BYTES_MAX);
@@ -434,7 +427,6 @@ CASE(only_inject_may_be_long)
                      "do: {flip: sof}}]",
                      ' ', "\"}", SERVER_LINE_MAX);
     tell(r, fd, line);
-    free(line);
     close(fd);
 }
 
@@ -444,13 +436,12 @@ CASE(deep_and_wide_requests_are_refused)
     int fd = connect_client(r);
     static const char fillers[] = "[{\",:";
     for (const char *filler = fillers; *filler; filler++) {
-        char *line = make_request("{\"a\":", *filler, "}", SERVER_LINE_MAX);
+        FREED char *line = make_request("{\"a\":", *filler, "}", SERVER_LINE_MAX);
         expect_refusal(r, fd, line, "");
-        free(line);
     }
-    char *line = make_request("{\"request\":\"status\",\"a\":[0", ',', "]}", REQUEST_BYTES_MAX);
+    FREED char *line =
+        make_request("{\"request\":\"status\",\"a\":[0", ',', "]}", REQUEST_BYTES_MAX);
     expect_refusal(r, fd, line, "too many values");
-    free(line);
     close(fd);
 }
 
@@ -469,14 +460,13 @@ CASE(a_text_of_rules_makes_little_work)
         for (unsigned k = 0; k <= 20; k++) /* each is mended, and the text read again */
             at += snprintf(tail + at, sizeof tail - (size_t)at, "{flip: crc[3]},");
         snprintf(tail + at, sizeof tail - (size_t)at, "]\"}");
-        char *line = make_request(head, ',', tail, SERVER_LINE_MAX);
+        FREED char *line = make_request(head, ',', tail, SERVER_LINE_MAX);
         for (size_t k = strlen(head); i == 0 && k < 2 * (YAML_TEXT_NODES_MAX - 100); k += 2)
             line[k] = '1';
         work.yaml_characters = work.yaml_events = 0;
         expect_refusal(r, fd, line, "inject:");
         assert_in_range(work.yaml_characters, SERVER_LINE_MAX / 8, 3 * SERVER_LINE_MAX);
         assert_in_range(work.yaml_events, 1, 3 * YAML_TEXT_NODES_MAX);
-        free(line);
     }
     close(fd);
 }
@@ -508,7 +498,7 @@ CASE(aliases_of_what_is_wrong_make_little_work)
     const rig *r = *state;
     int fd = connect_client(r);
     for (unsigned i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        char *line = malloc(SERVER_LINE_MAX);
+        FREED char *line = malloc(SERVER_LINE_MAX);
         char *at = line + sprintf(line, "{\"request\":\"inject\",\"text\":\"%s", cases[i].head);
         at = add_times(at, cases[i].keys, "k%u: 1, ");
         at += sprintf(at, "}}\\n");
@@ -517,7 +507,6 @@ CASE(aliases_of_what_is_wrong_make_little_work)
         work.yaml_nodes = 0;
         expect_refusal(r, fd, line, cases[i].words);
         assert_in_range(work.yaml_nodes, 1, 30 * YAML_TEXT_NODES_MAX);
-        free(line);
     }
     close(fd);
 }
@@ -527,10 +516,9 @@ CASE(a_text_with_an_anchor_is_short)
 {
     const rig *r = *state;
     int fd = connect_client(r);
-    char *line = make_request("{\"request\":\"inject\",\"text\":\"- &a '", '0', "'\"}",
-                              YAML_ANCHORED_MAX + 100);
+    FREED char *line = make_request("{\"request\":\"inject\",\"text\":\"- &a '", '0', "'\"}",
+                                    YAML_ANCHORED_MAX + 100);
     expect_refusal(r, fd, line, "inject:1:3: a text with an anchor has at most 4096 bytes");
-    free(line);
     close(fd);
 }
 

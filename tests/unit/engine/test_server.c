@@ -69,9 +69,8 @@ CASE(requests_may_come_in_pieces_and_in_heaps)
     send_text(r, fd,
               "\n\n  \n{\"id\":1,\"request\":\"faults\"}\n{\"id\":2,\"request\":\"faults\"}\n\n");
     for (int id = 1; id <= 2; id++) {
-        json_t *reply = next_json(r, fd);
+        json_auto_t *reply = next_json(r, fd);
         assert_int_equal(number(reply, "id"), id);
-        json_decref(reply);
     }
     close(fd);
 }
@@ -111,14 +110,13 @@ CASE(long_lines_end_the_connection)
     const rig *r = *state;
     int fd = connect_client(r);
     size_t length = SERVER_LINE_MAX + SERVER_LINE_MAX / 2;
-    char *line = malloc(length);
+    FREED char *line = malloc(length);
     memset(line, 'x', length);
     (void)send_bytes(r, fd, line, length); /* it may hang up on the way */
     assert_non_null(strstr(next_line(r, fd), "too long"));
     assert_null(next_line(r, fd));
     close(fd);
     expect_service(r);
-    free(line);
 }
 
 CASE(noise_is_refused)
@@ -141,9 +139,8 @@ CASE(noise_is_refused)
     }
     assert_true(send_bytes(r, fd, noise, sizeof noise));
     for (; lines > 0; lines--) {
-        json_t *reply = next_json(r, fd);
+        json_auto_t *reply = next_json(r, fd);
         assert_false(is_on(reply, "ok"));
-        json_decref(reply);
     }
     tell(r, fd, "{\"request\":\"status\"}");
     close(fd);

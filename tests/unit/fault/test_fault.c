@@ -15,7 +15,7 @@
 
 TEST(a_rule_added_at_run_time_acts_from_then_on)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->config.rule_room = 2;
     rig_start(r);
@@ -32,13 +32,12 @@ TEST(a_rule_added_at_run_time_acts_from_then_on)
     assert_int_equal(hits(r, frames), 2);
     assert_int_equal(hits(r, at_once), 1);
     assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, 200 * BIT);
-    rig_free(r);
 }
 
 /* The index is used again; nothing of the old rule is left. */
 TEST(a_cleared_rule_is_gone)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->config.rule_room = 2;
     rig_start(r);
@@ -65,7 +64,6 @@ TEST(a_cleared_rule_is_gone)
     assert_int_equal(hits(r, first), 1);
     assert_int_equal(hits(r, second), 1); /* it came after a removed rule */
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 1);
-    rig_free(r);
 }
 
 /* A lasting rule of each kind is stopped: its effect has ended, the rule stays. */
@@ -75,7 +73,7 @@ TEST(a_stopped_rule_can_act_again)
                                         CW_ACTION_DISCONNECT, CW_ACTION_PARTITION};
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (size_t i = 0; i < sizeof actions / sizeof actions[0]; i++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         cw_rule rule = new_rule("lasting", CW_TRIGGER_ARMED, actions[i]);
         rule.manual = true;
         rule.error_rate = UINT64_MAX;
@@ -96,14 +94,13 @@ TEST(a_stopped_rule_can_act_again)
             rig_run(r, start + 5000 * BIT);
             assert_int_equal(rig_count(r, CW_EVENT_TX, 0), sent + 1);
         }
-        rig_free(r);
     }
 }
 
 /* A follower that stands before the rule comes after it no more, either. */
 TEST(a_rule_before_the_cleared_one_is_left_alone)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_rule *follower = rig_rule(r, probe("follower", CW_TRIGGER_ARMED));
     follower->has_after = true;
     follower->after = 1;
@@ -116,7 +113,6 @@ TEST(a_rule_before_the_cleared_one_is_left_alone)
     rig_run_bits(r, 20);
     assert_int_equal(hits(r, 1), 1);
     assert_int_equal(hits(r, 0), 1);
-    rig_free(r);
 }
 
 #define RULE(t, a, ...)                                                                            \
@@ -166,7 +162,7 @@ TEST(bad_rules_are_refused)
         SET(.which = CW_SET_QUEUE, .queue = 17),
         SET(.which = CW_SET_WARNING, .warning_limit = 256),
     };
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     r->config.rule_room = 4;
     rig_start(r);
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
@@ -185,17 +181,15 @@ TEST(bad_rules_are_refused)
     rig_free(r);
 
     r = rig_new(3);
-    rig_rule(r, new_rule("bad", CW_TRIGGER_TIME, CW_ACTION_SEND))->frame.id = 0x800;
-    void *memory = malloc(cw_bus_size(&r->config));
+    ADD_RULE(r, "bad", TIME, SEND, .frame.id = 0x800);
+    FREED void *memory = malloc(cw_bus_size(&r->config));
     assert_null(cw_bus_init(memory, &r->config));
-    free(memory);
-    rig_free(r);
 }
 
 /* The bus treats each action as its row in the table of actions says. */
 TEST(each_action_is_what_its_row_says)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     r->config.rule_room = 1;
     rig_start(r);
     for (unsigned i = 0; i < CW_ACTION_COUNT; i++) {
@@ -223,13 +217,12 @@ TEST(each_action_is_what_its_row_says)
     assert_int_equal(cw_action_kind_of(CW_ACTION_NO_ACK), CW_KIND_LEVEL);
     assert_int_equal(cw_action_kind_of(CW_ACTION_WRONG_CRC), CW_KIND_CONTROL);
     assert_int_equal(cw_action_kind_of(CW_ACTION_DROP), CW_KIND_HOST);
-    rig_free(r);
 }
 
 /* Limits that are still good. */
 TEST(rules_at_the_limits_are_good)
 {
-    rig *r = rig_new(CW_NODES_MAX);
+    RIG *r = rig_new(CW_NODES_MAX);
     static const cw_rule good[] = {
         RULE(TIME, COUNTERS, .tec = 263, .rec = 255, .nodes = UINT64_MAX),
         RULE(FRAME, GLITCH, .field = CW_FIELD_SOF, .bits = CW_PATTERN_MAX, .at = NODE(63),
@@ -248,14 +241,13 @@ TEST(rules_at_the_limits_are_good)
     rig_start(r);
     for (size_t i = 0; i < sizeof good / sizeof good[0]; i++)
         assert_int_equal(add(r, good[i]), i);
-    rig_free(r);
 }
 
 /* ---- By hand --------------------------------------------------------------------------------- */
 
 TEST(a_manual_rule_acts_when_fired)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_rule rule = probe("by hand", CW_TRIGGER_ARMED);
     rule.manual = true;
     rule.count = 3;
@@ -276,13 +268,12 @@ TEST(a_manual_rule_acts_when_fired)
     assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 3)->tick, 101 * BIT);
     assert_true(rule_stats(r, 0).over);
     assert_int_equal(cw_bus_fire_rule(r->bus, 0), CW_REFUSED);
-    rig_free(r);
 }
 
 /* With a condition on frames each firing is good for one match. */
 TEST(a_manual_rule_on_frames_takes_one_match)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     cw_rule rule = probe("by hand", CW_TRIGGER_FRAME);
     rule.manual = true;
@@ -297,14 +288,13 @@ TEST(a_manual_rule_on_frames_takes_one_match)
     assert_int_equal(hits(r, 0), 2);
     assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, (JOIN + 200 + 1) * BIT);
     assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 1)->tick, (JOIN + 300 + 1) * BIT);
-    rig_free(r);
 }
 
 /* Armings take place at their times, in any order of their rules. */
 TEST(armings_take_place_in_time_order)
 {
     static const unsigned expected[] = {30, 50, 110, 130};
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_rule *first = rig_rule(r, probe("first", CW_TRIGGER_ARMED));
     first->manual = true;
     cw_rule *both = rig_rule(r, probe("both", CW_TRIGGER_ARMED));
@@ -326,13 +316,12 @@ TEST(armings_take_place_in_time_order)
     for (size_t i = 0; i < r->count; i++)
         if (r->events[i].kind == CW_EVENT_FAULT && r->events[i].rule == 1)
             assert_int_equal(r->events[i].tick, expected[n++] * (uint64_t)BIT);
-    rig_free(r);
 }
 
 /* Armings under way are bounded; cw_bus_fire_rule() refuses further ones. */
 TEST(armings_are_bounded)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_rule rule = probe("by hand", CW_TRIGGER_ARMED);
     rule.manual = true;
     rig_rule(r, rule);
@@ -343,7 +332,6 @@ TEST(armings_are_bounded)
     rig_run_bits(r, 100);
     assert_int_equal(hits(r, 0), CW_ARMINGS_MAX);
     assert_int_equal(cw_bus_fire_rule(r->bus, 0), CW_OK);
-    rig_free(r);
 }
 
 /* Rules that arm each other without delay go round once in a bit, and time goes on. */
@@ -351,7 +339,7 @@ TEST(a_ring_of_rules_goes_round_once_in_a_bit)
 {
     enum { LENGTH = 5 };
     static const char *const names[LENGTH] = {"a", "b", "c", "d", "e"};
-    rig *r = rig_new(1);
+    RIG *r = rig_new(1);
     for (uint16_t i = 0; i < LENGTH; i++) {
         cw_rule rule = probe(names[i], CW_TRIGGER_ARMED);
         rule.has_after = true;
@@ -364,7 +352,6 @@ TEST(a_ring_of_rules_goes_round_once_in_a_bit)
     rig_run_bits(r, 100);
     for (unsigned i = 0; i < LENGTH; i++)
         assert_in_range(hits(r, i), 100, 101);
-    rig_free(r);
 }
 
 /* ---- Alone ----------------------------------------------------------------------------------- */
@@ -377,7 +364,7 @@ TEST(what_begins_with_a_frame_ends_in_time)
                                         CW_ACTION_LOAD};
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (size_t i = 0; i < sizeof actions / sizeof actions[0]; i++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
         cw_rule *rule = rig_rule(r, new_rule("lasting", CW_TRIGGER_FRAME, actions[i]));
         exactly(rule, 0x123);
@@ -395,16 +382,15 @@ TEST(what_begins_with_a_frame_ends_in_time)
         assert_false(rule_stats(r, 0).active);
         rig_run_bits(r, 2000);
         assert_int_equal(cw_bus_next(r->bus), CW_NEVER);
-        rig_free(r);
     }
 }
 
 /* A rule on errors needs no other rule about. */
 TEST(a_rule_on_errors_alone)
 {
-    rig *r = rig_new(1);
+    RIG *r = rig_new(1);
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    cw_rule *rule = rig_rule(r, new_rule("once", CW_TRIGGER_ERROR, CW_ACTION_SET));
+    cw_rule *rule = ADD_RULE(r, "once", ERROR, SET);
     rule->error_mask = 0x20; /* no ACK */
     rule->nodes = NODE(0);
     rule->settings = (cw_settings){.which = CW_SET_MODES, .modes_mask = CW_MODE_PRESUME_ACK,
@@ -414,26 +400,18 @@ TEST(a_rule_on_errors_alone)
     rig_run_bits(r, 500);
     assert_int_equal(hits(r, 0), 1);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
-    rig_free(r);
 }
 
 /* Each match is a hit or a miss; but the hits of noise are the bits that it flips. */
 TEST(misses_are_matches_that_were_passed_over)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 8);
-    cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
-    noise->error_rate = UINT64_MAX / 4;
-    noise->for_ticks = 1000 * BIT;
-    noise->at = NODE(1);
-    cw_rule *frames = rig_rule(r, new_rule("frames", CW_TRIGGER_FRAME, CW_ACTION_NOISE));
-    frames->error_rate = UINT64_MAX / 4;
-    frames->at = NODE(1);
-    frames->skip = 1;
-    frames->every = 2;
-    cw_rule *drops = rig_rule(r, new_rule("drops", CW_TRIGGER_FRAME, CW_ACTION_DROP));
-    drops->side = CW_SIDE_TX;
-    drops->every = 3;
+    ADD_RULE(r, "noise", TIME, NOISE, .error_rate = UINT64_MAX / 4, .for_ticks = 1000 * BIT,
+             .at = NODE(1));
+    ADD_RULE(r, "frames", FRAME, NOISE, .error_rate = UINT64_MAX / 4, .at = NODE(1), .skip = 1,
+             .every = 2);
+    ADD_RULE(r, "drops", FRAME, DROP, .side = CW_SIDE_TX, .every = 3);
     rig_start(r);
     for (unsigned i = 0; i < 12; i++)
         rig_send(r, 0, &frame, (2000 + 500 * i) * BIT);
@@ -451,7 +429,6 @@ TEST(misses_are_matches_that_were_passed_over)
     assert_int_equal(stats[2].matches, 12);
     assert_int_equal(stats[2].hits, 4);
     assert_int_equal(stats[2].misses, 8);
-    rig_free(r);
 }
 
 /* ---- Traffic that is no fault ---------------------------------------------------------------- */
@@ -460,12 +437,10 @@ TEST(misses_are_matches_that_were_passed_over)
 TEST(a_quiet_rule_is_not_told)
 {
     for (int quiet = 0; quiet < 2; quiet++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         const cw_frame question = rig_frame(0x123, CW_FRAME_REMOTE, 0);
-        cw_rule *answer = rig_rule(r, new_rule("reply", CW_TRIGGER_FRAME, CW_ACTION_REPLY));
-        answer->node = 1;
-        answer->frame = rig_frame(0x123, 0, 2);
-        answer->quiet = quiet;
+        ADD_RULE(r, "reply", FRAME, REPLY, .node = 1, .frame = rig_frame(0x123, 0, 2),
+                 .quiet = quiet);
         rig_start(r);
         rig_send(r, 0, &question, 0);
         rig_run_bits(r, 300);
@@ -473,6 +448,5 @@ TEST(a_quiet_rule_is_not_told)
         assert_int_equal(rig_count(r, CW_EVENT_FAULT, -1), quiet ? 0 : 1);
         assert_int_equal(rig_bus_stats(r).faults, quiet ? 0 : 1);
         assert_int_equal(rig_stats(r, 1).made_by_rules, 1);
-        rig_free(r);
     }
 }

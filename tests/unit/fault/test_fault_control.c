@@ -20,7 +20,7 @@ TEST(commands_at_the_end_of_a_frame)
     uint64_t end = rig_nth(plain, CW_EVENT_TX, 0)->tick;
     rig_free(plain);
     for (size_t i = 0; i < sizeof actions / sizeof actions[0]; i++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         cw_rule *rule = rig_rule(r, new_rule("command", CW_TRIGGER_TIME, actions[i]));
         rule->time_begin = end;
         rule->nodes = NODE(0);
@@ -40,7 +40,6 @@ TEST(commands_at_the_end_of_a_frame)
         assert_int_equal(rig_stats(r, 0).dropped[CW_DROP_FAULT], resets ? 1 : 0);
         assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, end);
         rig_run_bits(r, 1000);
-        rig_free(r);
     }
 }
 
@@ -48,13 +47,10 @@ TEST(commands_at_the_end_of_a_frame)
  * finished. */
 TEST(recovery_does_not_reconnect)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    cw_rule *off = rig_rule(r, new_rule("off", CW_TRIGGER_TIME, CW_ACTION_BUS_OFF));
-    off->nodes = NODE(2);
-    cw_rule *away = rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
-    away->nodes = NODE(2);
-    away->for_ticks = 3000 * BIT;
+    ADD_RULE(r, "off", TIME, BUS_OFF, .nodes = NODE(2));
+    ADD_RULE(r, "away", TIME, DISCONNECT, .nodes = NODE(2), .for_ticks = 3000 * BIT);
     rig_start(r);
     rig_run_bits(r, 20);
     assert_int_equal(cw_node_restart(r->bus, 2), CW_OK);
@@ -67,28 +63,21 @@ TEST(recovery_does_not_reconnect)
     assert_int_equal(rig_count(r, CW_EVENT_RX, 2), 0);
     rig_run_bits(r, 3200);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 2), 1);
-    rig_free(r);
 }
 
 /* Neither do they when the node has been bus-off for no time, so that no state is reported. */
 TEST(counters_do_not_reconnect)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT))->nodes = NODE(1);
-    cw_rule *off = rig_rule(r, new_rule("off", CW_TRIGGER_TIME, CW_ACTION_BUS_OFF));
-    off->nodes = NODE(1);
-    off->time_begin = 50 * BIT;
-    cw_rule *counters = rig_rule(r, new_rule("counters", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
-    counters->nodes = NODE(1);
-    counters->time_begin = 50 * BIT;
-    counters->tec = 0;
+    ADD_RULE(r, "away", TIME, DISCONNECT, .nodes = NODE(1));
+    ADD_RULE(r, "off", TIME, BUS_OFF, .nodes = NODE(1), .time_begin = 50 * BIT);
+    ADD_RULE(r, "counters", TIME, COUNTERS, .nodes = NODE(1), .time_begin = 50 * BIT, .tec = 0);
     rig_start(r);
     rig_send(r, 0, &frame, 100 * BIT);
     rig_run_bits(r, 500);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 0);
     assert_int_not_equal(rig_count(r, CW_EVENT_ERROR, 0), 0);
-    rig_free(r);
 }
 
 /* O1 a: an error after two overload frames gives no right to a third one, in whatever way the nodes
@@ -96,18 +85,11 @@ TEST(counters_do_not_reconnect)
 TEST(two_overload_frames_are_all_before_the_next_frame)
 {
     for (unsigned stepping = 0; stepping < 2; stepping++) {
-        rig *r = rig_new(4);
+        RIG *r = rig_new(4);
         const cw_frame frame = rig_frame(0x123, 0, 0);
-        cw_rule *ask = rig_rule(r, new_rule("ask", CW_TRIGGER_FRAME, CW_ACTION_OVERLOAD));
-        ask->nodes = NODE(1);
-        ask->number = 2;
-        cw_rule *error = rig_rule(r, new_rule("error", CW_TRIGGER_ARMED, CW_ACTION_ERROR_FLAG));
-        error->nodes = NODE(2);
-        error->manual = true;
-        cw_rule *again = rig_rule(r, new_rule("again", CW_TRIGGER_ARMED, CW_ACTION_OVERLOAD));
-        again->nodes = NODE(1);
-        again->number = 1;
-        again->manual = true;
+        ADD_RULE(r, "ask", FRAME, OVERLOAD, .nodes = NODE(1), .number = 2);
+        ADD_RULE(r, "error", ARMED, ERROR_FLAG, .nodes = NODE(2), .manual = true);
+        ADD_RULE(r, "again", ARMED, OVERLOAD, .nodes = NODE(1), .number = 1, .manual = true);
         rig_start(r);
         cw_bus_set_stepping(r->bus, stepping == 1);
         rig_send(r, 0, &frame, 0);
@@ -118,7 +100,6 @@ TEST(two_overload_frames_are_all_before_the_next_frame)
         assert_int_equal(cw_bus_fire_rule(r->bus, 2), CW_OK);
         rig_run_bits(r, 300);
         assert_int_equal(rig_count(r, CW_EVENT_OVERLOAD, 1), 3); /* and an answer, O1 b */
-        rig_free(r);
     }
 }
 
@@ -127,16 +108,11 @@ TEST(a_state_changes_while_a_node_is_away)
 {
     cw_bus_stats stats[2];
     for (unsigned stepping = 0; stepping < 2; stepping++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         const cw_frame frame = rig_frame(0x123, 0, 0);
-        cw_rule *away = rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
-        away->nodes = NODE(2);
-        cw_rule *tec = rig_rule(r, new_rule("tec", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
-        tec->nodes = NODE(0);
-        tec->tec = 96;
-        cw_rule *rec = rig_rule(r, new_rule("rec", CW_TRIGGER_TIME, CW_ACTION_COUNTERS));
-        rec->nodes = NODE(1);
-        rec->rec = 96;
+        ADD_RULE(r, "away", TIME, DISCONNECT, .nodes = NODE(2));
+        ADD_RULE(r, "tec", TIME, COUNTERS, .nodes = NODE(0), .tec = 96);
+        ADD_RULE(r, "rec", TIME, COUNTERS, .nodes = NODE(1), .rec = 96);
         rig_start(r);
         cw_bus_set_stepping(r->bus, stepping == 1);
         rig_send(r, 0, &frame, 0);
@@ -145,7 +121,6 @@ TEST(a_state_changes_while_a_node_is_away)
         assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 2);
         assert_int_equal(rig_count(r, CW_EVENT_STATE, -1), 4);
         stats[stepping] = rig_bus_stats(r);
-        rig_free(r);
     }
     assert_int_equal(stats[0].busy_bits, stats[1].busy_bits);
 }
@@ -164,7 +139,7 @@ static cw_rule *reset_at(rig *r, bool hardware, unsigned node, uint64_t bit)
 TEST(a_reset_loses_no_frame_silently)
 {
     for (unsigned hardware = 0; hardware < 2; hardware++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         const cw_frame frame = rig_frame(0x123, 0, 0);
         r->nodes[1].host = (cw_host_config){.receive_buffers = 8, .service_ticks = 1000 * BIT};
         (void)reset_at(r, hardware, 1, 300);
@@ -180,7 +155,6 @@ TEST(a_reset_loses_no_frame_silently)
         assert_int_equal(stats.restarts, 0);
         assert_true(cw_node_stats_balance(&stats));
         assert_int_equal(rig_count(r, CW_EVENT_DROP, 1), 5);
-        rig_free(r);
     }
 }
 
@@ -188,11 +162,9 @@ TEST(a_reset_loses_no_frame_silently)
 TEST(a_reset_does_not_reconnect)
 {
     for (unsigned hardware = 0; hardware < 2; hardware++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         const cw_frame frame = rig_frame(0x123, 0, 0);
-        cw_rule *away = rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
-        away->nodes = NODE(1);
-        away->for_ticks = 3000 * BIT;
+        ADD_RULE(r, "away", TIME, DISCONNECT, .nodes = NODE(1), .for_ticks = 3000 * BIT);
         (void)reset_at(r, hardware, 1, 100);
         rig_start(r);
         rig_send(r, 1, &frame, 200 * BIT);
@@ -201,7 +173,6 @@ TEST(a_reset_does_not_reconnect)
         assert_int_equal(rig_count(r, CW_EVENT_TX, 1), 1);
         assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->tick,
                          (3000 + wait + cw_frame_wire_bits(&frame)) * BIT);
-        rig_free(r);
     }
 }
 

@@ -13,7 +13,7 @@
 /* Frames of a cleared rule in a queue are sent, and do not count as frames of its successor. */
 static void check_frames_of_a_cleared_rule(uint8_t node)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_rule babble = new_rule("babble", CW_TRIGGER_TIME, CW_ACTION_BABBLE);
     babble.node = node;
     r->config.rule_room = 1;
@@ -32,7 +32,6 @@ static void check_frames_of_a_cleared_rule(uint8_t node)
     assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->frame.id, 0x7F0);
     for (size_t i = 1; i < rig_count(r, CW_EVENT_TX, node); i++)
         assert_int_equal(rig_nth(r, CW_EVENT_TX, i)->frame.id, 0x7F1);
-    rig_free(r);
 }
 
 TEST(frames_of_a_cleared_rule_are_sent)
@@ -47,7 +46,7 @@ TEST(rules_send_no_frame_that_their_node_does_not_know)
     static const cw_action actions[] = {CW_ACTION_BABBLE, CW_ACTION_SEND};
     static const unsigned kinds[] = {CW_PROTOCOL_2_0A, CW_PROTOCOL_2_0B_PASSIVE};
     for (unsigned i = 0; i < 4; i++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         unsigned index;
         cw_rule rule = new_rule("sends", CW_TRIGGER_TIME, actions[i / 2]);
         rule.frame = (cw_frame){.id = 0x12345678, .flags = CW_FRAME_EXTENDED};
@@ -57,7 +56,6 @@ TEST(rules_send_no_frame_that_their_node_does_not_know)
         assert_int_equal(cw_bus_add_rule(r->bus, &index, &rule), CW_INVALID);
         rule.node = 1;
         assert_int_equal(cw_bus_add_rule(r->bus, &index, &rule), CW_OK);
-        rig_free(r);
     }
 }
 
@@ -66,7 +64,7 @@ TEST(held_frames_go_on_when_the_rule_is_cleared)
 {
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (unsigned side = CW_SIDE_TX; side <= CW_SIDE_RX; side++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         cw_rule rule = new_rule("late", CW_TRIGGER_FRAME, CW_ACTION_DELAY);
         rule.for_ticks = 100000 * BIT;
         rule.side = (cw_side)side;
@@ -86,7 +84,6 @@ TEST(held_frames_go_on_when_the_rule_is_cleared)
         assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->from, NODE(0));
         assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->handed_in,
                          rig_nth(r, CW_EVENT_TX, 0)->handed_in);
-        rig_free(r);
     }
 }
 
@@ -94,9 +91,9 @@ TEST(held_frames_go_on_when_the_rule_is_cleared)
 
 TEST(a_change_reaches_all_bytes)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_frame frame = rig_frame(0x123, 0, 8);
-    cw_rule *rule = rig_rule(r, new_rule("change", CW_TRIGGER_FRAME, CW_ACTION_CHANGE));
+    cw_rule *rule = ADD_RULE(r, "change", FRAME, CHANGE);
     for (unsigned i = 0; i < 8; i++) {
         rule->change.set_mask[i] = 0xF0;
         rule->change.set[i] = 0xA5;
@@ -111,7 +108,6 @@ TEST(a_change_reaches_all_bytes)
     rig_send(r, 0, &sent, 0);
     rig_run_bits(r, 200);
     assert_true(cw_frame_equal(&rig_nth(r, CW_EVENT_RX, 0)->frame, &frame));
-    rig_free(r);
 }
 
 /* ---- No frame is lost ------------------------------------------------------------------------ */
@@ -174,7 +170,7 @@ static void host_rules(rig *r, cw_side side)
 TEST(no_frame_is_lost_at_the_host_side)
 {
     for (unsigned side = CW_SIDE_TX; side <= CW_SIDE_RX; side++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         rig_random random = {.state = 42};
         r->nodes[0].queue = 4;
         host_rules(r, (cw_side)side);
@@ -193,18 +189,16 @@ TEST(no_frame_is_lost_at_the_host_side)
         }
         rig_run(r, cw_bus_now(r->bus) + 2000 * BIT);
         assert_int_equal(cw_bus_pending(r->bus), 0);
-        rig_free(r);
     }
 }
 
 /* There is room for CW_HELD_FRAMES; a further frame is not held back. */
 TEST(frames_held_back_are_bounded)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->nodes[0].queue = 1000;
-    cw_rule *rule = rig_rule(r, new_rule("late", CW_TRIGGER_FRAME, CW_ACTION_DELAY));
-    rule->for_ticks = 1000 * BIT;
+    ADD_RULE(r, "late", FRAME, DELAY, .for_ticks = 1000 * BIT);
     rig_start(r);
     for (unsigned i = 0; i < CW_HELD_FRAMES + 3; i++)
         rig_send(r, 0, &frame, 0);
@@ -213,25 +207,17 @@ TEST(frames_held_back_are_bounded)
     assert_int_equal(cw_bus_pending(r->bus), CW_HELD_FRAMES + 3);
     rig_run_bits(r, 1100);
     assert_int_equal(rig_stats(r, 0).tx_frames + rig_stats(r, 0).queue, CW_HELD_FRAMES + 3);
-    rig_free(r);
 }
 
 /* Frames that rules make are counted apart from those of the host. */
 TEST(frames_that_rules_make_are_counted_apart)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    cw_rule *once = rig_rule(r, new_rule("send", CW_TRIGGER_TIME, CW_ACTION_SEND));
-    once->node = 0;
-    once->frame = rig_frame(0x700, 0, 1);
-    cw_rule *answer = rig_rule(r, new_rule("reply", CW_TRIGGER_FRAME, CW_ACTION_REPLY));
-    answer->node = 1;
-    answer->frame = rig_frame(0x456, 0, 2);
-    answer->from = NODE(0);
-    cw_rule *twice = rig_rule(r, new_rule("twice", CW_TRIGGER_FRAME, CW_ACTION_DUPLICATE));
-    twice->filters[0] = (cw_filter){.value = 0x123, .mask = 0x7FF};
-    twice->filter_count = 1;
-    twice->number = 1;
+    ADD_RULE(r, "send", TIME, SEND, .node = 0, .frame = rig_frame(0x700, 0, 1));
+    ADD_RULE(r, "reply", FRAME, REPLY, .node = 1, .frame = rig_frame(0x456, 0, 2), .from = NODE(0));
+    ADD_RULE(r, "twice", FRAME, DUPLICATE, .filters[0] = (cw_filter){.value = 0x123, .mask = 0x7FF},
+             .filter_count = 1, .number = 1);
     rig_start(r);
     rig_send(r, 0, &frame, 0);
     rig_run_bits(r, 2000);
@@ -243,19 +229,16 @@ TEST(frames_that_rules_make_are_counted_apart)
     assert_int_equal(replier.handed_in, 0);
     assert_int_equal(replier.made_by_rules, 3);
     assert_true(cw_node_stats_balance(&sender) && cw_node_stats_balance(&replier));
-    rig_free(r);
 }
 
 /* Rules that make more copies in one bit than there is room for events. */
 TEST(frames_that_the_event_ring_cannot_hold_are_counted)
 {
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    rig *r = rig_new(8);
+    RIG *r = rig_new(8);
     for (unsigned i = 0; i < RIG_RULES_MAX; i++) {
         static const char *const names[RIG_RULES_MAX] = {"a", "b", "c", "d", "e", "f", "g", "h"};
-        cw_rule *copies = rig_rule(r, new_rule(names[i], CW_TRIGGER_FRAME, CW_ACTION_DUPLICATE));
-        copies->side = CW_SIDE_RX;
-        copies->number = 16;
+        ADD_RULE(r, names[i], FRAME, DUPLICATE, .side = CW_SIDE_RX, .number = 16);
     }
     for (unsigned i = 0; i < 8; i++)
         r->nodes[i].queue = 1;
@@ -274,7 +257,6 @@ TEST(frames_that_the_event_ring_cannot_hold_are_counted)
     }
     assert_in_range(lost, 1, 7 * 16 * RIG_RULES_MAX);
     assert_true(rig_bus_stats(r).events_lost >= lost);
-    rig_free(r);
 }
 
 TEST(statistics_that_do_not_balance_are_known)
@@ -306,8 +288,8 @@ TEST(a_bad_frame_is_met_by_exact_and_other_filters)
 {
     static const uint32_t masks[] = {CW_FILTER_EXTENDED | 0x7FF, CW_FILTER_EXTENDED | 0x7FE, 0x7FF};
     for (size_t i = 0; i < sizeof masks / sizeof masks[0]; i++) {
-        rig *r = rig_new(2);
-        cw_rule *drop = rig_rule(r, new_rule("drop", CW_TRIGGER_FRAME, CW_ACTION_DROP));
+        RIG *r = rig_new(2);
+        cw_rule *drop = ADD_RULE(r, "drop", FRAME, DROP);
         const cw_frame bad = {.id = 0x1123};
         drop->filters[0] = (cw_filter){.value = 0x123, .mask = masks[i]};
         drop->filter_count = 1;
@@ -315,6 +297,5 @@ TEST(a_bad_frame_is_met_by_exact_and_other_filters)
         rig_send(r, 0, &bad, 0);
         rig_run_bits(r, 20);
         assert_int_equal(rig_nth(r, CW_EVENT_DROP, 0)->why, CW_DROP_FAULT);
-        rig_free(r);
     }
 }

@@ -22,7 +22,7 @@ static void check_position(const cw_frame *f, const flip_case *c)
 {
     model m = model_encode(f);
     int bit = c->plain >= 0 ? (int)m.at[c->plain] : c->wire;
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
     rig_flip(r, "there", c->field, c->index)->at = NODE(2);
     rig_start(r);
@@ -32,7 +32,6 @@ static void check_position(const cw_frame *f, const flip_case *c)
     assert_int_equal(rig_count(r, CW_EVENT_FAULT, -1), bit >= 0);
     if (bit >= 0)
         assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, end_of(JOIN, (unsigned)bit));
-    rig_free(r);
 }
 
 /* 000#0000 has stuff bits from the first run on; its fields are at known unstuffed bits. */
@@ -119,7 +118,7 @@ TEST(positions_in_error_frames)
         {CW_FIELD_INTERMISSION, 0, 8}, {CW_FIELD_INTERMISSION, 2, 10},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
         rig_flip(r, "first", CW_FIELD_R0, 0)->at = NODE(0);
         r->rules[0].count = 1;
@@ -137,7 +136,6 @@ TEST(positions_in_error_frames)
         bool in_flag = cases[i].field == CW_FIELD_ERROR_FLAG;
         unsigned bit = (in_flag ? r0 : delimiter) + cases[i].after;
         assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 1)->tick, end_of(JOIN, bit));
-        rig_free(r);
     }
 }
 
@@ -148,7 +146,7 @@ TEST(positions_in_overload_and_suspend)
     cw_frame f = rig_frame(0x123, 0, 1);
     unsigned length = model_encode(&f).length;
     for (unsigned index = 0; index < 6; index++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
         rig_flip(r, "first", CW_FIELD_EOF, 6)->count = 1;
         rig_flip(r, "second", CW_FIELD_OVERLOAD_FLAG, index)->at = NODE(2);
@@ -156,9 +154,8 @@ TEST(positions_in_overload_and_suspend)
         rig_send(r, 0, &f, 0);
         rig_run_bits(r, 500);
         assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 1)->tick, end_of(JOIN, length + index));
-        rig_free(r);
     }
-    rig *r = rig_new(1); /* lonely, so passive after 16 errors */
+    RIG *r = rig_new(1); /* lonely, so passive after 16 errors */
     rig_flip(r, "suspend", CW_FIELD_SUSPEND, 7)->at = NODE(0);
     r->rules[0].count = 1;
     rig_start(r);
@@ -166,13 +163,12 @@ TEST(positions_in_overload_and_suspend)
     rig_run_bits(r, 3000);
     unsigned attempt = length - ACK_FROM_END + 1 + ERROR_FRAME_BITS + INTERMISSION_BITS;
     assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, end_of(JOIN + 16 * attempt, 7));
-    rig_free(r);
 }
 
 TEST(two_flips_of_one_bit_cancel)
 {
     for (unsigned local = 0; local < 2; local++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         cw_frame f = rig_frame(0x123, 0, 1);
         rig_flip(r, "a", CW_FIELD_DATA, 3)->at = local ? NODE(1) : 0;
         rig_flip(r, "b", CW_FIELD_DATA, 3)->at = local ? NODE(1) : 0;
@@ -182,14 +178,13 @@ TEST(two_flips_of_one_bit_cancel)
         assert_int_equal(rig_count(r, CW_EVENT_FAULT, -1), 2);
         assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
         assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
-        rig_free(r);
     }
 }
 
 /* A wire flip and one at a node: that node alone sees the right level. */
 TEST(a_flip_at_a_node_undoes_one_of_the_wire)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     cw_frame f = rig_frame(0x123, 0, 1);
     rig_flip(r, "wire", CW_FIELD_EOF, 2)->count = 1;
     rig_flip(r, "node", CW_FIELD_EOF, 2)->count = 1;
@@ -203,7 +198,6 @@ TEST(a_flip_at_a_node_undoes_one_of_the_wire)
         if (r->events[i].kind == CW_EVENT_ERROR && r->events[i].tick == bit)
             at_once |= (unsigned)r->events[i].nodes;
     assert_int_equal(at_once, NODE(0) | NODE(2));
-    rig_free(r);
 }
 
 /* The first wrong bit is the receiver's last EOF bit and makes it send an overload flag (O1 c).
@@ -211,7 +205,7 @@ TEST(a_flip_at_a_node_undoes_one_of_the_wire)
 TEST(a_flip_of_many_bits)
 {
     for (unsigned bits = 1; bits <= 9; bits++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         cw_frame f = rig_frame(0x123, 0, 1);
         rig_flip(r, "wire", CW_FIELD_EOF, 6)->bits = (uint16_t)bits;
         r->rules[0].at = NODE(1);
@@ -222,7 +216,6 @@ TEST(a_flip_of_many_bits)
         assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
         assert_int_equal(rig_count(r, CW_EVENT_ERROR, 1), bits - 1);
         assert_int_equal(rig_stats(r, 1).rec, 8 * (bits - 1));
-        rig_free(r);
     }
 }
 
@@ -231,35 +224,27 @@ TEST(a_flip_of_many_bits)
 /* Nor does another rule that ends bring a node back, or the transmitter of a stuck line. */
 TEST(a_disconnected_node_stays_away)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    cw_rule *away = rig_rule(r, new_rule("away", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
-    away->nodes = NODE(2);
-    cw_rule *stuck = rig_rule(r, new_rule("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK));
-    stuck->line = CW_LINE_TX;
-    stuck->node = 2;
-    cw_rule *other = rig_rule(r, new_rule("other", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
-    other->nodes = NODE(1) | NODE(2);
-    other->for_ticks = 50 * BIT;
+    ADD_RULE(r, "away", TIME, DISCONNECT, .nodes = NODE(2));
+    ADD_RULE(r, "stuck", TIME, STUCK, .line = CW_LINE_TX, .node = 2);
+    ADD_RULE(r, "other", TIME, DISCONNECT, .nodes = NODE(1) | NODE(2), .for_ticks = 50 * BIT);
     rig_start(r);
     rig_send(r, 0, &frame, 100 * BIT);
     rig_run_bits(r, 500);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 1), 1);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 2), 0);
     assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
-    rig_free(r);
 }
 
 /* A pattern starts over with each hit. */
 TEST(each_hit_of_a_glitch_starts_its_pattern)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
-    cw_rule *rule = rig_rule(r, new_rule("glitch", CW_TRIGGER_FRAME, CW_ACTION_GLITCH));
-    rule->field = CW_FIELD_EOF;
-    rule->bits = 3;
-    rule->pattern_mask = 7;
+    cw_rule *rule = ADD_RULE(r, "glitch", FRAME, GLITCH, .field = CW_FIELD_EOF, .bits = 3,
+                             .pattern_mask = 7);
     rule->pattern_level = 5; /* only the middle bit is `d` */
     rule->at = NODE(2);
     rig_start(r);
@@ -269,7 +254,6 @@ TEST(each_hit_of_a_glitch_starts_its_pattern)
     assert_int_equal(rig_count(r, CW_EVENT_ERROR, 2), 3);
     for (unsigned i = 0; i < 3; i++)
         assert_int_equal(rig_nth(r, CW_EVENT_ERROR, i)->error.place.index, 1);
-    rig_free(r);
 }
 
 /* On a partitioned bus a bit is one of its transmitter's wire. */
@@ -277,8 +261,8 @@ TEST(bits_are_on_the_wire_of_their_frame)
 {
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (unsigned sender = 0; sender < 4; sender += 2) {
-        rig *r = rig_new(4);
-        cw_rule *cut = rig_rule(r, new_rule("cut", CW_TRIGGER_TIME, CW_ACTION_PARTITION));
+        RIG *r = rig_new(4);
+        cw_rule *cut = ADD_RULE(r, "cut", TIME, PARTITION);
         cut->group[2] = cut->group[3] = 1;
         cw_rule *flip = rig_flip(r, "flip", CW_FIELD_EOF, 2);
         flip->count = 1;
@@ -287,7 +271,6 @@ TEST(bits_are_on_the_wire_of_their_frame)
         rig_run_bits(r, 300);
         for (unsigned node = 0; node < 4; node++)
             assert_int_equal(rig_count(r, CW_EVENT_ERROR, (int)node), node / 2 == sender / 2);
-        rig_free(r);
     }
 }
 
@@ -303,15 +286,10 @@ TEST(bits_last_as_long_as_they_are_told_to)
                  {0, BIT, 1},     {0, BIT + 1, 2},     {0, 2 * BIT, 2},  {0, 200 * BIT, 200}};
     const cw_frame frame = rig_frame(0x123, 0, 0);
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         r->nodes[2].modes = CW_MODE_LISTEN_ONLY; /* whom it does not disturb */
-        cw_rule *rule = rig_rule(r, new_rule("force", CW_TRIGGER_FRAME, CW_ACTION_FORCE));
-        rule->level = CW_RECESSIVE;
-        rule->field = CW_FIELD_EOF;
-        rule->index = 6;
-        rule->bits = cases[i].bits;
-        rule->for_ticks = cases[i].ticks;
-        rule->at = NODE(2);
+        ADD_RULE(r, "force", FRAME, FORCE, .level = CW_RECESSIVE, .field = CW_FIELD_EOF, .index = 6,
+                 .bits = cases[i].bits, .for_ticks = cases[i].ticks, .at = NODE(2));
         rig_start(r);
         rig_send(r, 0, &frame, 0);
         unsigned acting = 0;
@@ -321,7 +299,6 @@ TEST(bits_last_as_long_as_they_are_told_to)
         }
         assert_int_equal(acting + 1, cases[i].expected); /* in the last one it ends at its end */
         assert_int_equal(cw_bus_next(r->bus), CW_NEVER); /* nothing to look at any more */
-        rig_free(r);
     }
 }
 
@@ -330,19 +307,15 @@ TEST(bits_last_as_long_as_they_are_told_to)
 TEST(the_overload_delimiter_begins_when_the_wire_is_free)
 {
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    rig *r = rig_new(2);
-    cw_rule *ask = rig_rule(r, new_rule("ask", CW_TRIGGER_TIME, CW_ACTION_OVERLOAD));
-    ask->nodes = NODE(0);
-    cw_rule *mark = rig_rule(r, new_rule("mark", CW_TRIGGER_FRAME, CW_ACTION_FORCE));
-    mark->level = CW_RECESSIVE;
-    mark->field = CW_FIELD_OVERLOAD_DELIMITER;
+    RIG *r = rig_new(2);
+    ADD_RULE(r, "ask", TIME, OVERLOAD, .nodes = NODE(0));
+    ADD_RULE(r, "mark", FRAME, FORCE, .level = CW_RECESSIVE, .field = CW_FIELD_OVERLOAD_DELIMITER);
     rig_start(r);
     rig_send(r, 0, &frame, 0);
     rig_run_bits(r, 300);
     uint64_t end = rig_nth(r, CW_EVENT_TX, 0)->tick;
     assert_int_equal(hits(r, 1), 1);
     assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 1)->tick, end + (6 + 1 + 1) * BIT);
-    rig_free(r);
 }
 
 /* A wire that is stuck dominant and flipped in each bit is recessive, on a bus that is partitioned
@@ -350,34 +323,27 @@ TEST(the_overload_delimiter_begins_when_the_wire_is_free)
 TEST(a_flipped_wire_is_that_of_the_nodes_that_exist)
 {
     for (unsigned parts = 0; parts < 2; parts++) {
-        rig *r = rig_new(2);
-        cw_rule *stuck = rig_rule(r, new_rule("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK));
-        stuck->line = CW_LINE_TX;
-        cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
-        noise->error_rate = UINT64_MAX;
+        RIG *r = rig_new(2);
+        ADD_RULE(r, "stuck", TIME, STUCK, .line = CW_LINE_TX);
+        ADD_RULE(r, "noise", TIME, NOISE, .error_rate = UINT64_MAX);
         if (parts)
-            (void)rig_rule(r, new_rule("cut", CW_TRIGGER_TIME, CW_ACTION_PARTITION));
+            ADD_RULE(r, "cut", TIME, PARTITION);
         rig_start(r);
         rig_run_bits(r, 100);
         assert_int_equal(cw_bus_recessive_bits(r->bus), 100);
-        rig_free(r);
     }
 }
 
 /* A level that a single node sees is not on the wire. */
 TEST(a_stuck_rx_is_not_on_the_wire)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     r->nodes[1].modes = CW_MODE_LISTEN_ONLY; /* it signals to itself only */
-    cw_rule *stuck = rig_rule(r, new_rule("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK));
-    stuck->line = CW_LINE_RX;
-    stuck->node = 1;
-    stuck->time_begin = 50 * BIT;
+    ADD_RULE(r, "stuck", TIME, STUCK, .line = CW_LINE_RX, .node = 1, .time_begin = 50 * BIT);
     rig_start(r);
     rig_run_bits(r, 200);
     assert_int_equal(rig_count(r, CW_EVENT_ERROR, 1), 1);
     assert_int_equal(cw_bus_recessive_bits(r->bus), 200);
-    rig_free(r);
 }
 
 /* On each line, for good: nothing is to come, and a long time costs no more than a short one. */
@@ -385,11 +351,8 @@ TEST(what_is_stuck_recessive_costs_nothing_at_rest)
 {
     static const cw_line lines[] = {CW_LINE_TX, CW_LINE_RX, CW_LINE_WIRE};
     for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
-        rig *r = rig_new(3);
-        cw_rule *stuck = rig_rule(r, new_rule("stuck", CW_TRIGGER_TIME, CW_ACTION_STUCK));
-        stuck->line = lines[i];
-        stuck->node = 1;
-        stuck->level = CW_RECESSIVE;
+        RIG *r = rig_new(3);
+        ADD_RULE(r, "stuck", TIME, STUCK, .line = lines[i], .node = 1, .level = CW_RECESSIVE);
         rig_start(r);
         rig_run_bits(r, 100);
         assert_int_equal(hits(r, 0), 1);
@@ -397,6 +360,5 @@ TEST(what_is_stuck_recessive_costs_nothing_at_rest)
         const uint64_t before = cw_bus_work(r->bus);
         rig_run_bits(r, 1000000000);
         assert_in_range(cw_bus_work(r->bus) - before, 0, 100);
-        rig_free(r);
     }
 }

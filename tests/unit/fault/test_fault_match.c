@@ -63,7 +63,7 @@ TEST(matches_are_chosen_by_skip_every_and_count)
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         char pattern[OBSERVED_FRAMES + 1];
         cw_rule_stats stats;
-        rig *r = new_observed_bus(1);
+        RIG *r = new_observed_bus(1);
         r->rules[0].skip = cases[i].skip;
         r->rules[0].every = cases[i].every;
         r->rules[0].count = cases[i].count;
@@ -77,7 +77,6 @@ TEST(matches_are_chosen_by_skip_every_and_count)
             assert_int_equal(stats.hits, cases[i].count);
         else
             assert_int_equal(stats.matches, OBSERVED_FRAMES);
-        rig_free(r);
     }
 }
 
@@ -100,7 +99,7 @@ TEST(matches_passed_over_are_counted_in_frames_that_have_the_bit)
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         cw_rule_stats stats;
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         cw_rule *rule = rig_flip(r, "a", cases[i].field, cases[i].index);
         rule->skip = 100;
         rule->time_end = cases[i].time_end;
@@ -114,7 +113,6 @@ TEST(matches_passed_over_are_counted_in_frames_that_have_the_bit)
         assert_int_equal(cw_rule_get_stats(r->bus, 0, &stats), CW_OK);
         assert_int_equal(stats.matches, cases[i].matches);
         assert_int_equal(stats.hits, 0);
-        rig_free(r);
     }
 }
 
@@ -122,7 +120,7 @@ TEST(matches_passed_over_are_counted_in_frames_that_have_the_bit)
 TEST(matches_need_frame_sender_and_time)
 {
     char pattern[OBSERVED_FRAMES + 1];
-    rig *r = new_observed_bus(3);
+    RIG *r = new_observed_bus(3);
     r->rules[0].filters[0] = (cw_filter){.value = 0x101, .mask = 0x7FF};
     r->rules[0].filter_count = 1;
     r->rules[1].from = NODE(1);
@@ -137,13 +135,12 @@ TEST(matches_need_frame_sender_and_time)
     hit_pattern(pattern, r, 2);
     assert_memory_equal(pattern, "0011000000", 10);
     assert_null(strchr(pattern + 10, '1'));
-    rig_free(r);
 }
 
 TEST(an_inverted_filter_and_a_second_one)
 {
     char pattern[OBSERVED_FRAMES + 1];
-    rig *r = new_observed_bus(2);
+    RIG *r = new_observed_bus(2);
     r->rules[0].filters[0] = (cw_filter){.value = 0x101, .mask = 0x7FF, .inverted = true};
     r->rules[0].filter_count = 1;
     r->rules[1].filters[0] = (cw_filter){.value = 0x101, .mask = 0x7FF};
@@ -154,7 +151,6 @@ TEST(an_inverted_filter_and_a_second_one)
     assert_memory_equal(pattern, "10111011", 8);
     hit_pattern(pattern, r, 1);
     assert_memory_equal(pattern, "01010101", 8);
-    rig_free(r);
 }
 
 /* Each rule draws from its own stream: another rule, before or behind it, changes nothing. */
@@ -163,7 +159,7 @@ TEST(random_streams_of_rules_are_independent)
     char alone[OBSERVED_FRAMES + 1];
     char beside[OBSERVED_FRAMES + 1];
     char other[OBSERVED_FRAMES + 1];
-    rig *r = new_observed_bus(1);
+    RIG *r = new_observed_bus(1);
     r->rules[0].name = "b";
     r->rules[0].probability = UINT64_C(1) << 63;
     run_observed(r);
@@ -185,7 +181,6 @@ TEST(random_streams_of_rules_are_independent)
     run_observed(r);
     hit_pattern(other, r, 1);
     assert_string_not_equal(alone, other);
-    rig_free(r);
 }
 
 /* Drawn only for matches that skip and every let through. */
@@ -193,7 +188,7 @@ TEST(probability_is_drawn_last)
 {
     char all[OBSERVED_FRAMES + 1];
     char some[OBSERVED_FRAMES + 1];
-    rig *r = new_observed_bus(1);
+    RIG *r = new_observed_bus(1);
     r->rules[0].probability = UINT64_C(1) << 63;
     run_observed(r);
     hit_pattern(all, r, 0);
@@ -206,13 +201,12 @@ TEST(probability_is_drawn_last)
     hit_pattern(some, r, 0);
     for (unsigned i = 2, k = 0; i < OBSERVED_FRAMES; i += 3, k++)
         assert_int_equal(some[i], all[k]);
-    rig_free(r);
 }
 
 /* A node that lost arbitration transmits no more: a rule for its later bits does not match. */
 TEST(a_rule_ends_with_lost_arbitration)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     cw_frame high = rig_frame(0x100, 0, 1);
     cw_frame low = rig_frame(0x101, 0, 1);
     r->nodes[2].modes = CW_MODE_LISTEN_ONLY;
@@ -225,7 +219,6 @@ TEST(a_rule_ends_with_lost_arbitration)
     uint64_t sof = JOIN + model_encode(&high).length + INTERMISSION_BITS;
     assert_int_equal(rig_count(r, CW_EVENT_FAULT, -1), 1);
     assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, end_of(sof, model_encode(&low).at[19]));
-    rig_free(r);
 }
 
 /* ---- Random streams -------------------------------------------------------------------------- */
@@ -237,7 +230,7 @@ TEST(a_rule_ends_with_lost_arbitration)
 static void drawn_by(const char *name, uint64_t seed, unsigned before, unsigned behind, char *out)
 {
     static const char *const others[] = {"p", "q", "r", "s"};
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->config.seed = seed;
     for (unsigned i = 0; i <= before + behind; i++) {
@@ -253,7 +246,6 @@ static void drawn_by(const char *name, uint64_t seed, unsigned before, unsigned 
         out[i] = hits(r, before) > past ? '1' : '0';
     }
     out[DRAWS] = '\0';
-    rig_free(r);
 }
 
 TEST(other_rules_do_not_change_the_draws)
@@ -310,7 +302,7 @@ static cw_rule *many_rules(void)
 
 TEST(many_exact_identifiers_meet_their_own_frames)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     cw_rule *rules = many_rules();
     r->config.rules = rules;
     r->config.rule_count = MANY;
@@ -329,14 +321,13 @@ TEST(many_exact_identifiers_meet_their_own_frames)
         if (told)
             assert_int_equal(r->events[before].rule, i);
     }
-    rig_free(r);
     free(rules);
 }
 
 /* Rules on one identifier, and others between them, act in their order. */
 TEST(rules_on_one_frame_act_in_their_order)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 1);
     for (unsigned i = 0; i < 6; i++) {
         cw_rule rule = new_rule("change", CW_TRIGGER_FRAME, CW_ACTION_CHANGE);
@@ -356,7 +347,6 @@ TEST(rules_on_one_frame_act_in_their_order)
     assert_int_equal(rig_nth(r, CW_EVENT_RX, 0)->frame.data[0], 0x33 ^ 0x40 ^ 0x50);
     for (unsigned i = 0; i < 6; i++)
         assert_int_equal(rig_nth(r, CW_EVENT_FAULT, i)->rule, i);
-    rig_free(r);
 }
 
 /* ---- Filters of any shape -------------------------------------------------------------------- */
@@ -418,7 +408,7 @@ static void send_shaped_frames(rig *r, const bool *there)
 
 TEST(filters_of_any_shape_find_their_frames)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     bool there[SHAPES] = {false};
     r->config.rule_room = SHAPES;
     rig_start(r);
@@ -439,7 +429,6 @@ TEST(filters_of_any_shape_find_their_frames)
         assert_int_equal(cw_bus_clear_rule(r->bus, place), CW_OK);
     }
     send_shaped_frames(r, there);
-    rig_free(r);
 }
 
 /* ---- What a rule is bound to ----------------------------------------------------------------- */
@@ -448,14 +437,12 @@ TEST(filters_of_any_shape_find_their_frames)
 TEST(a_rule_knows_its_frame_to_the_end)
 {
     for (unsigned stepping = 0; stepping < 2; stepping++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         const cw_frame frame = rig_frame(0x123, 0, 0);
         const cw_frame other = rig_frame(0x456, 0, 0);
         cw_rule *flip = rig_flip(r, "flip", CW_FIELD_ERROR_FLAG, 2);
         exactly(flip, 0x123);
-        cw_rule *error = rig_rule(r, new_rule("error", CW_TRIGGER_ARMED, CW_ACTION_ERROR_FLAG));
-        error->nodes = NODE(1);
-        error->manual = true;
+        ADD_RULE(r, "error", ARMED, ERROR_FLAG, .nodes = NODE(1), .manual = true);
         r->nodes[0].queue = 1;
         rig_start(r);
         cw_bus_set_stepping(r->bus, stepping == 1);
@@ -467,20 +454,17 @@ TEST(a_rule_knows_its_frame_to_the_end)
         assert_int_equal(cw_bus_fire_rule(r->bus, 1), CW_OK);
         rig_run_bits(r, 500);
         assert_int_equal(hits(r, 0), 1);
-        rig_free(r);
     }
 }
 
 /* On a partitioned bus a frame is from those on the receiver's own wire. */
 TEST(the_sender_is_on_the_same_wire)
 {
-    rig *r = rig_new(4);
+    RIG *r = rig_new(4);
     const cw_frame frame = rig_frame(0x123, 0, 0);
-    cw_rule *cut = rig_rule(r, new_rule("cut", CW_TRIGGER_TIME, CW_ACTION_PARTITION));
+    cw_rule *cut = ADD_RULE(r, "cut", TIME, PARTITION);
     cut->group[2] = cut->group[3] = 1;
-    cw_rule *drop = rig_rule(r, new_rule("drop", CW_TRIGGER_FRAME, CW_ACTION_DROP));
-    drop->side = CW_SIDE_RX;
-    drop->from = NODE(0);
+    ADD_RULE(r, "drop", FRAME, DROP, .side = CW_SIDE_RX, .from = NODE(0));
     rig_start(r);
     rig_send(r, 0, &frame, 0);
     rig_send(r, 2, &frame, 0);
@@ -488,35 +472,29 @@ TEST(the_sender_is_on_the_same_wire)
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 2);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 1), 0);
     assert_int_equal(rig_count(r, CW_EVENT_RX, 3), 1);
-    rig_free(r);
 }
 
 /* The transmitter has an error in the bit in which the others take its frame. */
 TEST(the_sender_may_have_an_error_in_the_last_bit)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     cw_rule *flip = rig_flip(r, "flip", CW_FIELD_EOF, 5);
     flip->at = NODE(0);
     flip->count = 1;
-    cw_rule *drop = rig_rule(r, new_rule("drop", CW_TRIGGER_FRAME, CW_ACTION_DROP));
-    drop->side = CW_SIDE_RX;
-    drop->from = NODE(0);
+    ADD_RULE(r, "drop", FRAME, DROP, .side = CW_SIDE_RX, .from = NODE(0));
     rig_start(r);
     rig_send(r, 0, &frame, 0);
     rig_run_bits(r, 300);
     assert_int_equal(rig_count(r, CW_EVENT_RX, -1), 0);
     assert_int_equal(hits(r, 1), 2); /* one per frame, whatever its receivers */
-    rig_free(r);
 }
 
 /* A rule is bound to one transmission: not to the next one, even right behind it. */
 TEST(a_rule_is_bound_to_its_own_frame)
 {
-    rig *r = rig_new(2);
-    cw_rule *mark = rig_rule(r, new_rule("mark", CW_TRIGGER_FRAME, CW_ACTION_FORCE));
-    mark->level = CW_RECESSIVE;
-    mark->field = CW_FIELD_EOF;
+    RIG *r = rig_new(2);
+    cw_rule *mark = ADD_RULE(r, "mark", FRAME, FORCE, .level = CW_RECESSIVE, .field = CW_FIELD_EOF);
     exactly(mark, 0x101);
     rig_start(r);
     for (unsigned i = 0; i < 4; i++) {
@@ -526,13 +504,12 @@ TEST(a_rule_is_bound_to_its_own_frame)
     rig_run_bits(r, 400);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 4);
     assert_int_equal(hits(r, 0), 1);
-    rig_free(r);
 }
 
 /* Nor to any when it has been stopped. */
 TEST(a_stopped_rule_lets_go_of_the_frame)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     (void)rig_flip(r, "end", CW_FIELD_EOF, 6);
     rig_start(r);
@@ -542,7 +519,6 @@ TEST(a_stopped_rule_lets_go_of_the_frame)
     rig_run_bits(r, 100);
     assert_int_equal(hits(r, 0), 0);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
-    rig_free(r);
 }
 
 /* ---- Filters alone --------------------------------------------------------------------------- */

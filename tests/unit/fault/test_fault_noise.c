@@ -12,19 +12,16 @@ TEST(noise_and_a_position_in_one_bit)
 {
     cw_rule_stats stats[2];
     for (unsigned stepping = 0; stepping < 2; stepping++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         const cw_frame frame = rig_frame(0x123, 0, 0);
         rig_flip(r, "flip", CW_FIELD_R0, 0)->skip = 1000;
-        cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
-        noise->error_rate = UINT64_MAX / 80;
-        noise->at = NODE(1);
+        ADD_RULE(r, "noise", TIME, NOISE, .error_rate = UINT64_MAX / 80, .at = NODE(1));
         rig_start(r);
         cw_bus_set_stepping(r->bus, stepping == 1);
         for (unsigned i = 0; i < 200; i++)
             rig_send(r, 0, &frame, i * 100 * BIT);
         rig_run_bits(r, 200 * 100);
         assert_int_equal(cw_rule_get_stats(r->bus, 0, &stats[stepping]), CW_OK);
-        rig_free(r);
     }
     assert_in_range(stats[1].matches, 50, 300);
     assert_int_equal(stats[0].matches, stats[1].matches);
@@ -33,13 +30,10 @@ TEST(noise_and_a_position_in_one_bit)
 /* A follower of noise comes its delay after the end of the inverted bit. */
 TEST(noise_is_followed_from_the_end_of_its_bit)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     r->nodes[1].modes = CW_MODE_LISTEN_ONLY;
-    cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
-    noise->time_begin = 100 * BIT;
-    noise->error_rate = UINT64_MAX;
-    noise->at = NODE(1);
-    noise->count = 1;
+    ADD_RULE(r, "noise", TIME, NOISE, .time_begin = 100 * BIT, .error_rate = UINT64_MAX,
+             .at = NODE(1), .count = 1);
     cw_rule *after = rig_rule(r, probe("after", CW_TRIGGER_ARMED));
     after->has_after = true;
     after->after_delay = 10 * BIT;
@@ -47,21 +41,16 @@ TEST(noise_is_followed_from_the_end_of_its_bit)
     rig_run_bits(r, 200);
     assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 0)->tick, 101 * BIT);
     assert_int_equal(rig_nth(r, CW_EVENT_FAULT, 1)->tick, 111 * BIT);
-    rig_free(r);
 }
 
 /* Noise counts its flips; it ends with its count, and takes frames as other rules do. */
 TEST(noise_with_count_and_skip)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame frame = rig_frame(0x123, 0, 0);
     r->nodes[2].modes = CW_MODE_LISTEN_ONLY; /* whom it does not disturb */
-    cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_FRAME, CW_ACTION_NOISE));
-    noise->error_rate = UINT64_MAX;
-    noise->at = NODE(2);
-    noise->skip = 1;
-    noise->every = 2;
-    noise->count = 60;
+    ADD_RULE(r, "noise", FRAME, NOISE, .error_rate = UINT64_MAX, .at = NODE(2), .skip = 1,
+             .every = 2, .count = 60);
     rig_start(r);
     send_every(r, &frame, 100, 5); /* it takes the second and the fourth */
     rig_run_bits(r, JOIN + 99);
@@ -76,7 +65,6 @@ TEST(noise_with_count_and_skip)
     assert_true(rule_stats(r, 0).over);
     assert_false(rule_stats(r, 0).active);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 5);
-    rig_free(r);
 }
 
 /* Makes a bus with two noises of one kind each and a listener, so that frames go on. */
@@ -86,7 +74,7 @@ static rig *noisy_rig(void)
     static const uint64_t rates[] = {UINT64_MAX / 50, UINT64_MAX / 3000};
     for (unsigned i = 0; i < 2; i++) {
         cw_rule *noise =
-            rig_rule(r, new_rule(i ? "seldom" : "often", CW_TRIGGER_TIME, CW_ACTION_NOISE));
+            ADD_RULE(r, i ? "seldom" : "often", TIME, NOISE);
         noise->error_rate = rates[i];
         noise->at = i ? 0 : NODE(2);
     }
@@ -98,7 +86,7 @@ static rig *noisy_rig(void)
 /* However often and for how many bits rules are asked, what comes is what they have said. */
 TEST(questions_change_nothing)
 {
-    rig *asked = noisy_rig(), *left_alone = noisy_rig();
+    RIG *asked = noisy_rig(), *left_alone = noisy_rig();
     for (unsigned i = 1; i <= 400; i++) {
         const uint64_t before = hits(asked, 0) + hits(asked, 1);
         const unsigned touch = cw_rules_touch(&asked->bus->rules);
@@ -115,8 +103,6 @@ TEST(questions_change_nothing)
             assert_int_equal(hits(asked, rule), hits(left_alone, rule));
     }
     assert_in_range(hits(asked, 0), 40, 160);
-    rig_free(asked);
-    rig_free(left_alone);
 }
 
 /* ---- Bursts ---------------------------------------------------------------------------------- */
@@ -144,12 +130,9 @@ static seen_bursts run_bursts(unsigned least, unsigned most, uint64_t at, bool s
     seen_bursts b = {.count = 0};
     uint64_t first = 0, last = 0;
     unsigned flipped = 0;
-    rig *r = rig_new(2);
-    cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
-    noise->error_rate = UINT64_MAX / 5000;
-    noise->burst_least = (uint16_t)least;
-    noise->burst_most = (uint16_t)most;
-    noise->at = at;
+    RIG *r = rig_new(2);
+    ADD_RULE(r, "noise", TIME, NOISE, .error_rate = UINT64_MAX / 5000,
+             .burst_least = (uint16_t)least, .burst_most = (uint16_t)most, .at = at);
     rig_start(r);
     cw_bus_set_stepping(r->bus, stepping);
     rig_run_bits(r, 1000000);
@@ -164,7 +147,6 @@ static seen_bursts run_bursts(unsigned least, unsigned most, uint64_t at, bool s
         first = flipped++ ? first : tick;
         last = tick;
     }
-    rig_free(r);
     return b;
 }
 
@@ -192,16 +174,12 @@ TEST(lengths_are_drawn_evenly)
 TEST(bursts_out_of_range_are_refused)
 {
     static const uint16_t wrong[][2] = {{0, 5}, {5, 4}, {1, CW_BURST_MAX + 1}, {1, 0}};
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         r->config.rule_count = 0;
-        cw_rule *noise = rig_rule(r, new_rule("noise", CW_TRIGGER_TIME, CW_ACTION_NOISE));
-        noise->burst_least = wrong[i][0];
-        noise->burst_most = wrong[i][1];
-        void *memory = malloc(cw_bus_size(&r->config));
+        ADD_RULE(r, "noise", TIME, NOISE, .burst_least = wrong[i][0], .burst_most = wrong[i][1]);
+        FREED void *memory = malloc(cw_bus_size(&r->config));
         assert_non_null(memory);
         assert_null(cw_bus_init(memory, &r->config));
-        free(memory);
     }
-    rig_free(r);
 }

@@ -65,8 +65,8 @@ TEST(matches_count_with_their_bits)
                  {CW_FIELD_CRC_DELIMITER, CW_FIELD_INTERMISSION, 1000},
                  {CW_FIELD_EOF, CW_FIELD_INTERMISSION, 1000}};
     for (unsigned i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        rig *fast = patient_rules(cases[i].first, cases[i].second, cases[i].every, false);
-        rig *reference = patient_rules(cases[i].first, cases[i].second, cases[i].every, true);
+        RIG *fast = patient_rules(cases[i].first, cases[i].second, cases[i].every, false);
+        RIG *reference = patient_rules(cases[i].first, cases[i].second, cases[i].every, true);
         unsigned full = 0;
         for (uint64_t bit = 0; bit < 60000; bit += 1 + bit % 900) {
             if (cw_bus_pending(fast->bus) == 0) {
@@ -84,8 +84,6 @@ TEST(matches_count_with_their_bits)
         assert_int_not_equal(full, 0);
         rig_poll(fast);
         rig_assert_same_events(fast, reference);
-        rig_free(fast);
-        rig_free(reference);
     }
 }
 
@@ -115,13 +113,11 @@ static rig *run_joined_frames(unsigned every, bool stepping)
 TEST(a_step_that_goes_on_stops_for_bound_rules)
 {
     for (unsigned every = 1; every < 4; every++) {
-        rig *fast = run_joined_frames(every, false);
-        rig *reference = run_joined_frames(every, true);
+        RIG *fast = run_joined_frames(every, false);
+        RIG *reference = run_joined_frames(every, true);
         rig_assert_same_events(fast, reference);
         assert_same_matches(fast, reference);
         assert_int_not_equal(hits(fast, 0), 0);
-        rig_free(fast);
-        rig_free(reference);
     }
 }
 
@@ -320,19 +316,15 @@ TEST(the_trace_does_not_depend_on_the_pace)
     static cw_rule rules[ALL_RULES_MAX];
     unsigned used[STORM_RULES] = {0};
     for (uint64_t seed = 1; seed <= 60; seed++) {
-        rig *whole = run_storm(seed, rules, WHOLE, UINT16_MAX);
-        rig *bits = run_storm(seed, rules, BITS, 1);
-        rig *pieces = run_storm(seed, rules, PIECES, 1);
-        rig *small = run_storm(seed, rules, WHOLE, 1);
+        RIG *whole = run_storm(seed, rules, WHOLE, UINT16_MAX);
+        RIG *bits = run_storm(seed, rules, BITS, 1);
+        RIG *pieces = run_storm(seed, rules, PIECES, 1);
+        RIG *small = run_storm(seed, rules, WHOLE, 1);
         rig_assert_same_events(whole, bits);
         rig_assert_same_events(whole, pieces);
         rig_assert_same_events(whole, small);
         for (unsigned i = 0; i < STORM_RULES; i++)
             used[i] += hits(whole, i) > 0;
-        rig_free(whole);
-        rig_free(bits);
-        rig_free(pieces);
-        rig_free(small);
     }
     for (unsigned i = 0; i < STORM_RULES; i++)
         assert_in_range(used[i], 5, 60); /* each action did something in several storms */
@@ -357,7 +349,7 @@ TEST(events_are_in_order)
     char one[RIG_LINE_MAX];
     char other[RIG_LINE_MAX];
     for (uint64_t seed = 1; seed <= 60; seed++) {
-        rig *r = run_storm(seed, rules, WHOLE, UINT16_MAX);
+        RIG *r = run_storm(seed, rules, WHOLE, UINT16_MAX);
         for (size_t i = 1; i < r->count; i++) {
             if (in_order(&r->events[i - 1], &r->events[i]))
                 continue;
@@ -365,7 +357,6 @@ TEST(events_are_in_order)
             rig_line(other, &r->events[i]);
             fail_msg("seed %u: %s, then %s", (unsigned)seed, one, other);
         }
-        rig_free(r);
     }
 }
 

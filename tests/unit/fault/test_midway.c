@@ -359,14 +359,12 @@ TEST(rules_that_change_in_a_frame_act_as_bit_by_bit)
         a_node_goes_amid_its_flag, a_frame_that_comes_sets_off_a_stuck_wire,
         a_frame_that_comes_sets_off_a_partition};
     for (size_t i = 0; i < sizeof stories / sizeof stories[0]; i++) {
-        rig *fast = run(stories[i], false);
-        rig *stepping = run(stories[i], true);
+        RIG *fast = run(stories[i], false);
+        RIG *stepping = run(stories[i], true);
         assert_in_range(rig_count(stepping, CW_EVENT_TX, -1) +
                         rig_count(stepping, CW_EVENT_ERROR, -1), 1, SIZE_MAX);
         rig_assert_same_events(fast, stepping);
         assert_same_stats(fast, stepping);
-        rig_free(fast);
-        rig_free(stepping);
     }
 }
 

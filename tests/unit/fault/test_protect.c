@@ -131,7 +131,7 @@ TEST(a_bus_refuses_what_makes_no_sense)
         {.checksum = {.kind = CW_CHECKSUM_CRC16, .at = 63}},
         {.checksum = {.kind = CW_CHECKSUM_XOR, .id_length = 17}},
     };
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     r->config.protection_count = 1;
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         r->config.protections = &bad[i];
@@ -143,7 +143,6 @@ TEST(a_bus_refuses_what_makes_no_sense)
     assert_int_equal(cw_bus_size(&r->config), 0);
     r->config.protections = turned;
     assert_int_equal(cw_bus_size(&r->config), 0);
-    rig_free(r);
 }
 
 /* ---- On a bus -------------------------------------------------------------------------------- */
@@ -170,7 +169,7 @@ static void check_sent(rig *r, const char *expected)
 
 TEST(frames_of_the_host_are_counted_and_no_others)
 {
-    rig *r = counting();
+    RIG *r = counting();
     const cw_frame frame = rig_frame(0x123, 0, 2), empty = rig_frame(0x123, 0, 0);
     cw_frame other = rig_frame(0x124, 0, 1), theirs = frame;
     other.data[0] = 9;
@@ -194,15 +193,13 @@ TEST(frames_of_the_host_are_counted_and_no_others)
     static const uint8_t rest[] = {2, 9, 8, 8, 3, 4, 0, 1};
     for (unsigned i = 0; i < sizeof rest; i++)
         assert_int_equal(rig_nth(r, CW_EVENT_TX, 2 + i)->frame.data[0], rest[i]);
-    rig_free(r);
 }
 
 static void check_faults(cw_counter_fault fault, const char *expected)
 {
-    rig *r = counting();
+    RIG *r = counting();
     const cw_frame frame = rig_frame(0x123, 0, 2);
-    cw_rule *rule = rig_rule(r, new_rule("fault", CW_TRIGGER_FRAME, CW_ACTION_COUNTER));
-    rule->number = fault;
+    cw_rule *rule = ADD_RULE(r, "fault", FRAME, COUNTER, .number = fault);
     rule->every = 3; /* frames 1, 4, 7 */
     rig_start(r);
     for (unsigned i = 0; i < 7; i++)
@@ -210,7 +207,6 @@ static void check_faults(cw_counter_fault fault, const char *expected)
     rig_run_bits(r, 2000);
     assert_int_equal(hits(r, 0), 3);
     check_sent(r, expected);
-    rig_free(r);
 }
 
 /* The counter goes 1 2 3 4 0 1 2. The first frame has none before it. */
@@ -224,10 +220,10 @@ TEST(faults_change_the_counter)
 /* The rule would have hit the frame of another identifier before. */
 TEST(frames_without_a_counter_are_no_matches)
 {
-    rig *r = counting();
+    RIG *r = counting();
     const cw_frame frame = rig_frame(0x123, 0, 2), other = rig_frame(0x124, 0, 2);
-    rig_rule(r, new_rule("counter", CW_TRIGGER_FRAME, CW_ACTION_COUNTER));
-    rig_rule(r, new_rule("checksum", CW_TRIGGER_FRAME, CW_ACTION_CHECKSUM));
+    ADD_RULE(r, "counter", FRAME, COUNTER);
+    ADD_RULE(r, "checksum", FRAME, CHECKSUM);
     rig_start(r);
     rig_send(r, 0, &other, 11 * BIT);
     rig_send(r, 0, &frame, 200 * BIT);
@@ -238,7 +234,6 @@ TEST(frames_without_a_counter_are_no_matches)
     received.side = CW_SIDE_RX;
     unsigned index;
     assert_int_equal(cw_bus_add_rule(r->bus, &index, &received), CW_INVALID);
-    rig_free(r);
 }
 
 /* ---- Reload ---------------------------------------------------------------------------------- */
@@ -246,7 +241,7 @@ TEST(frames_without_a_counter_are_no_matches)
 static void check_take_over_of(const cw_protection *before, uint8_t from, uint32_t max,
                                unsigned expected)
 {
-    rig *old = counting(), *r = rig_new(2);
+    RIG *old = counting(), *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 2);
     uint8_t nodes[CW_NODES_MAX];
     cw_protection again = counted;
@@ -266,8 +261,6 @@ static void check_take_over_of(const cw_protection *before, uint8_t from, uint32
     rig_send(r, 0, &frame, 600 * BIT);
     rig_run_bits(r, 1000);
     check_sent(r, (char[]){(char)('0' + expected), '\0'});
-    rig_free(old);
-    rig_free(r);
 }
 
 static void check_take_over(uint8_t from, uint32_t max, unsigned expected)

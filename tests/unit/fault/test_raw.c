@@ -133,17 +133,15 @@ static const cw_frame extended = {.id = 0x12345678, .flags = CW_FRAME_EXTENDED, 
 
 static cw_rule *raw_frame(rig *r, unsigned deviations, uint64_t bit)
 {
-    cw_rule *rule = rig_rule(r, new_rule("raw", CW_TRIGGER_TIME, CW_ACTION_RAW_FRAME));
-    rule->frame = extended;
-    rule->deviations = (uint8_t)deviations;
-    rule->time_begin = bit * BIT;
+    cw_rule *rule = ADD_RULE(r, "raw", TIME, RAW_FRAME, .frame = extended,
+                             .deviations = (uint8_t)deviations, .time_begin = bit * BIT);
     return rule;
 }
 
 /* Drives a whole frame of node 2. */
 static cw_rule *raw_bits(rig *r, const cw_frame *frame, uint64_t bit)
 {
-    cw_rule *rule = rig_rule(r, new_rule("bits", CW_TRIGGER_TIME, CW_ACTION_RAW));
+    cw_rule *rule = ADD_RULE(r, "bits", TIME, RAW);
     cw_bits bits;
     assert_int_equal(cw_bits_encode(&bits, frame), CW_OK);
     memcpy(rule->raw, bits.level, sizeof rule->raw);
@@ -157,25 +155,21 @@ static cw_rule *raw_bits(rig *r, const cw_frame *frame, uint64_t bit)
 TEST(impossible_rules_are_refused)
 {
     for (unsigned deviations = 0; deviations < 16; deviations++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         cw_rule *rule = raw_frame(r, deviations, 0);
         assert_true((cw_bus_size(&r->config) != 0) && deviations < 16);
         rule->node = 1;
-        void *memory = malloc(cw_bus_size(&r->config));
+        FREED void *memory = malloc(cw_bus_size(&r->config));
         assert_int_equal(cw_bus_init(memory, &r->config) != NULL, deviations < 8);
         r->nodes[1].protocol = CW_FD_TOLERANT; /* its r1 is FDF */
         assert_int_equal(cw_bus_init(memory, &r->config) != NULL,
                          deviations < 8 && !(deviations & CW_DEVIATES_R1));
-        free(memory);
-        rig_free(r);
     }
     for (unsigned bits = 0; bits < 194; bits += 64) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         raw_bits(r, &extended, 0)->bits = (uint16_t)bits;
-        void *memory = malloc(cw_bus_size(&r->config));
+        FREED void *memory = malloc(cw_bus_size(&r->config));
         assert_int_equal(cw_bus_init(memory, &r->config) != NULL, bits > 0 && bits <= CW_RAW_MAX);
-        free(memory);
-        rig_free(r);
     }
 }
 
@@ -190,7 +184,7 @@ static uint64_t tx_end(unsigned begin, unsigned deviations)
 TEST(a_cleared_rule_leaves_an_honest_frame)
 {
     for (unsigned cleared = 0; cleared < 2; cleared++) {
-        rig *r = rig_new(2);
+        RIG *r = rig_new(2);
         raw_frame(r, CW_DEVIATES_R0 | CW_DEVIATES_R1, 0);
         rig_start(r);
         rig_run_bits(r, JOIN - 1);
@@ -200,7 +194,6 @@ TEST(a_cleared_rule_leaves_an_honest_frame)
         assert_int_not_equal(tx_end(JOIN, 0), tx_end(JOIN, CW_DEVIATES_R0 | CW_DEVIATES_R1));
         assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->tick,
                          tx_end(JOIN, cleared ? 0 : CW_DEVIATES_R0 | CW_DEVIATES_R1));
-        rig_free(r);
     }
 }
 
@@ -210,7 +203,7 @@ TEST(a_raw_frame_is_taken_over)
     static const uint8_t same[] = {0, 1};
     for (unsigned begun = 0; begun < 2; begun++) {
         const unsigned deviations = begun ? CW_DEVIATES_R0 | CW_DEVIATES_R1 : 0;
-        rig *old = rig_new(2), *r = rig_new(2);
+        RIG *old = rig_new(2), *r = rig_new(2);
         raw_frame(old, CW_DEVIATES_R0 | CW_DEVIATES_R1, 0);
         rig_start(old);
         rig_run_bits(old, begun ? JOIN + 40 : JOIN - 1);
@@ -219,15 +212,13 @@ TEST(a_raw_frame_is_taken_over)
         rig_run_bits(r, 300);
         assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
         assert_int_equal(rig_nth(r, CW_EVENT_TX, 0)->tick, tx_end(JOIN, deviations));
-        rig_free(old);
-        rig_free(r);
     }
 }
 
 /* Nodes get a frame that was driven without a controller, from the node that drove it. */
 TEST(raw_bits_of_a_frame_are_received)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     (void)raw_bits(r, &extended, 0);
     rig_start(r);
     rig_run_bits(r, 300);
@@ -239,23 +230,20 @@ TEST(raw_bits_of_a_frame_are_received)
     assert_int_equal(rx->handed_in, rx->tick);
     assert_int_equal(rig_count(r, CW_EVENT_TX, -1) + rig_count(r, CW_EVENT_ERROR, -1), 0);
     assert_int_equal(rig_bus_stats(r).undetected_errors, 0);
-    rig_free(r);
 }
 
 /* A node that is cut off drives nothing, and one that its host has taken off neither. */
 TEST(a_node_that_is_cut_off_drives_no_bits)
 {
     for (unsigned host = 0; host < 2; host++) {
-        rig *r = rig_new(3);
+        RIG *r = rig_new(3);
         (void)raw_bits(r, &extended, 20);
-        cw_rule *cut = rig_rule(r, new_rule("cut", CW_TRIGGER_TIME, CW_ACTION_DISCONNECT));
-        cut->nodes = host ? NODE(1) : NODE(2);
+        ADD_RULE(r, "cut", TIME, DISCONNECT, .nodes = host ? NODE(1) : NODE(2));
         rig_start(r);
         if (host)
             assert_int_equal(cw_node_attach(r->bus, 2, false), CW_OK);
         rig_run_bits(r, 300);
         assert_int_equal(rig_count(r, CW_EVENT_RX, -1) + rig_count(r, CW_EVENT_ERROR, -1), 0);
-        rig_free(r);
     }
 }
 
@@ -263,7 +251,7 @@ TEST(a_node_that_is_cut_off_drives_no_bits)
  * integrates, and sends its own frame. */
 TEST(raw_bits_wait_for_an_idle_bus)
 {
-    rig *r = rig_new(3);
+    RIG *r = rig_new(3);
     const cw_frame frame = rig_frame(0x100, 0, 0), own = rig_frame(0x200, 0, 0);
     cw_rule *rule = raw_bits(r, &extended, 0);
     rule->trigger = CW_TRIGGER_ARMED;
@@ -286,5 +274,4 @@ TEST(raw_bits_wait_for_an_idle_bus)
     assert_int_equal(cw_rule_get_stats(r->bus, 0, &stats), CW_OK);
     assert_int_equal(stats.hits, 2);
     assert_false(stats.active);
-    rig_free(r);
 }

@@ -198,10 +198,9 @@ TEST(memos_grow_until_they_are_taken)
     fputs("a", m.out);
     assert_string_equal(memo_text(&m), "a");
     fputs("b", m.out);
-    char *text = memo_take(&m);
+    FREED char *text = memo_take(&m);
     assert_string_equal(text, "ab");
     memo_end(&m);
-    free(text);
 }
 
 TEST(memos_forget_what_a_rewind_leaves_behind)

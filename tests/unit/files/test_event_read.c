@@ -25,10 +25,9 @@ static const cw_frame fd_frame = {.id = 0x1FFFFFFF,
 static event_read_result read_text(cw_event *out, uint64_t *time_ns, const char *text)
 {
     json_error_t error;
-    json_t *line = json_loads(text, 0, &error);
+    json_auto_t *line = json_loads(text, 0, &error);
     assert_non_null(line);
     event_read_result result = event_read(out, time_ns, line, &config);
-    json_decref(line);
     return result;
 }
 

@@ -127,14 +127,13 @@ static cw_bus *make_bus(const cfg *config)
 static expect_report judge(const cfg *config, const cw_event *events, size_t count)
 {
     expect_report report = {.count = 0};
-    cw_bus *bus = make_bus(config);
+    FREED cw_bus *bus = make_bus(config);
     expect *x = expect_start(config, &(cw_bus_stats){.ticks = 0});
     assert_non_null(x);
     for (size_t i = 0; i < count; i++)
         expect_event(x, &events[i]);
     assert_true(expect_conclude(x, &report, bus));
     expect_free(x);
-    free(bus);
     return report;
 }
 
@@ -429,7 +428,7 @@ TEST(junit_times_are_rounded)
     const expect_report none = {.count = 0};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         char wanted[32];
-        char *text = NULL;
+        FREED char *text = NULL;
         size_t size = 0;
         FILE *out = open_memstream(&text, &size);
         assert_non_null(out);
@@ -438,7 +437,6 @@ TEST(junit_times_are_rounded)
         (void)snprintf(wanted, sizeof wanted, " time=\"%s\"", cases[i].time);
         if (!strstr(text, wanted))
             fail_msg("%" PRIu64 " ticks: %s wanted, got %s", cases[i].ticks, wanted, text);
-        free(text);
     }
 }
 

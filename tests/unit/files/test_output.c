@@ -225,7 +225,7 @@ static const line_case lines[] = {
 TEST_ROWS(writes_the_line, lines)
 {
     const line_case *expected = *state;
-    char *text = NULL;
+    FREED char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
 
@@ -233,7 +233,6 @@ TEST_ROWS(writes_the_line, lines)
     expected->write(out, &config, &expected->event);
     fclose(out);
     assert_string_equal(text, expected->text);
-    free(text);
 }
 
 /* All nodes there can be, with the longest names: more than is written at once. */
@@ -253,7 +252,7 @@ TEST(many_long_lines_are_whole)
                                                 .index = UINT8_MAX,
                                                 .stuff = true},
                                       .flag = CW_FLAG_PASSIVE}};
-    char *text = NULL;
+    FREED char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
 
@@ -277,7 +276,6 @@ TEST(many_long_lines_are_whole)
         line += expected_length;
     }
     assert_int_equal(line - text, length);
-    free(text);
 }
 
 /* ---- Statistics ------------------------------------------------------------------------------ */
@@ -296,9 +294,9 @@ static json_t *written_stats(uint64_t until_bits, uint32_t bit_ticks)
                                   .rule_count = 2,
                                   .nodes = each,
                                   .rules = rules};
-    void *memory = malloc(cw_bus_size(&wanted));
+    FREED void *memory = malloc(cw_bus_size(&wanted));
     cw_bus *bus = cw_bus_init(memory, &wanted);
-    char *text = NULL;
+    FREED char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
 
@@ -312,8 +310,6 @@ static json_t *written_stats(uint64_t until_bits, uint32_t bit_ticks)
 
     assert_non_null(root);
     assert_int_equal(text[length - 1], '\n');
-    free(text);
-    free(memory);
     return root;
 }
 
@@ -425,7 +421,7 @@ TEST(stats_keys_are_in_order)
     static const char *const delay_keys[] = {"count",  "min_ns", "mean_ns", "max_ns",
                                              "p50_ns", "p99_ns", NULL};
     static const char *const rule_keys[] = {"name", "matches", "hits", NULL};
-    json_t *root = written_stats(300, BIT_TICKS);
+    json_auto_t *root = written_stats(300, BIT_TICKS);
     const json_t *node = json_array_get(json_object_get(root, "nodes"), 0);
 
     assert_keys(root, root_keys);
@@ -435,12 +431,11 @@ TEST(stats_keys_are_in_order)
     assert_keys(json_object_get(node, "errors"), error_keys);
     assert_keys(json_object_get(node, "delay"), delay_keys);
     assert_keys(json_array_get(json_object_get(root, "rules"), 0), rule_keys);
-    json_decref(root);
 }
 
 TEST(stats_of_the_bus_are_those_of_the_library)
 {
-    json_t *root = written_stats(300, BIT_TICKS);
+    json_auto_t *root = written_stats(300, BIT_TICKS);
     const json_t *bus = json_object_get(root, "bus");
 
     assert_string_equal(string(bus, "name"), "powertrain");
@@ -452,7 +447,6 @@ TEST(stats_of_the_bus_are_those_of_the_library)
     assert_int_equal(number(bus, "error_frames"), 1);
     assert_int_equal(number(bus, "faults"), 1);
     assert_int_equal(number(bus, "load_permille"), number(bus, "busy_bits") * 1000 / 300);
-    json_decref(root);
 }
 
 /* The CRC is 1(0)00111... on the wire, so crc[3] is wire bit 56, bus bit 11 + 56 = 67. Flipped, it
@@ -461,7 +455,7 @@ TEST(stats_of_the_bus_are_those_of_the_library)
  * intermission to 86; the second attempt takes the 78 bits from 87 to 164: 165 bits of 2 us. */
 TEST(stats_of_the_nodes_are_those_of_the_library)
 {
-    json_t *root = written_stats(300, BIT_TICKS);
+    json_auto_t *root = written_stats(300, BIT_TICKS);
     const json_t *all = json_object_get(root, "nodes");
     const json_t *sender = json_array_get(all, 0);
     const json_t *receiver = json_array_get(all, 1);
@@ -485,12 +479,11 @@ TEST(stats_of_the_nodes_are_those_of_the_library)
     assert_int_equal(number(receiver, "rx_bytes"), 4);
     assert_int_equal(number(receiver, "rec"), 0);
     assert_int_equal(number(json_object_get(receiver, "errors"), "stuff"), 1);
-    json_decref(root);
 }
 
 TEST(stats_of_the_rules_are_those_of_the_library)
 {
-    json_t *root = written_stats(300, BIT_TICKS);
+    json_auto_t *root = written_stats(300, BIT_TICKS);
     const json_t *all = json_object_get(root, "rules");
 
     assert_int_equal(json_array_size(all), 2);
@@ -499,23 +492,20 @@ TEST(stats_of_the_rules_are_those_of_the_library)
     assert_int_equal(number(json_array_get(all, 0), "hits"), 0);
     assert_string_equal(string(json_array_get(all, 1), "name"), "crc-flip");
     assert_int_equal(number(json_array_get(all, 1), "hits"), 1);
-    json_decref(root);
 }
 
 TEST(half_nanoseconds_are_truncated)
 {
-    json_t *root = written_stats(3, 1);
+    json_auto_t *root = written_stats(3, 1);
 
     assert_int_equal(number(json_object_get(root, "bus"), "time_ns"), 37);
-    json_decref(root);
 }
 
 TEST(nothing_simulated_is_no_load)
 {
-    json_t *root = written_stats(0, BIT_TICKS);
+    json_auto_t *root = written_stats(0, BIT_TICKS);
     const json_t *node = json_array_get(json_object_get(root, "nodes"), 0);
 
     assert_int_equal(number(json_object_get(root, "bus"), "load_permille"), 0);
     assert_int_equal(number(json_object_get(node, "delay"), "mean_ns"), 0);
-    json_decref(root);
 }

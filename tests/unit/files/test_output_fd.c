@@ -138,7 +138,7 @@ static json_int_t number(const json_t *object, const char *key)
 
 static json_t *stats_of(const rig *r)
 {
-    char *text = NULL;
+    FREED char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
 
@@ -147,7 +147,6 @@ static json_t *stats_of(const rig *r)
     assert_int_equal(fclose(out), 0);
     json_t *root = json_loads(text, JSON_REJECT_DUPLICATES, NULL);
     assert_non_null(root);
-    free(text);
     return root;
 }
 
@@ -293,7 +292,7 @@ static const char status[] =
 
 static void assert_shows(const json_t *root, const char *const *lines)
 {
-    char *text = NULL;
+    FREED char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
 
@@ -306,7 +305,6 @@ static void assert_shows(const json_t *root, const char *const *lines)
         assert_non_null(found);
         at = found + strlen(*lines) - 1; /* the next line may be the very next one */
     }
-    free(text);
 }
 
 TEST(the_status_has_the_lines_of_ip)
@@ -322,18 +320,17 @@ TEST(the_status_has_the_lines_of_ip)
         "\n\t  bit-err    stuff-err  form-err   crc-err    ack-err\n",
         "\n\t  4          3          2          1          0\n",
         NULL};
-    json_t *root = json_loads(status, 0, NULL);
+    json_auto_t *root = json_loads(status, 0, NULL);
 
     assert_non_null(root);
     assert_shows(root, lines);
-    json_decref(root);
 }
 
 TEST(a_node_without_compensation_has_no_tdcv)
 {
-    json_t *root = json_loads(status, 0, NULL);
+    json_auto_t *root = json_loads(status, 0, NULL);
     json_t *node = json_array_get(json_object_get(root, "nodes"), 0);
-    char *text = NULL;
+    FREED char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
 
@@ -344,6 +341,4 @@ TEST(a_node_without_compensation_has_no_tdcv)
     assert_non_null(strstr(text, "can <ONE-SHOT,FD,FD-NON-ISO> state"));
     assert_non_null(strstr(text, "dbitrate 2000000"));
     assert_null(strstr(text, "tdcv"));
-    free(text);
-    json_decref(root);
 }

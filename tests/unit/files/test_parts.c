@@ -69,9 +69,8 @@ TEST(labels_have_names_and_values)
          "data[18] 55|data[19] 55|fixed stuff|stuff-count 6" CRC_21 END},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        char *got = labels_of(cases[i][0]);
+        FREED char *got = labels_of(cases[i][0]);
         assert_string_equal(got, cases[i][1]);
-        free(got);
     }
 }
 

@@ -32,7 +32,7 @@ static char *hexadecimal(const unsigned char *bytes, size_t size)
 
 static char *written(const cw_event *event)
 {
-    char *bytes = NULL;
+    FREED char *bytes = NULL;
     size_t size = 0;
     FILE *out = open_memstream(&bytes, &size);
     assert_non_null(out);
@@ -42,7 +42,6 @@ static char *written(const cw_event *event)
         pcapng_begin(out, &config);
     assert_int_equal(fclose(out), 0);
     char *text = hexadecimal((unsigned char *)bytes, size);
-    free(bytes);
     return text;
 }
 
@@ -50,7 +49,7 @@ static char *written(const cw_event *event)
 
 TEST(begins_with_a_section_and_an_interface_for_each_node)
 {
-    char *text = written(NULL);
+    FREED char *text = written(NULL);
     char application[128] = "";
     for (const char *c = "canwire " CANWIRE_VERSION; *c; c++)
         sprintf(application + strlen(application), "%02X", (unsigned)*c);
@@ -69,7 +68,6 @@ TEST(begins_with_a_section_and_an_interface_for_each_node)
                             "03000600" "612D6C6F61640000"
                             "08000800" "20A1070000000000"
                             "09000100" "09000000" "00000000" "44000000");
-    free(text);
 }
 
 #define TIME "67452301EFCDAB89"
@@ -142,9 +140,8 @@ static const packet_case packets[] = {
 TEST_ROWS(writes_the_packet, packets)
 {
     const packet_case *expected = *state;
-    char *text = written(&expected->event);
+    FREED char *text = written(&expected->event);
     assert_string_equal(text, expected->bytes);
-    free(text);
 }
 
 /* ---- There and back -------------------------------------------------------------------------- */

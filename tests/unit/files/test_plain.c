@@ -30,12 +30,11 @@ static const example examples[] = {
 TEST(text_is_made_plain)
 {
     for (size_t i = 0; i < sizeof examples / sizeof examples[0]; i++) {
-        char *text = strdup(examples[i].text);
+        FREED char *text = strdup(examples[i].text);
         assert_non_null(text);
         plain_make(text, '?');
         assert_string_equal(text, examples[i].plain);
         assert_false(plain_is_not(text));
-        free(text);
     }
 }
 
@@ -58,13 +57,12 @@ TEST(lines_stay)
 TEST(xml_shows_each_such_character_once)
 {
     for (size_t i = 0; i < sizeof examples / sizeof examples[0]; i++) {
-        char *got = NULL;
+        FREED char *got = NULL;
         size_t size = 0;
         FILE *out = open_memstream(&got, &size);
         assert_non_null(out);
         xml_value(out, examples[i].text);
         (void)fclose(out);
         assert_string_equal(got, examples[i].xml);
-        free(got);
     }
 }

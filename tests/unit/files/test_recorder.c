@@ -64,12 +64,11 @@ static char *content(unsigned number)
 
 static void assert_content(unsigned number, const char *expected)
 {
-    char *text = content(number);
+    FREED char *text = content(number);
     if (expected)
         assert_string_equal(text, expected);
     else
         assert_null(text);
-    free(text);
 }
 
 static spool *open_spool(unsigned files)
@@ -208,9 +207,8 @@ IN_FOLDER(a_full_disk_ends_it_behind_the_last_whole_record)
     assert_false(spool_write(s, "x", 1));
     assert_false(spool_cut(s));
     assert_true(spool_close(s, PATIENCE_S));
-    char *text = content(0);
+    FREED char *text = content(0);
     assert_int_equal(strlen(text), 90); /* 6 of 15 bytes, not 100 */
-    free(text);
 }
 
 /* ---- Recorders ------------------------------------------------------------------------------- */

@@ -135,7 +135,7 @@ TEST_ROWS(test_end, cases)
     const end_case *t = *state;
     const cfg_file file = {.name = "a.yaml", .text = t->text, .size = strlen(t->text)};
     cfg *config = cfg_load_text(&file, stderr);
-    course *both = calloc(2, sizeof *both);
+    FREED course *both = calloc(2, sizeof *both);
     assert_non_null(config);
     assert_non_null(both);
     go(&both[0], config, false);
@@ -145,6 +145,5 @@ TEST_ROWS(test_end, cases)
     assert_in_range(both[0].work, 1, t->work_max);
     assert_true(t->waits == (both[0].end >= UINT64_C(10) * CW_CLOCK_HZ));
     check_time_of_rules(&both[0], t->rules_ms);
-    free(both);
     cfg_free(config);
 }

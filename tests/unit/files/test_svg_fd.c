@@ -81,7 +81,7 @@ TEST(bits_are_to_scale)
         {"field data[1]", 8 * FD_DATA_TICKS}, {"field crc-delimiter", FD_DELIMITER_TICKS},
         {"field ack-slot", 2 * FD_BIT_TICKS}, {"field ack-delimiter", FD_BIT_TICKS},
     };
-    char *text = picture(CW_FD, true, frame);
+    FREED char *text = picture(CW_FD, true, frame);
     int x;
     const int data_bit = width_of(text, "field esi", &x);
 
@@ -91,12 +91,11 @@ TEST(bits_are_to_scale)
         const int width = width_of(text, fields[i].name, &x);
         assert_in_range(width, wanted - 1, wanted + 1);
     }
-    free(text);
 }
 
 TEST(the_data_phase_has_a_bar)
 {
-    char *text = picture(CW_FD, true, frame);
+    FREED char *text = picture(CW_FD, true, frame);
     int esi, bar;
 
     (void)width_of(text, "field esi", &esi);
@@ -108,13 +107,12 @@ TEST(the_data_phase_has_a_bar)
     assert_int_equal(bar, esi);
     assert_non_null(strstr(text, ">500000 and 2000000 bit/s, 22 to "));
     assert_non_null(strstr(text, ">begun at the data rate, 2000000 bit/s; all bits are to scale<"));
-    free(text);
 }
 
 /* The numbers of bits are those of the bus, although not all are as long as others. */
 TEST(bits_are_numbered)
 {
-    char *text = picture(CW_FD, true, frame);
+    FREED char *text = picture(CW_FD, true, frame);
     const unsigned last = JOIN + cw_frame_wire_bits(&frame) + 3;
     char number[32];
 
@@ -123,12 +121,11 @@ TEST(bits_are_numbered)
         if (n % 10 == 0 && n + 3 < last)
             assert_non_null(strstr(text, number));
     }
-    free(text);
 }
 
 TEST(events_stand_at_the_ends_of_their_bits)
 {
-    char *text = picture(CW_FD, true, frame);
+    FREED char *text = picture(CW_FD, true, frame);
     int x;
 
     const int width = width_of(text, "field intermission", &x);
@@ -137,15 +134,13 @@ TEST(events_stand_at_the_ends_of_their_bits)
     snprintf(sent, sizeof sent, "<path d=\"M%d ", x); /* the end of EOF is where it begins */
     assert_non_null(strstr(text, sent));
     assert_true(width > 0);
-    free(text);
 }
 
 TEST(a_classical_picture_tells_nothing_of_rates)
 {
-    char *text = picture(CW_CLASSICAL, false, (cw_frame){.id = 0x123, .dlc = 2});
+    FREED char *text = picture(CW_CLASSICAL, false, (cw_frame){.id = 0x123, .dlc = 2});
 
     assert_null(strstr(text, "data-rate"));
     assert_null(strstr(text, "data rate"));
     assert_non_null(strstr(text, ">500000 bit/s, 22 to "));
-    free(text);
 }

@@ -29,13 +29,12 @@ static void take_of(top_model *m, int pid, int64_t time_ns, int frames, int erro
         "nodes", "name", "engine", "link", "state", "error-passive", "tec", 128, "rec", 0,
         "tx_frames", frames, "rx_frames", 0, "bus_errors", errors, "delay", "max_ns", 12345678,
         "name", "dash", "link", "down", "state", "error-active", "tec", 0, "rec", 96);
-    json_t *faults = json_pack("[{s:s,s:s,s:i,s:b,s:b}]", "name", "crc", "action", "flip", "hits",
-                               hits, "manual", 0, "injected", 1);
+    json_auto_t *faults = json_pack("[{s:s,s:s,s:i,s:b,s:b}]", "name", "crc", "action", "flip",
+                                    "hits", hits, "manual", 0, "injected", 1);
     assert_non_null(status);
     assert_non_null(faults);
     top_model_take(m, status, faults);
     json_decref(status);
-    json_decref(faults);
 }
 
 static void take(int pid, int64_t time_ns, int frames, int errors, int hits)

@@ -85,12 +85,10 @@ static char *make_file(const void *content, size_t size)
 static void assert_reads(const void *content, size_t size, trace_format format,
                          const char *expected)
 {
-    char *name = make_file(content, size);
-    char *got = read_all(name, format);
+    FREED char *name = make_file(content, size);
+    FREED char *got = read_all(name, format);
     assert_string_equal(got, expected);
     unlink(name);
-    free(got);
-    free(name);
 }
 
 /* ---- candump --------------------------------------------------------------------------------- */
@@ -175,11 +173,10 @@ static const made_case made[] = {
 TEST(files_of_candump_are_read)
 {
     for (size_t i = 0; i < COUNT(made); i++) {
-        char *got = read_all(made[i].file, made[i].format);
+        FREED char *got = read_all(made[i].file, made[i].format);
         if (strcmp(got, made[i].expected) != 0)
             print_message("%s\n", made[i].file);
         assert_string_equal(got, made[i].expected);
-        free(got);
     }
 }
 
@@ -298,8 +295,8 @@ TEST(long_lines_and_zeros_are_refused)
 TEST(files_longer_than_the_buffer_are_read)
 {
     enum { LINES = 20000 };
-    char *content = NULL;
-    char *expected = NULL;
+    FREED char *content = NULL;
+    FREED char *expected = NULL;
     size_t size;
     size_t expected_size;
     FILE *in = open_memstream(&content, &size);
@@ -315,8 +312,6 @@ TEST(files_longer_than_the_buffer_are_read)
     fclose(out);
     assert_true(size > 400000);
     assert_reads(content, size, TRACE_DETECT, expected);
-    free(content);
-    free(expected);
 }
 
 /* ---- ASC ------------------------------------------------------------------------------------- */
@@ -893,9 +888,8 @@ TEST(replays_are_at_their_times)
 {
     for (size_t i = 0; i < COUNT(replays); i++) {
         cfg_traffic traffic = replays[i].traffic;
-        char *got = replay_all(&traffic, replays[i].content, replays[i].origin);
+        FREED char *got = replay_all(&traffic, replays[i].content, replays[i].origin);
         assert_string_equal(got, replays[i].expected);
-        free(got);
     }
 }
 
@@ -903,7 +897,7 @@ TEST(replays_are_at_their_times)
 TEST(long_searches_pause)
 {
     enum { LINES = 2500 };
-    char *content = NULL;
+    FREED char *content = NULL;
     size_t size;
     char problem[TRACE_PROBLEM_MAX];
     cw_frame frame;
@@ -927,5 +921,4 @@ TEST(long_searches_pause)
     replay_close(r);
     unlink(traffic.file);
     free(traffic.file);
-    free(content);
 }

@@ -143,7 +143,7 @@ TEST(a_line_too_long_breaks_the_acknowledgement)
         const unsigned quantum = (unsigned)(t.quantum / 2 / METRE);
         const unsigned metres[] = {lines[i].metres, ends - 1, ends + quantum + 2};
         for (unsigned k = 0; k < 3; k++) {
-            rig *r = rig_on_line(&t, metres[k]);
+            RIG *r = rig_on_line(&t, metres[k]);
             rig_start(r);
             send_frames(r, 0, 4, 0x200);
             run_bits(r, 900);
@@ -154,7 +154,6 @@ TEST(a_line_too_long_breaks_the_acknowledgement)
                 assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 0);
                 assert_int_equal(rig_nth(r, CW_EVENT_ERROR, 0)->error.type, CW_ERROR_ACK);
             }
-            rig_free(r);
         }
     }
 }
@@ -166,7 +165,7 @@ TEST(contenders_on_a_line_too_long_find_bit_errors)
     cw_bit_timing t = timing_of(1, 10, 2, 3, 2);
     t.quantum = 250 * NS / 4;
     for (unsigned k = 0; k < 2; k++) {
-        rig *r = rig_on_line(&t, k ? 140 : 40);
+        RIG *r = rig_on_line(&t, k ? 140 : 40);
         rig_start(r);
         send_frames(r, 0, 3, 0x300);
         send_frames(r, 1, 3, 0x200);
@@ -178,7 +177,6 @@ TEST(contenders_on_a_line_too_long_find_bit_errors)
             assert_true(rig_count(r, CW_EVENT_ERROR, -1) > 0);
             assert_int_equal(rig_count(r, CW_EVENT_TX, -1), 0);
         }
-        rig_free(r);
     }
 }
 
@@ -197,7 +195,7 @@ static cw_rule *add_rule(rig *r, const char *name, cw_trigger trigger, cw_action
 TEST(a_late_disturbance_is_seen_by_late_sample_points)
 {
     const cw_bit_timing early = timing_of(125, 6, 5, 4, 2), late = timing_of(125, 6, 7, 2, 2);
-    rig *r = rig_apart(3, &early);
+    RIG *r = rig_apart(3, &early);
     r->nodes[2].timing.bit = late;
     cw_rule *p = add_rule(r, "spike", CW_TRIGGER_FRAME, CW_ACTION_PULSE);
     p->level = CW_DOMINANT;
@@ -215,7 +213,6 @@ TEST(a_late_disturbance_is_seen_by_late_sample_points)
     assert_int_equal(rig_stats(r, 0).errors[CW_ERROR_FORM], 1); /* the flag, after an ACK */
     assert_int_equal(rig_stats(r, 0).tx_frames, 1);            /* the second attempt */
     assert_int_equal(rig_stats(r, 1).rx_frames, 1);
-    rig_free(r);
 }
 
 /* T9: in idle a pulse is an edge, but no frame when the sample is recessive again. */
@@ -223,7 +220,7 @@ TEST(a_pulse_in_idle_is_no_frame)
 {
     const cw_bit_timing t = timing_of(125, 6, 7, 2, 2);
     for (unsigned k = 0; k < 2; k++) {
-        rig *r = rig_apart(3, &t);
+        RIG *r = rig_apart(3, &t);
         cw_rule *p = add_rule(r, "spike", CW_TRIGGER_TIME, CW_ACTION_PULSE);
         p->time_begin = 100 * r->config.bit_ticks;
         p->level = CW_DOMINANT;
@@ -231,7 +228,6 @@ TEST(a_pulse_in_idle_is_no_frame)
         rig_start(r);
         run_bits(r, 300);
         assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), k ? 3 : 0);
-        rig_free(r);
     }
 }
 
@@ -242,7 +238,7 @@ TEST(a_pulse_in_idle_is_no_frame)
 TEST(a_node_that_drifts_out_goes_and_the_others_stay)
 {
     const cw_bit_timing t = timing_of(125, 4, 5, 6, 4);
-    rig *r = rig_apart(3, &t);
+    RIG *r = rig_apart(3, &t);
     cw_rule *ramp = add_rule(r, "warm", CW_TRIGGER_TIME, CW_ACTION_RAMP);
     ramp->nodes = NODE(2);
     ramp->quantum_from = t.quantum;
@@ -266,7 +262,6 @@ TEST(a_node_that_drifts_out_goes_and_the_others_stay)
     const uint64_t before = rig_stats(r, 1).rx_frames;
     run_bits(r, 63000);
     assert_int_equal(rig_stats(r, 1).rx_frames, before + 10);
-    rig_free(r);
 }
 
 /* A node with the wrong prescaler, twice the bit rate, takes three bits for six. It understands
@@ -274,7 +269,7 @@ TEST(a_node_that_drifts_out_goes_and_the_others_stay)
 TEST(a_node_at_the_wrong_bit_rate_destroys_and_leaves)
 {
     const cw_bit_timing t = timing_of(125, 6, 7, 2, 2);
-    rig *r = rig_apart(3, &t);
+    RIG *r = rig_apart(3, &t);
     r->nodes[2].timing.bit.quantum /= 2;
     rig_start(r);
     send_frames(r, 0, 20, 0x100);
@@ -284,7 +279,6 @@ TEST(a_node_at_the_wrong_bit_rate_destroys_and_leaves)
     run_bits(r, 20000);
     assert_int_equal(rig_stats(r, 2).rx_frames, 0);
     assert_true(rig_stats(r, 2).state >= CW_STATE_ERROR_PASSIVE);
-    rig_free(r);
 }
 
 /* ---- Edges that come late -------------------------------------------------------------------- */
@@ -295,13 +289,12 @@ TEST(slow_recessive_edges_shorten_bits)
 {
     const cw_bit_timing t = timing_of(125, 6, 7, 2, 2);
     for (unsigned k = 0; k < 2; k++) {
-        rig *r = rig_apart(2, &t);
+        RIG *r = rig_apart(2, &t);
         r->nodes[1].timing.rx_delay[CW_RECESSIVE] = (k ? 1900 : 1500) * NS; /* sample: 1750 ns */
         rig_start(r);
         send_frames(r, 0, 4, 0x155);
         run_bits(r, 900);
         assert_int_equal(rig_stats(r, 1).rx_frames, k ? 0 : 4);
-        rig_free(r);
     }
 }
 
@@ -309,7 +302,7 @@ TEST(slow_recessive_edges_shorten_bits)
 TEST(jitter_below_the_margin_does_nothing)
 {
     const cw_bit_timing t = timing_of(125, 6, 7, 2, 2);
-    rig *r = rig_apart(2, &t);
+    RIG *r = rig_apart(2, &t);
     cw_rule *j = add_rule(r, "jitter", CW_TRIGGER_TIME, CW_ACTION_JITTER);
     j->nodes = NODE(0);
     j->jitter = 120 * NS;
@@ -318,7 +311,6 @@ TEST(jitter_below_the_margin_does_nothing)
     run_bits(r, 6500);
     assert_int_equal(rig_stats(r, 1).rx_frames, 40);
     assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
-    rig_free(r);
 }
 
 /* The wire swings after each edge to recessive. It is read right while the swing ends before the
@@ -327,12 +319,11 @@ TEST(ringing_up_to_the_sample_point_does_no_harm)
 {
     const cw_bit_timing t = timing_of(125, 6, 7, 2, 1);
     for (unsigned k = 0; k < 2; k++) {
-        rig *r = rig_apart(2, &t);
+        RIG *r = rig_apart(2, &t);
         r->nodes[1].timing.ringing = (k ? 2000 : 300) * NS;
         rig_start(r);
         send_frames(r, 0, 4, 0x155);
         run_bits(r, 900);
         assert_int_equal(rig_stats(r, 1).rx_frames, k ? 0 : 4);
-        rig_free(r);
     }
 }

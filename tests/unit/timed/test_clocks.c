@@ -694,7 +694,7 @@ static void run_bus(scenario *s)
                                   .inbox = QUANTA_NODES_MAX * FRAMES, .events = 8192,
                                   .nodes = s->nodes, .rules = s->rules, .seed = s->seed,
                                   .rule_count = (uint16_t)s->rule_count, .marks = made.wanted};
-    cw_bus *bus = cw_bus_init(malloc(cw_bus_size(&config)), &config);
+    FREED cw_bus *bus = cw_bus_init(malloc(cw_bus_size(&config)), &config);
     cw_event e;
     assert_non_null(bus);
     cw_bus_set_own_clocks(bus, true);
@@ -714,7 +714,6 @@ static void run_bus(scenario *s)
     advance(bus, (uint64_t)BIT_TIMES * BIT_TICKS);
     while (cw_bus_poll(bus, &e))
         note_event(&e);
-    free(bus);
 }
 
 static void write_event(const char *of, const event *e)

@@ -252,7 +252,7 @@ static void run_to(rig *r, const feature *f, uint64_t tick)
 static void run_periods(const feature *f, bool counts)
 {
     static cw_sync_record records[NODES];
-    rig *r = rig_new(NODES);
+    RIG *r = rig_new(NODES);
     uint64_t first = 0;
     r->config.bit_ticks = (uint32_t)f->bit_ticks;
     f->set(r);
@@ -268,7 +268,6 @@ static void run_periods(const feature *f, bool counts)
             fail_msg("%s: %u received in period %u, %u in the first", f->name, (unsigned)now, n,
                      (unsigned)first);
     }
-    rig_free(r);
 }
 
 TEST(a_feature_does_the_same_after_hours)

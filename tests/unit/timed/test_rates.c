@@ -66,7 +66,7 @@ static uint64_t expected_ticks(cw_place place, bool in_data_phase)
 
 TEST(bits_are_nominal_fast_or_mixed)
 {
-    rig *r = rig_of(3, &fast);
+    RIG *r = rig_of(3, &fast);
     const cw_frame f = frame_of(64);
     unsigned seen[CW_FIELD_COUNT] = {0};
     cw_bit_view view;
@@ -86,7 +86,6 @@ TEST(bits_are_nominal_fast_or_mixed)
     assert_int_equal(seen[CW_FIELD_BRS], 1);
     assert_int_equal(seen[CW_FIELD_DATA], 512);
     assert_int_equal(seen[CW_FIELD_CRC], 21);
-    rig_free(r);
 }
 
 /* The closed formula: nominal bits outside, data bits inside, and one of each in the two mixed
@@ -103,7 +102,7 @@ static uint64_t ticks_of(const cw_frame *f)
 
 TEST(a_frame_lasts_as_long_as_its_bits)
 {
-    rig *r = rig_of(2, &fast);
+    RIG *r = rig_of(2, &fast);
     rig_random random = {.state = 7};
     uint64_t data_ticks = 0;
     rig_start(r);
@@ -125,7 +124,6 @@ TEST(a_frame_lasts_as_long_as_its_bits)
         data_ticks = s.data_ticks;
     }
     assert_int_equal(rig_bus_stats(r).fd_frames, 200);
-    rig_free(r);
 }
 
 /* ---- Delays ---------------------------------------------------------------------------------- */
@@ -149,7 +147,7 @@ TEST(a_loop_longer_than_the_sample_point_needs_compensation)
 {
     const cw_tdc off = {.mode = CW_TDC_OFF}, automatic = {.mode = CW_TDC_AUTO, .tdco = 12};
     const cw_frame f = frame_of(16);
-    rig *r = rig_delayed(&off);
+    RIG *r = rig_delayed(&off);
     rig_send(r, 0, &f, 0);
     go_on(r, 200);
     const cw_event *e = rig_nth(r, CW_EVENT_ERROR, 0);
@@ -171,7 +169,6 @@ TEST(a_loop_longer_than_the_sample_point_needs_compensation)
     assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 16);
     assert_int_equal(data_stats(r, 0).tdcv, NS_TICKS(200));
-    rig_free(r);
 }
 
 /* D13: tdcv is whole clocks before the one in which the edge is seen. It is 0 without delay, and a
@@ -194,7 +191,7 @@ TEST(the_measured_delay_is_in_whole_clocks)
         data.tdc = i & 1 ? (cw_tdc){.mode = CW_TDC_MANUAL, .tdcv = clocks, .tdco = clocks > 0}
                          : (cw_tdc){.mode = CW_TDC_AUTO, .tdco = clocks > 0};
         const cw_frame f = frame_of(16);
-        rig *r = rig_of(2, &data);
+        RIG *r = rig_of(2, &data);
         r->nodes[0].timing.rx_delay[0] = r->nodes[0].timing.rx_delay[1] = cases[i / 2].way;
         rig_start(r);
         cw_bus_set_own_clocks(r->bus, true);
@@ -203,14 +200,13 @@ TEST(the_measured_delay_is_in_whole_clocks)
         assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
         assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
         assert_int_equal(data_stats(r, 0).tdcv, clocks);
-        rig_free(r);
     }
 }
 
 TEST(without_brs_the_delay_does_not_matter)
 {
     const cw_tdc off = {.mode = CW_TDC_OFF};
-    rig *r = rig_delayed(&off);
+    RIG *r = rig_delayed(&off);
     cw_frame f = frame_of(16);
     f.flags &= (uint8_t)~CW_FRAME_BRS;
     rig_send(r, 0, &f, 0);
@@ -218,14 +214,13 @@ TEST(without_brs_the_delay_does_not_matter)
     assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
     assert_int_equal(rig_bus_stats(r).data_bits, 0);
-    rig_free(r);
 }
 
 /* ---- Rates that differ, and changes ---------------------------------------------------------- */
 
 TEST(a_node_at_another_data_rate_destroys_what_it_reads)
 {
-    rig *r = rig_of(3, &fast);
+    RIG *r = rig_of(3, &fast);
     r->nodes[2].timing.data.bit.phase_seg2 = 4; /* 12 quanta */
     const cw_frame f = frame_of(32);
     cw_frame slow = f;
@@ -239,12 +234,11 @@ TEST(a_node_at_another_data_rate_destroys_what_it_reads)
     const cw_event *e = rig_nth(r, CW_EVENT_ERROR, 0);
     assert_int_equal(e->nodes, 4);
     assert_true(e->fast);
-    rig_free(r);
 }
 
 TEST(the_data_phase_changes_while_the_bus_runs)
 {
-    rig *r = rig_of(2, &fast);
+    RIG *r = rig_of(2, &fast);
     const cw_frame f = frame_of(8);
     cw_settings s = {.which = CW_SET_DATA, .data = fast}, now;
     rig_start(r);
@@ -265,14 +259,13 @@ TEST(the_data_phase_changes_while_the_bus_runs)
     s.data.brp = 0;
     assert_false(cw_bus_config_takes(&r->config, 0, &s));
     assert_int_equal(cw_node_set(r->bus, 0, &s), CW_INVALID);
-    rig_free(r);
 }
 
 /* Returns the tick at which the first node that misses an acknowledgement says so. The other one
  * comes onto the bus at a tick, in the data phase, and synchronises to what it sees there. */
 static uint64_t second_error(uint64_t tick, bool stepping, uint64_t *end)
 {
-    rig *r = rig_of(2, &fast);
+    RIG *r = rig_of(2, &fast);
     const cw_frame f = frame_of(3);
     rig_start(r);
     cw_bus_set_stepping(r->bus, stepping);
@@ -284,7 +277,6 @@ static uint64_t second_error(uint64_t tick, bool stepping, uint64_t *end)
     *end = cw_bus_now(r->bus);
     assert_int_equal(rig_count(r, CW_EVENT_ERROR, 0), 2);
     const uint64_t second = rig_nth(r, CW_EVENT_ERROR, 1)->tick;
-    rig_free(r);
     return second;
 }
 
@@ -302,7 +294,7 @@ TEST(a_node_comes_onto_the_bus_in_the_data_phase)
  * tick. It is to send the frame at the bits that it found by the error flag of the other node. */
 static uint64_t next_sent(uint64_t tick, bool stepping)
 {
-    rig *r = rig_of(2, &fast);
+    RIG *r = rig_of(2, &fast);
     const cw_frame f = frame_of(64);
     cw_settings s = {.which = CW_SET_MODES, .modes_mask = CW_MODE_LISTEN_ONLY,
                      .modes = CW_MODE_LISTEN_ONLY};
@@ -319,7 +311,6 @@ static uint64_t next_sent(uint64_t tick, bool stepping)
     rig_run(r, 500 * 160);
     assert_int_equal(rig_count(r, CW_EVENT_TX, 0), 1);
     const uint64_t sent = rig_nth(r, CW_EVENT_TX, 0)->tick;
-    rig_free(r);
     return sent;
 }
 
@@ -332,7 +323,7 @@ TEST(a_sender_that_leaves_the_data_phase_synchronises)
 
 TEST(a_faster_clock_is_faster_at_both_rates)
 {
-    rig *r = rig_of(2, &fast);
+    RIG *r = rig_of(2, &fast);
     cw_settings s = {.which = CW_SET_QUANTUM, .timing = nominal};
     s.timing.quantum = nominal.quantum / 1000 * 997;
     const cw_frame f = frame_of(64);
@@ -345,13 +336,12 @@ TEST(a_faster_clock_is_faster_at_both_rates)
     assert_int_equal(rig_count(r, CW_EVENT_ERROR, -1), 0);
     const uint64_t between = rig_nth(r, CW_EVENT_TX, 0)->tick - rig_nth(r, CW_EVENT_RX, 0)->tick;
     assert_int_equal(between, 160); /* 159.5, and the ticks are whole */
-    rig_free(r);
 }
 
 TEST(buses_without_a_data_rate_have_no_data_statistics)
 {
     static const cw_data_timing none = {.data_brp = 0};
-    rig *r = rig_of(2, &none);
+    RIG *r = rig_of(2, &none);
     cw_data_stats s;
     const cw_settings settings = {.which = CW_SET_DATA, .data = fast};
     rig_start(r);
@@ -359,7 +349,6 @@ TEST(buses_without_a_data_rate_have_no_data_statistics)
     assert_int_equal(cw_node_get_data_stats(r->bus, 2, &s), CW_INVALID);
     assert_int_equal(cw_node_set(r->bus, 0, &settings), CW_INVALID);
     assert_false(cw_bus_config_takes(&r->config, 0, &settings));
-    rig_free(r);
 }
 
 TEST(wrong_values_are_refused)
@@ -383,7 +372,7 @@ TEST(wrong_values_are_refused)
  * 2 takes for other ones. Bit 0 of the result is the first bit. */
 static uint64_t wrong_bits(const cw_rule *rule, cw_field field, bool stepping)
 {
-    rig *r = rig_of(3, &fast);
+    RIG *r = rig_of(3, &fast);
     cw_frame f = frame_of(64);
     uint64_t wrong = 0;
     memset(f.data, 0xFF, sizeof f.data);
@@ -400,7 +389,6 @@ static uint64_t wrong_bits(const cw_rule *rule, cw_field field, bool stepping)
         if (place.field == field && !place.stuff && !same)
             wrong |= UINT64_C(1) << place.index;
     }
-    rig_free(r);
     return wrong;
 }
 
@@ -447,7 +435,7 @@ TEST(a_time_goes_by_both_rates)
  * 80 % of the first data bit. */
 TEST(a_part_of_a_bit_is_one_of_that_bit)
 {
-    rig *r = rig_of(3, &fast);
+    RIG *r = rig_of(3, &fast);
     cw_frame f = frame_of(64);
     cw_rule *rule = rig_rule(r, rule_on_data(CW_ACTION_PULSE));
     f.data[0] = 0xFF;
@@ -461,24 +449,18 @@ TEST(a_part_of_a_bit_is_one_of_that_bit)
     assert_int_equal(e.type, CW_ERROR_BIT);
     assert_int_equal(e.place.field, CW_FIELD_DATA);
     assert_int_equal(e.place.index, 0);
-    rig_free(r);
 }
 
 /* The load is one of time: a frame of 64 bytes has many bits that are short. */
 TEST(a_load_counts_time)
 {
-    rig *r = rig_of(2, &fast);
-    cw_rule *own = rig_rule(r, new_rule("own", CW_TRIGGER_TIME, CW_ACTION_SEND));
-    own->frame = frame_of(64);
-    own->period_ticks = NS_TICKS(1000000);
-    cw_rule *load = rig_rule(r, new_rule("load", CW_TRIGGER_TIME, CW_ACTION_LOAD));
-    load->load_permille = 500;
-    load->node = 1;
+    RIG *r = rig_of(2, &fast);
+    ADD_RULE(r, "own", TIME, SEND, .frame = frame_of(64), .period_ticks = NS_TICKS(1000000));
+    ADD_RULE(r, "load", TIME, LOAD, .load_permille = 500, .node = 1);
     rig_start(r);
     go_on(r, 500000);
     const cw_bus_stats s = rig_bus_stats(r);
     assert_in_range(s.data_bits * 1000 / s.bits, 200, 1000);
     assert_in_range(s.busy_ticks * 1000 / s.ticks, 499, 501);
     assert_in_range(s.load_permille, 495, 505);
-    rig_free(r);
 }

@@ -47,7 +47,7 @@ static void check(const rig *r, const cw_bit_timing *expected)
 
 TEST(each_part_changes_alone)
 {
-    rig *r = rig_timed();
+    RIG *r = rig_timed();
     cw_bit_timing expected = own;
     const cw_bit_timing other = {.quantum = QUANTUM + 1, .prop_seg = 7, .phase_seg1 = 5,
                                  .phase_seg2 = 7, .sjw = 3, .triple_sampling = true};
@@ -65,13 +65,12 @@ TEST(each_part_changes_alone)
     check(r, &expected);
     assert_int_equal(set(r, CW_SET_TIMING, own), CW_OK);
     check(r, &own);
-    rig_free(r);
 }
 
 /* A part is wrong together with the other parts as they are now. */
 TEST(a_wrong_part_changes_nothing)
 {
-    rig *r = rig_timed();
+    RIG *r = rig_timed();
     const struct {
         uint8_t which;
         cw_bit_timing timing;
@@ -90,7 +89,6 @@ TEST(a_wrong_part_changes_nothing)
     assert_true(cw_bus_is_on_grid(r->bus));
     assert_int_equal(set(r, CW_SET_QUANTUM, (cw_bit_timing){.quantum = QUANTUM * 64}), CW_OK);
     assert_int_equal(set(r, CW_SET_QUANTUM, (cw_bit_timing){.quantum = QUANTUM / 2}), CW_OK);
-    rig_free(r);
 }
 
 /* ---- The grid -------------------------------------------------------------------------------- */
@@ -111,7 +109,7 @@ static size_t exchange(rig *r)
 /* Bits still begin together when only the sample point differs. */
 TEST(a_bus_leaves_the_grid_and_comes_back)
 {
-    rig *r = rig_timed();
+    RIG *r = rig_timed();
     assert_int_equal(exchange(r), 2);
     assert_true(cw_bus_is_on_grid(r->bus));
     const cw_bit_timing early = {.prop_seg = 7, .phase_seg1 = 6, .phase_seg2 = 6, .sjw = 4};
@@ -121,19 +119,17 @@ TEST(a_bus_leaves_the_grid_and_comes_back)
     assert_int_equal(set(r, CW_SET_SEGMENTS, own), CW_OK);
     assert_int_equal(exchange(r), 2);
     assert_true(cw_bus_is_on_grid(r->bus));
-    rig_free(r);
 }
 
 TEST(a_clock_becomes_slow_and_right_again)
 {
-    rig *r = rig_timed();
+    RIG *r = rig_timed();
     const cw_bit_timing slow = {.quantum = QUANTUM + QUANTUM / 1000};
     assert_int_equal(set(r, CW_SET_QUANTUM, slow), CW_OK);
     assert_false(cw_bus_is_on_grid(r->bus));
     assert_int_equal(exchange(r), 2);
     assert_int_equal(set(r, CW_SET_QUANTUM, own), CW_OK);
     assert_int_equal(exchange(r), 2);
-    rig_free(r);
 }
 
 /* ---- Ways ------------------------------------------------------------------------------------ */
@@ -142,7 +138,7 @@ static const cw_settings no_way = {.which = CW_SET_WAY | CW_SET_RINGING};
 
 TEST(a_delay_takes_the_bus_off_the_grid)
 {
-    rig *r = rig_timed();
+    RIG *r = rig_timed();
     const cw_settings late = {.which = CW_SET_RX_DELAY, .rx_delay = {QUANTUM, 2 * QUANTUM}};
     assert_int_equal(exchange(r), 2);
     assert_true(cw_bus_is_on_grid(r->bus));
@@ -154,12 +150,11 @@ TEST(a_delay_takes_the_bus_off_the_grid)
     assert_int_equal(exchange(r), 2);
     assert_int_equal(cw_node_set(r->bus, 1, &no_way), CW_OK);
     assert_int_equal(exchange(r), 2);
-    rig_free(r);
 }
 
 TEST(each_part_of_the_way_changes_alone)
 {
-    rig *r = rig_timed();
+    RIG *r = rig_timed();
     const cw_settings other = {.tx_delay = {1, 2}, .rx_delay = {3, 4}, .place = 5, .stub = 6,
                                .ringing = 7};
     cw_settings one = other, now;
@@ -178,12 +173,11 @@ TEST(each_part_of_the_way_changes_alone)
         assert_int_equal(now.stub, one.which == CW_SET_STUB ? 6 : 0);
         assert_int_equal(now.ringing, one.which == CW_SET_RINGING ? 7 : 0);
     }
-    rig_free(r);
 }
 
 TEST(a_way_that_is_too_long_changes_nothing)
 {
-    rig *r = rig_timed();
+    RIG *r = rig_timed();
     const cw_span most = 16 * 20 * QUANTUM; /* bits */
     const cw_settings wrong[] = {
         {.which = CW_SET_TX_DELAY, .tx_delay = {most + 1, 0}},
@@ -200,14 +194,13 @@ TEST(a_way_that_is_too_long_changes_nothing)
     const cw_settings longest = {.which = CW_SET_WAY | CW_SET_RINGING, .place = most,
                                  .ringing = most};
     assert_int_equal(cw_node_set(r->bus, 1, &longest), CW_OK);
-    rig_free(r);
 }
 
 /* The bus remembers the last 16 ways of edges that may be under way, here for 15 bits. Nodes look
  * back by two bits more. There is an edge in each bit. */
 TEST(too_many_changes_at_once_are_refused)
 {
-    rig *r = rig_timed();
+    RIG *r = rig_timed();
     unsigned taken = 0;
     cw_frame f = rig_frame(0x555, 0, 8);
     memset(f.data, 0x55, sizeof f.data);
@@ -221,5 +214,4 @@ TEST(too_many_changes_at_once_are_refused)
         taken += cw_node_set(r->bus, 1, &far) == CW_OK;
     }
     assert_in_range(taken, 20, 59);
-    rig_free(r);
 }

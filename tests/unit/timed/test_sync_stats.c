@@ -238,11 +238,10 @@ TEST(statistics_go_on_when_another_bus_takes_over)
 
 TEST(without_records_nothing_is_counted)
 {
-    cw_bus *bus = make_bus(QUANTUM, 0);
+    FREED cw_bus *bus = make_bus(QUANTUM, 0);
     cw_sync_stats stats;
     assert_int_equal(cw_node_get_sync_stats(bus, 0, &stats), CW_REFUSED);
     assert_int_equal(cw_node_get_sync_stats(bus, 2, &stats), CW_INVALID);
-    free(bus);
 }
 
 TEST(the_sum_has_the_largest_phase_error_and_the_least_margin)

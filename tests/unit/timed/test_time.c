@@ -52,7 +52,7 @@ TEST(rates_differ)
 
 TEST(a_bus_tells_when_bits_to_come_will_have_passed)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     rig_start(r);
     for (uint64_t bits = 0; bits < 10; bits++) {
         const uint64_t tick = cw_bus_tick_after(r->bus, bits);
@@ -61,7 +61,6 @@ TEST(a_bus_tells_when_bits_to_come_will_have_passed)
         assert_int_equal(cw_bus_now(r->bus), tick);
     }
     assert_int_equal(cw_bus_tick_after(r->bus, CW_BITS_FOREVER), CW_NEVER);
-    rig_free(r);
 }
 
 TEST(time_does_not_begin_again_at_its_end)
@@ -136,7 +135,7 @@ TEST(bits_up_to_a_tick)
 /* SOF begins at bit 20. In the middle of the frame its bits begin where they did at its start. */
 TEST(a_frame_tells_when_its_bits_begin)
 {
-    rig *r = rig_new(2);
+    RIG *r = rig_new(2);
     const cw_frame frame = rig_frame(0x123, 0, 2);
     rig_start(r);
     rig_send(r, 0, &frame, 20 * BIT);
@@ -150,5 +149,4 @@ TEST(a_frame_tells_when_its_bits_begin)
             assert_int_equal(cw_frame_step_tick(r->bus, bit), (20 + bit) * BIT);
     }
     assert_true(r->bus->frame_step.active);
-    rig_free(r);
 }

@@ -74,7 +74,7 @@ TEST(a_sender_that_leaves_has_sent_its_frame_or_not)
         for (unsigned bits = 50; bits < 65; bits++)
             for (unsigned for_good = 0; for_good < 2; for_good++) {
                 outcome o = {0};
-                cw_bus *bus = begin(slower, bits);
+                FREED cw_bus *bus = begin(slower, bits);
                 assert_int_equal(for_good ? cw_node_flush(bus, 0) : cw_node_attach(bus, 0, false),
                                  CW_OK);
                 go_on(bus, &o);
@@ -82,7 +82,6 @@ TEST(a_sender_that_leaves_has_sent_its_frame_or_not)
                 assert_true(!o.sent || o.received == NODES - 1);
                 sent += o.sent;
                 dropped += o.dropped;
-                free(bus);
             }
     assert_true(sent > 100 && dropped > 100);
 }
@@ -93,12 +92,11 @@ TEST(a_receiver_that_leaves_has_the_frame_or_nothing)
     for (unsigned slower = 0; slower < 20; slower++)
         for (unsigned bits = 50; bits < 65; bits++) {
             outcome o = {0};
-            cw_bus *bus = begin(slower, bits);
+            FREED cw_bus *bus = begin(slower, bits);
             assert_int_equal(cw_node_attach(bus, 2, false), CW_OK);
             go_on(bus, &o);
             assert_true(o.sent == 1 && o.dropped == 0);
             assert_true(o.received == NODES - 1 || o.received == NODES - 2);
-            free(bus);
         }
 }
 
@@ -109,7 +107,7 @@ static void end_in_another_bus(unsigned slower, unsigned bits, uint16_t queue)
     static const uint8_t from[NODES] = {0, 1, 2};
     unsigned sent = 0, urgent = 0, heard = 0, dropped = 0;
     outcome o = {0};
-    cw_bus *old = begin(slower, bits), *bus = make_bus_with(slower, queue, CW_CLASSICAL);
+    FREED cw_bus *old = begin(slower, bits), *bus = make_bus_with(slower, queue, CW_CLASSICAL);
     take_events(old, &o);
     assert_int_equal(cw_node_send(old, 0, &(cw_frame){.id = 1}, 0), CW_OK);
     assert_int_equal(cw_bus_take_over(bus, old, from), CW_OK);
@@ -123,8 +121,6 @@ static void end_in_another_bus(unsigned slower, unsigned bits, uint16_t queue)
     }
     assert_true(o.sent + sent == 1 && urgent + dropped == 1 && (heard > 0) == (urgent > 0));
     assert_true(urgent == 1 || queue == 1);
-    free(old);
-    free(bus);
 }
 
 TEST(a_frame_that_ends_in_another_bus_is_the_right_one)
@@ -168,7 +164,7 @@ static void note_course(history *h, course way, unsigned slower, unsigned bits, 
                         unsigned modes)
 {
     static const uint8_t from[NODES] = {0, 1, 2};
-    cw_bus *bus = begin(slower, bits);
+    FREED cw_bus *bus = begin(slower, bits);
     h->count = 0;
     note_events(bus, h);
     if (way != RELOADED || modes == 0)
@@ -184,7 +180,6 @@ static void note_course(history *h, course way, unsigned slower, unsigned bits, 
     }
     assert_int_equal(cw_bus_advance(bus, (bits + 200) * BIT_TICKS), CW_OK);
     note_events(bus, h);
-    free(bus);
 }
 
 static void assert_same_history(const history *a, const history *b)
@@ -244,7 +239,7 @@ TEST(a_controller_with_another_protocol_leaves_its_bit)
 /* Frames that come at any time to nodes that are off the bus. Events are polled after each bit. */
 TEST(drops_come_in_the_order_of_time)
 {
-    cw_bus *bus = make_bus(7);
+    FREED cw_bus *bus = make_bus(7);
     uint64_t last = 0;
     unsigned drops = 0;
     for (unsigned i = 0; i < NODES; i++)
@@ -264,7 +259,6 @@ TEST(drops_come_in_the_order_of_time)
         }
     }
     assert_true(drops > 1000);
-    free(bus);
 }
 
 /* ---- Another bus on another line ------------------------------------------------------------- */
@@ -344,7 +338,7 @@ TEST(a_bus_on_another_line_goes_on)
     for (unsigned seed = 6500; seed < 6700; seed++) {
         dice d = {seed * UINT64_C(0x9E3779B97F4A7C15)};
         const unsigned count = 2 + (unsigned)below(&d, MOST_NODES - 1);
-        cw_bus *bus = random_bus(&d, count);
+        FREED cw_bus *bus = random_bus(&d, count);
         for (unsigned round = 0; round < 6; round++) {
             let_it_work(&d, bus, count);
             cw_bus *next = random_bus(&d, count);
@@ -356,6 +350,5 @@ TEST(a_bus_on_another_line_goes_on)
             bus = next;
         }
         forget_events(bus);
-        free(bus);
     }
 }

@@ -62,13 +62,12 @@ static cw_event first_sync(cw_bus *bus, uint64_t after)
 TEST(a_wire_that_is_joined_while_dominant_makes_an_edge)
 {
     const cw_rule rule = split(0, 14 * BIT_TICKS);
-    cw_bus *bus = make_bus(&rule, 0);
+    FREED cw_bus *bus = make_bus(&rule, 0);
     send(bus, 12 * BIT_TICKS);
     assert_int_equal(cw_bus_advance(bus, 20 * BIT_TICKS), CW_OK);
     const cw_event e = first_sync(bus, 0);
     assert_true(e.hard);
     assert_int_equal(e.tick, 2243);
-    free(bus);
 }
 
 /* An edge on the other wire stays there. SOF is at 1920 ticks. The wires are joined in bit 17, the
@@ -76,12 +75,11 @@ TEST(a_wire_that_is_joined_while_dominant_makes_an_edge)
 TEST(an_edge_on_the_other_wire_is_not_seen_later)
 {
     const cw_rule rule = split(0, 17 * BIT_TICKS);
-    cw_bus *bus = make_bus(&rule, 0);
+    FREED cw_bus *bus = make_bus(&rule, 0);
     send(bus, 12 * BIT_TICKS);
     assert_int_equal(cw_bus_advance(bus, 20 * BIT_TICKS), CW_OK);
     const cw_event e = first_sync(bus, 0);
     assert_true(e.hard && e.tick > 2880 && e.tick <= 2880 + 11 + 162);
-    free(bus);
 }
 
 /* A wire that swings is looked at again behind each edge, back to the last sample. There it was
@@ -90,7 +88,7 @@ TEST(a_swing_is_not_looked_for_on_the_other_wire)
 {
     for (unsigned bit = 12; bit < 60; bit++) {
         const cw_rule rule = split(bit * BIT_TICKS, (bit + 3) * BIT_TICKS);
-        cw_bus *bus = make_bus(&rule, 3 * QUANTUM);
+        FREED cw_bus *bus = make_bus(&rule, 3 * QUANTUM);
         send(bus, 12 * BIT_TICKS);
         cw_event e;
         for (unsigned part = 1; part <= 300; part++) {
@@ -101,6 +99,5 @@ TEST(a_swing_is_not_looked_for_on_the_other_wire)
         cw_node_stats stats;
         assert_int_equal(cw_node_get_stats(bus, 1, &stats), CW_OK);
         assert_int_equal(stats.rx_frames, 1);
-        free(bus);
     }
 }
