@@ -12,6 +12,7 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <linux/sockios.h>
 #include <pthread.h>
 #include <stdarg.h>
 #include <stdatomic.h>
@@ -19,14 +20,18 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
+#include <time.h>
 #include <unistd.h>
 
 #define MESSAGE_BYTES 512u
 #define NAME_BYTES 64u
 #define RECORD_BYTES (MESSAGE_BYTES + 400u) /* with all fields */
+#define READER_PAUSE_NS 1000000L
+#define READER_PAUSES 1000
 
 static const struct sockaddr_un journal_address = {
     .sun_family = AF_UNIX,
@@ -71,10 +76,21 @@ static bool leads_to_journal(void)
            own.st_dev == device && own.st_ino == inode;
 }
 
+void log_end(void)
+{
+    const struct timespec pause = {.tv_nsec = READER_PAUSE_NS};
+    int unread = 0; /* bytes */
+    for (int i = 0; state.journal >= 0 && i < READER_PAUSES &&
+                    ioctl(state.journal, SIOCOUTQ, &unread) == 0 && unread > 0; i++)
+        (void)nanosleep(&pause, NULL);
+}
+
 static void open_journal(void)
 {
     if (leads_to_journal())
         state.journal = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    if (state.journal >= 0)
+        (void)atexit(log_end);
 }
 
 /* Adds "KEY=value\n", or nothing for an empty value. Values are short enough. */

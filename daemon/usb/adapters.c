@@ -89,6 +89,12 @@ static void be_patient(void)
     (void)sched_setscheduler(0, SCHED_BATCH, &none);
 }
 
+static _Noreturn void end_child(int status)
+{
+    log_end();
+    _exit(status);
+}
+
 static _Noreturn void run_server(const adapters *all, const adapter *a, int kernel, int beat,
                                  pid_t parent)
 {
@@ -101,9 +107,9 @@ static _Noreturn void run_server(const adapters *all, const adapter *a, int kern
     be_patient();
     if (!privileges_drop_all()) {
         log_node_error(a->name, "privileges: %s", strerror(errno));
-        _exit(EXIT_FAILURE);
+        end_child(EXIT_FAILURE);
     }
-    _exit((int)serve(kernel, beat, &who, a->path));
+    end_child((int)serve(kernel, beat, &who, a->path));
 }
 
 static void start_namer(adapter *a)
@@ -115,8 +121,8 @@ static void start_namer(adapter *a)
     if (namer != 0)
         return;
     begin_child(parent);
-    _exit(name_interface(a->port, a->name, *a->netns ? a->netns : NULL) ? EXIT_SUCCESS
-                                                                        : EXIT_FAILURE);
+    end_child(name_interface(a->port, a->name, *a->netns ? a->netns : NULL) ? EXIT_SUCCESS
+                                                                            : EXIT_FAILURE);
 }
 
 static void stop_process(pid_t *process)

@@ -4,13 +4,15 @@
 That systemd reads them so is tested in tests/systemd; here the other end of the socket is ours.
 """
 
+import re
 import signal
 import socket
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from conftest import PATIENCE_S, wait_until
+from conftest import CANWIRED, PATIENCE_S, wait_until
 
 JOURNAL = Path("/run/systemd/journal/socket")
 BUS = """
@@ -59,6 +61,24 @@ def test_fields_of_a_message(vcan, canwired, journal):
     assert end["MESSAGE"] == "reload: nothing was changed"
     assert daemon.stop() == ""
     assert record(journal)["MESSAGE"].startswith("stopped: ")
+
+
+def waits_or_has_ended(process):
+    """Returns "Z" after its end, "nanosleep" when it sleeps."""
+    folder = Path(f"/proc/{process.pid}")
+    state = folder.joinpath("stat").read_text().rsplit(")", maxsplit=1)[1].split()[0]
+    return state if state == "Z" else re.search("nanosleep|$", (folder / "wchan").read_text())[0]
+
+
+def test_the_journal_finds_the_process_of_the_last_message(journal, tmp_path):
+    """It looks for its unit in /proc."""
+    config = tmp_path / "bus.yaml"
+    config.write_text(BUS.replace("500000", "5"))
+    with subprocess.Popen([*AS_SERVICE, CANWIRED, "-c", config], stderr=subprocess.PIPE) as daemon:
+        journal.recv(1, socket.MSG_PEEK)  # whole: it is there, and not read
+        assert wait_until(lambda: waits_or_has_ended(daemon), "either") == "nanosleep"
+        assert "bitrate: expected" in record(journal)["MESSAGE"]
+        assert daemon.wait(PATIENCE_S) == 1
 
 
 def test_a_journal_that_takes_nothing_is_told_how_much_it_lacks(vcan, canwired, journal):
