@@ -3,6 +3,7 @@
  * main.c - canwire-usb: the USB CAN adapters of the nodes with `port: { usb: … }`.
  */
 #include "base/log.h"
+#include "base/text/memo.h"
 #include "base/text/plain.h"
 #include "base/standardfds.h"
 #include "base/unit.h"
@@ -25,8 +26,9 @@
 #define EXIT_USAGE 2
 #define NS_PER_MS 1000000L
 #define STATUS_BYTES 900
-#define LOOK_MS 20 /* between two looks for a module that is not there yet */
-#define LOOKS 75   /* of the service, which is started again after them */
+#define LOOK_MS 100 /* between two looks for a module that is not there yet */
+#define LOOKS 150   /* of the service, which is started again after them */
+#define REMEDY "modprobe vhci-hcd peak_usb"
 
 static const char usage[] = "usage: canwire-usb [--user USER] FILE\n";
 
@@ -114,12 +116,16 @@ static int read_options(settings *out, int argc, char **argv)
 
 /* ---- Configurations -------------------------------------------------------------------------- */
 
-/* Takes the nodes of a file. Returns false after writing the reasons; nothing has changed then. */
+/* Takes the nodes of a file. Returns false after logging the reasons; nothing has changed then. */
 static bool usb_read_file(adapters *a, const char *file)
 {
-    rig *several;
-    cfg *one;
-    const bool good = rig_load_either(&several, &one, &(cfg_file){.name = file}, stderr);
+    rig *several = NULL;
+    cfg *one = NULL;
+    memo errors;
+    const bool good = memo_begin(&errors) &&
+                      rig_load_either(&several, &one, &(cfg_file){.name = file}, errors.out);
+    log_as_is(memo_text(&errors) ? errors.text : "out of memory\n");
+    memo_end(&errors);
     if (several)
         adapters_set(a, (const cfg *const *)several->buses, several->bus_count);
     else if (one)
@@ -189,20 +195,23 @@ static bool usb_run(adapters *a, const vhci *files, const char *file)
 
 static void complain_vhci(int number)
 {
-    const char *remedy = number == ENOENT   ? " (modprobe vhci-hcd peak_usb)"
+    const char *remedy = number == ENOENT   ? " (" REMEDY ")"
                          : number == EACCES ? " (run it as root)"
                                             : "";
     log_error("the virtual USB host controller: %s%s", strerror(number), remedy);
 }
 
-/* Opens the files of the controller. The service waits a while for them: it is started again each
- * time that the module is not there. Returns 0 or an errno. */
+/* Opens the files of the controller. The service waits for them: it is started again only when the
+ * module is not there for long, so that the log stays short. Returns 0 or an errno. */
 static int open_vhci(vhci *files)
 {
     const struct timespec pause = {.tv_nsec = LOOK_MS * NS_PER_MS};
     for (unsigned look = unit_instance() ? LOOKS : 0; !vhci_open(files); look--) {
-        if (errno != ENOENT || look == 0 || stopping)
-            return errno;
+        const int number = errno;
+        if (number != ENOENT || look == 0 || stopping)
+            return number;
+        if (look == LOOKS)
+            (void)sd_notify(0, "STATUS=Waiting for the module vhci_hcd (" REMEDY ")");
         (void)nanosleep(&pause, NULL);
     }
     return 0;
@@ -234,6 +243,16 @@ static int serve_file(const vhci *files, int missing, const char *file)
     return status;
 }
 
+/* Tells the service manager why it ends. */
+static int usb_end(int status)
+{
+    char why[LOG_LAST_BYTES];
+    log_last_error(why);
+    if (status != EXIT_SUCCESS)
+        (void)sd_notifyf(0, "STATUS=%s", why);
+    return status;
+}
+
 int main(int argc, char **argv)
 {
     vhci files;
@@ -245,9 +264,11 @@ int main(int argc, char **argv)
         return status;
     catch_signals();
     const int missing = open_vhci(&files);
+    if (missing != 0 && stopping)
+        return EXIT_SUCCESS;
     if (!privileges_become(s.user)) {
         log_error("user %s: %s", s.user, errno == ENOENT ? "no such user" : strerror(errno));
-        return EXIT_FAILURE;
+        return usb_end(EXIT_FAILURE);
     }
-    return serve_file(&files, missing, s.file);
+    return usb_end(serve_file(&files, missing, s.file));
 }

@@ -511,16 +511,23 @@ def test_usb_interfaces_come_with_a_module_that_is_late(usb_config):
     systemctl("mask", "--runtime", modprobe)
     try:
         systemctl("start", "--no-block", USB_UNIT)
-        wait_until(lambda: show_usb("ExecMainStatus") == "75", "the end of a try")
-        assert show_usb("ActiveState") in ("activating", "inactive")  # between two tries
+        waits = "Waiting for the module vhci_hcd (modprobe vhci-hcd peak_usb)"
+        wait_until(lambda: show_usb("StatusText") == waits, "its status")
+        assert show_usb("ActiveState") == "activating"
+        systemctl("stop", USB_UNIT)
+        assert (show_usb("ActiveState"), show_usb("Result")) == ("inactive", "success")
+        systemctl("start", "--no-block", USB_UNIT)
+        wait_until(lambda: show_usb("StatusText") == waits, "its status again")
         run("modprobe", "vhci_hcd")
         wait_until(lambda: show_usb("ActiveState") == "active", "the adapters")
+        assert show_usb("NRestarts") == "0"
         assert "can0" in links()
     finally:
         systemctl("unmask", "--runtime", modprobe)
     usb_config.write_text(USB_BUS.replace("can0", "x/y"))
     assert "failed" in systemctl("restart", USB_UNIT, status=1)
     assert (show_usb("ActiveState"), show_usb("ExecMainStatus")) == ("failed", "1")
+    assert show_usb("StatusText").startswith(f"{usb_config}:5:29: usb: expected the name of an ")
     systemctl("reset-failed", USB_UNIT, "canwired@usb.service")
 
 
