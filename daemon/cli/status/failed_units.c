@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
  * failed_units.c - asks systemctl for the units of canwire that have failed.
+ *
+ * It asks first which units do not just run, and then for more of those: that takes far longer for
+ * each of them.
  */
 #include "cli/status/failed_units.h"
 
@@ -25,16 +28,27 @@
 #define UNIT_WHY_BYTES 128
 #define TOLD_BYTES 512 /* a unit has a name of at most 255 bytes */
 
-static const char *const systemctl_words[] = {
+#define UNITS_MAX 256
+
+static const char *const list_words[] = {
     "systemctl",
-    "show",
-    "--property=Id,ActiveState,SubState,NRestarts,Job",
+    "list-units",
+    "--state=failed,activating,inactive",
+    "--plain",
+    "--no-legend",
     "--no-pager",
     "canwired@*.service",
     "canwire-vcan@*.service",
     "canwire-usb@*.service",
     NULL,
 };
+static const char *const show_words[] = {
+    "systemctl",
+    "show",
+    "--property=Id,ActiveState,SubState,NRestarts,Job",
+    "--no-pager",
+};
+#define SHOW_WORDS (sizeof show_words / sizeof show_words[0])
 
 /* Returns the rest of the time in ms, 0 at its end. */
 static int rest_ms(int64_t until_ns)
@@ -44,7 +58,7 @@ static int rest_ms(int64_t until_ns)
 }
 
 /* Starts systemctl with its output at a descriptor. Returns an errno. */
-static int start_systemctl(pid_t *pid, int out)
+static int start_systemctl(pid_t *pid, const char *const *words, int out)
 {
     posix_spawn_file_actions_t actions;
     int error = posix_spawn_file_actions_init(&actions);
@@ -56,8 +70,7 @@ static int start_systemctl(pid_t *pid, int out)
     if (!error)
         error = posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
     if (!error)
-        error = posix_spawnp(pid, systemctl_words[0], &actions, NULL,
-                             (char *const *)systemctl_words, environ);
+        error = posix_spawnp(pid, words[0], &actions, NULL, (char *const *)words, environ);
     (void)posix_spawn_file_actions_destroy(&actions);
     return error;
 }
@@ -97,17 +110,15 @@ static const char *end_systemctl(char why[UNIT_WHY_BYTES], pid_t pid, int64_t un
     return why;
 }
 
-/* Asks for the properties of the units, a line each, with an empty one between units. Returns why
- * there is no answer, or NULL. */
-static const char *ask_systemctl(buffer *text, char why[UNIT_WHY_BYTES])
+/* Runs systemctl. Returns why there is no answer, or NULL. */
+static const char *ask_systemctl(buffer *text, char why[UNIT_WHY_BYTES], const char *const *words,
+                                 int64_t until_ns)
 {
-    const int64_t until_ns = clock_ns(CLOCK_MONOTONIC) + UNITS_PATIENCE_S * INT64_C(1000000000);
     int ends[2];
     pid_t pid;
-    (void)signal(SIGCHLD, SIG_DFL); /* some monitors leave it ignored: then there is no status */
     if (pipe2(ends, O_CLOEXEC) != 0)
         return strerror(errno);
-    const int error = start_systemctl(&pid, ends[1]);
+    const int error = start_systemctl(&pid, words, ends[1]);
     (void)close(ends[1]);
     if (!error)
         read_units(text, ends[0], until_ns);
@@ -179,6 +190,7 @@ static void add_unit(check *c, const unit_state *u, const char *name)
     check_tell(c, CHECK_CRITICAL, told);
 }
 
+/* Adds units from lines of properties, with an empty one between units. */
 static void add_units(check *c, char *lines, const char *name)
 {
     unit_state u = {.id = NULL};
@@ -193,20 +205,52 @@ static void add_units(check *c, char *lines, const char *name)
     add_unit(c, &u, name);
 }
 
+/* Takes the units from lines that begin with them. Returns their number. */
+static size_t split_units(const char *units[UNITS_MAX], char *lines)
+{
+    size_t count = 0;
+    char *rest;
+    for (char *line = strtok_r(lines, "\n", &rest); line && count < UNITS_MAX;
+         line = strtok_r(NULL, "\n", &rest)) {
+        line[strcspn(line, " ")] = '\0';
+        units[count++] = line;
+    }
+    return count;
+}
+
+/* Asks systemctl, and adds what is wrong. Returns why that is not known, or NULL. */
+static const char *find_units(check *c, const char *name, buffer text[2], char why[UNIT_WHY_BYTES])
+{
+    const int64_t until_ns = clock_ns(CLOCK_MONOTONIC) + UNITS_PATIENCE_S * INT64_C(1000000000);
+    const char *words[SHOW_WORDS + UNITS_MAX + 1];
+    const char *error = ask_systemctl(&text[0], why, list_words, until_ns);
+    if (error || !buffer_text(&text[0]))
+        return error ? error : strerror(ENOMEM);
+    const size_t count = split_units(words + SHOW_WORDS, buffer_first(&text[0]));
+    if (count == 0)
+        return NULL;
+    memcpy(words, show_words, sizeof show_words);
+    words[SHOW_WORDS + count] = NULL;
+    error = ask_systemctl(&text[1], why, words, until_ns);
+    if (error || !buffer_text(&text[1]))
+        return error ? error : strerror(ENOMEM);
+    add_units(c, buffer_first(&text[1]), name);
+    return count < UNITS_MAX ? NULL : "too many units";
+}
+
 void check_failed_units(check *c, const char *name)
 {
-    buffer text = {.size = 0};
+    buffer text[2] = {{.size = 0}, {.size = 0}};
     char reason[UNIT_WHY_BYTES], told[TOLD_BYTES];
     struct stat found; /* as sd_booted() does it */
     if (!buses_are_of_service() || lstat(SYSTEMD_FOLDER, &found) != 0 || !S_ISDIR(found.st_mode))
         return;
-    const char *why = ask_systemctl(&text, reason);
-    if (!why && buffer_text(&text))
-        add_units(c, buffer_first(&text), name);
-    else {
-        (void)snprintf(told, sizeof told, "failed units are not known: systemctl: %s",
-                       why ? why : "out of memory");
+    (void)signal(SIGCHLD, SIG_DFL); /* some monitors leave it ignored: then there is no status */
+    const char *why = find_units(c, name, text, reason);
+    if (why) {
+        (void)snprintf(told, sizeof told, "failed units are not known: systemctl: %s", why);
         check_tell(c, CHECK_UNKNOWN, told);
     }
-    buffer_free(&text);
+    buffer_free(&text[0]);
+    buffer_free(&text[1]);
 }
