@@ -19,9 +19,8 @@ static cw_frame any_frame(rig_random *random)
     return f;
 }
 
-static void test_remembered_lengths_are_those_that_are_measured(void **state)
+TEST(test_remembered_lengths_are_those_that_are_measured)
 {
-    (void)state;
     static cw_frame frames[FRAMES];
     static cw_lengths lengths;
     rig_random random = {.state = 1};
@@ -34,9 +33,8 @@ static void test_remembered_lengths_are_those_that_are_measured(void **state)
     }
 }
 
-static void test_frames_that_differ_in_one_part_are_not_mixed_up(void **state)
+TEST(test_frames_that_differ_in_one_part_are_not_mixed_up)
 {
-    (void)state;
     static cw_lengths lengths;
     const cw_frame frames[] = {
         {.id = 0}, {.id = 1}, {.id = 0, .dlc = 1}, {.id = 0, .flags = CW_FRAME_REMOTE},
@@ -51,9 +49,8 @@ static void test_frames_that_differ_in_one_part_are_not_mixed_up(void **state)
 }
 
 /* A frame that comes again is found, though others have been in its place meanwhile. */
-static void test_a_frame_stays_until_two_others_take_its_place(void **state)
+TEST(test_a_frame_stays_until_two_others_take_its_place)
 {
-    (void)state;
     static cw_lengths lengths;
     const cw_frame frame = {.id = 0x123, .dlc = 2, .data = {1, 2}};
     cw_lengths_clear(&lengths);
@@ -67,14 +64,4 @@ static void test_a_frame_stays_until_two_others_take_its_place(void **state)
     assert_int_equal(cw_lengths_of(&lengths, &frame), bits + 1);
     (void)cw_lengths_learn(own, &(cw_frame){.id = 2}, 2, 0);
     assert_int_equal(cw_lengths_of(&lengths, &frame), bits);
-}
-
-int main(void)
-{
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_remembered_lengths_are_those_that_are_measured),
-        cmocka_unit_test(test_frames_that_differ_in_one_part_are_not_mixed_up),
-        cmocka_unit_test(test_a_frame_stays_until_two_others_take_its_place),
-    };
-    return cmocka_run_group_tests(tests, NULL, NULL);
 }
