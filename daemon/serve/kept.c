@@ -386,8 +386,13 @@ size_t kept_bytes(const kept *k)
     return sum;
 }
 
-void kept_clear_all(kept *k)
+void kept_clear_all(kept *k, json_t *refused)
 {
+    for (size_t i = 0; i < json_array_size(k->entries); i++) {
+        const json_t *entry = json_array_get(k->entries, i);
+        if (json_is_true(json_object_get(entry, "refused")))
+            (void)json_array_extend(refused, json_object_get(entry, "rules"));
+    }
     forget_losses(k);
     (void)json_array_clear(k->entries);
     (void)json_array_clear(k->passing);

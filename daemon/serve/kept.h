@@ -55,8 +55,9 @@ size_t kept_find(const kept *k, const char *rule);
 /* Returns the length of all texts that are kept. */
 size_t kept_bytes(const kept *k);
 
-/* Notes that all injected rules have been cleared, also those that the bus has refused. */
-void kept_clear_all(kept *k);
+/* Notes that all injected rules have been cleared. Adds the names of those that the bus has refused
+ * to a list. */
+void kept_clear_all(kept *k, json_t *refused);
 
 /* Lets a thread write the file, as after kept_clear(). Returns the number of the save, of which
  * kept_written() tells; 0 when no file is needed or there, or after logging why it cannot

@@ -386,7 +386,7 @@ static bool run_clear(request *r)
             (!injected || live_is_injected(config, i)))
             clear_rule(r, cleared, i);
     if (r->world->kept && !one)
-        kept_clear_all(r->world->kept);
+        kept_clear_all(r->world->kept, cleared);
     if (r->world->kept)
         r->result->save = kept_save(r->world->kept);
     r->result->clears = true;

@@ -171,6 +171,13 @@ def test_kept_rules_that_the_configuration_refuses_wait_for_another_one(bus):
     bus.canwire("clear", "./day.sock", "a")
     assert bus.status()["kept_rules"] == []
     assert not bus.rules.exists()
+    bus.write(BUS)
+    bus.crash()
+    bus.canwire("inject", "--keep", "./day.sock", rule)
+    bus.write(BUS.replace("name: dash", "name: board"))
+    bus.crash()
+    assert bus.canwire("clear", "./day.sock") == "1 rule cleared\n"
+    assert bus.status()["kept_rules"] == []
 
 
 @pytest.mark.parametrize("content, why", [
