@@ -433,8 +433,8 @@ static bool collect(void *user, const link_info *info)
     return true;
 }
 
-/* Says that FILE has no interface. Without a file its name is a mistake, but for the unit, which has
- * known it. */
+/* Says that FILE has no interface. Without a file its name is a mistake, but for the unit, which
+ * has known it. */
 static bool tell_of_none(const char *file)
 {
     struct stat found;

@@ -397,7 +397,8 @@ static void read_document(schema *config, schema *self, const item *wanted, cons
 }
 
 /* Loads a profile. Its errors are reported under its own name. The file of the configuration gets
- * one error, too, behind all others: the first line, which may be all that is shown, is a reason. */
+ * one error, too, behind all others: the first line, which may be all that is shown, has a
+ * reason. */
 static void load_profile(schema *config, const item *wanted, const yaml_node_t *at, size_t number)
 {
     yaml_document_t document;
