@@ -1496,9 +1496,10 @@ void cw_bus_set_own_clocks(cw_bus *bus, bool own);
  * do the same are simulated together. This mode is off after cw_bus_init(). */
 void cw_bus_set_watching(cw_bus *bus, bool watching);
 
-/* Returns how far the bus may go, at most to tick, with nothing to be seen. All bits up to there
- * are the same as the last one, of an idle bus, and so is one more bit. Returns cw_bus_now() when
- * the next bit must be looked at, or when the last one was not simulated by itself. */
+/* Returns how far the bus may go with nothing to be seen. The last bit up to tick is left out. All
+ * bits up to there are the same as the last one, of an idle bus or of a frame. In a frame they are
+ * in the same byte of data, or in the same other field. Returns cw_bus_now() when the next bit must
+ * be looked at, or when the last one was not simulated by itself. */
 uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick);
 
 /* Selects the kinds of events that are kept for cw_bus_poll(), as bits 1u << cw_event_kind. The
@@ -1645,6 +1646,8 @@ typedef struct cw_bit_view {
     uint64_t alike;       /* nodes whose place, phase and role are known beforehand to be the
                              same */
     uint64_t fast;        /* nodes that begin the bit at the data rate (D10) */
+    bool steady;          /* states and counters are known beforehand to be those after the bit
+                             before */
     unsigned node_count;
     unsigned wire_count;
     unsigned mark_count;

@@ -83,7 +83,8 @@ static bool goes_another_way(cw_bus *bus, uint64_t tick)
         return true;
     }
     if (bus->stepping || bus->watching) {
-        step_bit(bus);
+        if (bus->stepping || !cw_frame_seen_go(bus))
+            step_bit(bus);
         return true;
     }
     return false;
@@ -186,7 +187,7 @@ void cw_bus_set_watching(cw_bus *bus, bool watching)
 {
     bus->watching = watching;
     cw_outlook_forget(bus);
-    if (watching)
+    if (watching && !bus->frame_step.seen)
         cw_wake_controllers(bus);
 }
 
@@ -201,7 +202,11 @@ uint64_t cw_bus_rests_until(cw_bus *bus, uint64_t tick)
 /* Events at the end of a bit show in that bit, so the last bit is left to be simulated. */
 uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
 {
-    if (tick <= cw_now(bus) || bus->pending || !cw_view_is_quiet(bus))
+    if (tick <= cw_now(bus) || bus->pending || bus->note.end != cw_now(bus))
+        return cw_now(bus);
+    if (bus->frame_step.active && bus->frame_step.seen)
+        return cw_wire_tick(&bus->time, cw_frame_seen_alike(bus, tick));
+    if (!cw_view_is_quiet(bus))
         return cw_now(bus);
     uint64_t bits = cw_run_reach(bus, CW_RECESSIVE, tick);
     return bits > 1 ? cw_wire_tick(&bus->time, bits - 1) : cw_now(bus);

@@ -4,25 +4,24 @@
  */
 #include "bus/bus_private.h"
 
-/* Looks at a node between two bits; the wire comes later. */
-static inline void view_node(const cw_bus *bus, unsigned i, cw_bit_node *n)
-{
-    const cw_mac *m = &bus->nodes[i].mac;
-    n->wire = 0;
-    n->state = cw_node_state(bus, i);
-    n->tec = m->confinement.tec;
-    n->rec = m->confinement.rec;
-}
-
-/* Nodes that are alike share what was noted of the lowest. */
+/* Looks at the nodes between two bits. Those that are alike share what was noted of the lowest. */
 static void view_nodes(const cw_bus *bus, cw_bit_node *nodes)
 {
     const cw_bit_note *note = &bus->note;
-    const unsigned lowest = note->alike ? cw_lowest_node(note->alike) : 0;
-    for (unsigned i = 0; i < bus->node_count; i++) {
-        nodes[i] = note->nodes[note->alike >> i & 1u ? lowest : i];
-        view_node(bus, i, &nodes[i]);
+    const uint64_t alike = note->alike;
+    const cw_bit_node *const shared = &note->nodes[alike ? cw_lowest_node(alike) : 0];
+    const cw_bus_node *own = bus->nodes;
+    const unsigned count = bus->node_count;
+    for (unsigned i = 0; i < count; i++) {
+        const cw_confinement c = own[i].mac.confinement;
+        nodes[i] = alike >> i & 1u ? *shared : note->nodes[i];
+        nodes[i].wire = 0;
+        nodes[i].state = (cw_state)c.state;
+        nodes[i].tec = c.tec;
+        nodes[i].rec = c.rec;
     }
+    for (uint64_t rest = bus->asleep; rest; rest &= rest - 1)
+        nodes[cw_lowest_node(rest)].state = CW_STATE_SLEEPING;
     for (unsigned i = 0; note->wire_count > 1 && i < bus->node_count; i++)
         nodes[i].wire = note->wires[i];
 }
@@ -46,6 +45,7 @@ cw_status cw_bus_get_bit(const cw_bus *bus, cw_bit_view *view)
     view->rx_faults = ((levels->sampled ^ note->came) | inside.rx) & nodes;
     view->alike = note->alike;
     view->fast = note->fast;
+    view->steady = note->steady;
     view->node_count = bus->node_count;
     view->wire_count = note->wire_count;
     view->marks = bus->timed.marks;

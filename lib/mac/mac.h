@@ -167,6 +167,10 @@ uint64_t cw_mac_horizon(const cw_mac *mac, bool waiting);
  * modes and the frames that they want to send. */
 bool cw_mac_same_point(const cw_mac *a, const cw_mac *b);
 
+/* Returns true when both controllers are in a frame and have read the same bits of it, whether they
+ * send it or not. */
+bool cw_mac_reads_the_same(const cw_mac *a, const cw_mac *b);
+
 /* Moves a controller to the point of another one, which is not a transmitter. Counters, modes and
  * the offered frame stay. */
 void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);

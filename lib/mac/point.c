@@ -58,6 +58,11 @@ bool cw_mac_same_point(const cw_mac *a, const cw_mac *b)
            a->overloads_in_row == b->overloads_in_row;
 }
 
+bool cw_mac_reads_the_same(const cw_mac *a, const cw_mac *b)
+{
+    return a->phase == CW_MAC_FRAME && b->phase == CW_MAC_FRAME && same_place(a, b);
+}
+
 /* Takes over what only a controller for FD frames remembers of a frame. */
 static void go_to_fd_point(cw_fd_part *fd, const cw_fd_part *there)
 {

@@ -118,6 +118,7 @@ void cw_view_note(cw_bus *bus, const cw_levels *levels)
     note->start = cw_now(bus);
     note->end = cw_bit_end(bus);
     note->fast = cw_fast_nodes(bus);
+    note->steady = false;
     note->levels = *levels;
     note->came = levels->wire;
     note->sampled = levels->sampled | bus->all;
@@ -130,6 +131,27 @@ void cw_view_note(cw_bus *bus, const cw_levels *levels)
         note_node(bus, i, &bus->nodes[i].mac, levels->sampled >> i & 1u);
     }
     note_wires(bus);
+}
+
+void cw_view_note_sent(cw_bus *bus, const cw_levels *levels, unsigned sender,
+                       const cw_bit_node *all)
+{
+    cw_bit_note *note = &bus->note;
+    cw_bit_node *receivers = &note->nodes[cw_lowest_node(bus->followers)];
+    note->start = cw_now(bus);
+    note->end = cw_bit_end(bus);
+    note->fast = 0;
+    note->steady = false;
+    note->levels = *levels;
+    note->came = levels->wire;
+    note->sampled = levels->sampled;
+    note->wanted = levels->driven;
+    note->alike = bus->followers;
+    note->wire_count = 1;
+    *receivers = *all;
+    receivers->role = CW_ROLE_RECEIVER;
+    note->nodes[sender] = *all;
+    note->nodes[sender].role = CW_ROLE_TRANSMITTER;
 }
 
 /* Returns true for a phase that goes on, without a report, until something comes in or is

@@ -21,7 +21,9 @@
 #define CANWIRE_STATE_H
 
 #include "canwire.h"
+#include "format/bits.h"
 #include "format/bitset.h"
+#include "format/parts.h"
 #include "rule/rule.h"
 #include "mac/mac.h"
 #include "state/buffers.h"
@@ -102,10 +104,22 @@ typedef struct cw_bit_note {
     uint64_t alike;   /* nodes that follow one controller, and have one level */
     uint64_t fast;    /* nodes that began it at the data rate */
     unsigned wire_count;
+    bool steady;      /* as in cw_bit_view */
     cw_bit_node nodes[CW_NODES_MAX]; /* without wire, state and counters; nodes that are alike share
                                         the first entry */
     uint8_t wires[CW_NODES_MAX];     /* valid when there are several wires */
 } cw_bit_note;
+
+/* The bit of a frame that traces look at; see step/frame_seen.c. */
+typedef struct cw_frame_seen {
+    cw_stuffing stuffing; /* of the frame */
+    uint64_t others[CW_BIT_WORDS]; /* bits with a level other than the one before, stuff bits, and
+                                      those behind these */
+    cw_form form;
+    uint16_t at;          /* its bits up to the last one that was looked at */
+    uint16_t index;       /* part and index of the last of them that was no stuff bit */
+    uint8_t part;
+} cw_frame_seen;
 
 /* The part of each node in the next frame, while all nodes are idle; see step/outlook.c.
  * cw_outlook_find() computes the outlook from all controllers. Whoever changes a controller, or
@@ -150,6 +164,7 @@ typedef struct cw_frame_step {
     bool active;
     bool at_work;         /* rules act on the levels of its bits */
     bool hit;             /* a rule may hit a bit of the frame, so the step needs all its bits */
+    bool seen;            /* traces look at its bits, see step/frame_seen.c */
     uint8_t node;         /* the transmitter */
     uint8_t tail;         /* last bits, up to the intermission, that pass one by one */
     uint16_t at;          /* bits that have passed, SOF to the third of the intermission */
@@ -203,6 +218,7 @@ struct cw_bus {
     cw_fd_part *fd_parts; /* of `common`, and of each node; NULL: no node knows FD frames */
     cw_outlook outlook;
     cw_frame_step frame_step;
+    cw_frame_seen frame_seen;
     cw_arbiter arbiter;
     cw_shares shares;
     uint32_t wanted;    /* kinds of events, as bits */
@@ -692,6 +708,11 @@ void cw_timed_retime_rates(cw_bus *bus, unsigned node);
 
 /* Notes the bit in progress, after all nodes drove and before they sample. */
 void cw_view_note(cw_bus *bus, const cw_levels *levels);
+
+/* Notes a bit of a clean frame that one node sends and all others follow. They have its place and
+ * phase in common. */
+void cw_view_note_sent(cw_bus *bus, const cw_levels *levels, unsigned sender,
+                       const cw_bit_node *all);
 
 /* Returns the place of a controller in its bit, by the names that traces have for it. */
 cw_place cw_view_place(const cw_bus *bus, const cw_mac *mac);

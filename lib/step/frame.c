@@ -76,9 +76,9 @@ static unsigned bits_to_go(cw_bus *bus, uint64_t tick)
 
 /* ---- Rules at work --------------------------------------------------------------------------- */
 
-/* Returns the nodes that drive a dominant bit. Contenders with hidden losses are left out, which
- * makes no difference to the wire (see hides_losses()). */
-static uint64_t find_drivers(const cw_bus *bus)
+/* Contenders with hidden losses are left out, which makes no difference to the wire (see
+ * hides_losses()). */
+uint64_t cw_frame_step_drivers(const cw_bus *bus)
 {
     const cw_frame_step *step = &bus->frame_step;
     uint64_t drivers = cw_node_bit(step->node);
@@ -95,7 +95,7 @@ static uint64_t find_drivers(const cw_bus *bus)
 /* Lets rules act on the next bit. Returns true when the bit is still as expected. */
 static bool stands_rules(cw_bus *bus, cw_levels *levels)
 {
-    const uint64_t drivers = find_drivers(bus);
+    const uint64_t drivers = cw_frame_step_drivers(bus);
     const uint64_t expected = drivers ? 0 : UINT64_MAX;
     levels->driven = ~drivers;
     cw_find_levels(bus, levels);

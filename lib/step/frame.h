@@ -7,7 +7,7 @@
  *   frame_moment.c  acts at the end of single bits; losses.c finds lost arbitrations
  *   frame_look.c    finds the bits that rules look at; frame_read.c answers functions that read
  *   frame_end.c     ends a step before its frame ends
- *   frame_fast.c    frames with a part at the data rate
+ *   frame_fast.c    frames with a part at the data rate; frame_seen.c frames that traces look at
  */
 #ifndef CANWIRE_STEP_FRAME_H
 #define CANWIRE_STEP_FRAME_H
@@ -87,6 +87,9 @@ static inline bool cw_frame_step_is_noise_free(const cw_bus *bus, unsigned bits)
 {
     return bus->rules.awake_count == 0 || cw_rules_keep_quiet(&bus->rules, bits, true) == bits;
 }
+
+/* Returns the nodes that drive the next bit, if it is dominant. */
+uint64_t cw_frame_step_drivers(const cw_bus *bus);
 
 /* ---- Conditions ------------------------------------------------------------------------------ */
 

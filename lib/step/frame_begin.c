@@ -107,6 +107,7 @@ void cw_frame_step_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
 {
     cw_frame_step *step = &bus->frame_step;
     step->active = true;
+    step->seen = false;
     step->node = (uint8_t)winner;
     step->tail = (uint8_t)find_tail(bus, winner);
     step->hidden = 0;

@@ -157,6 +157,14 @@ static inline bool cw_next_bit_fits(const cw_bus *bus, uint64_t tick)
  * lie before tick. Returns false, with nothing done, when bits must be simulated singly. */
 bool cw_frame_step_go(cw_bus *bus, uint64_t tick);
 
+/* Takes the next bit of a clean frame, for traces, without controllers. Returns false, with nothing
+ * done, where they are needed. It may also do no more than to move them to their present points. */
+bool cw_frame_seen_go(cw_bus *bus);
+
+/* Returns the next bits that look like the last one that was taken so. The last bit up to a tick,
+ * or up to where something is due, is not among them. */
+unsigned cw_frame_seen_alike(const cw_bus *bus, uint64_t tick);
+
 /* Ends the frame step that is under way, if there is one: moves all controllers to their present
  * points. Public calls do this before they change a controller, bus.c before due rules and
  * restarts, and frame.c where a step cannot go on. */

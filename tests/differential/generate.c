@@ -918,10 +918,13 @@ static void random_checks(generator *g)
         diff_add_op(g->scenario, &(diff_op){.kind = DIFF_CHECK, .tick = random_tick(g)});
 }
 
-/* Compares after each bit for a while. */
+/* Compares after each bit for a while. A fast bus that is watched shows all of these bits. */
 static void check_each_bit(generator *g)
 {
     uint64_t tick = random_tick(g);
+    if (diff_chance(&g->maker.random, 500))
+        diff_add_op(g->scenario,
+                    &(diff_op){.kind = DIFF_WATCHING, .tick = tick, .on = true});
     for (unsigned i = 0; i < 150; i++, tick += g->maker.bit)
         diff_add_op(g->scenario, &(diff_op){.kind = DIFF_CHECK, .tick = tick});
 }

@@ -137,6 +137,80 @@ TEST(what_is_quiet_is_as_the_bit_before)
     assert_true(rig_stats(watched, 0).restarts > 0);
 }
 
+/* Makes a bus with frames of all formats, some of which begin together. */
+static rig *make_busy_bus(void)
+{
+    rig_random random = {.state = 11};
+    rig *r = rig_new(4);
+    rig_start(r);
+    for (unsigned i = 0; i < 60; i++) {
+        const cw_frame frame = rig_random_frame(&random);
+        rig_send(r, i % 4, &frame, i / 2 * 331 * BIT + i % 3);
+    }
+    return r;
+}
+
+/* Skips no bit. Controllers take the bits of one bus only. */
+TEST(bits_of_frames_are_those_of_controllers)
+{
+    rig *watched = make_busy_bus(), *reference = make_busy_bus();
+    cw_bit_view seen = {.start = 0}, real = {.start = 0};
+    uint64_t steady = 0;
+    cw_bus_set_watching(watched->bus, true);
+    cw_bus_set_stepping(reference->bus, true);
+    for (uint64_t bit = 1; bit < 10000; bit++) {
+        rig_run_bits(watched, bit);
+        rig_run_bits(reference, bit);
+        assert_int_equal(cw_bus_get_bit(watched->bus, &seen), CW_OK);
+        assert_int_equal(cw_bus_get_bit(reference->bus, &real), CW_OK);
+        assert_same_bit(&seen, &real);
+        steady += seen.steady;
+    }
+    assert_true(steady > 1500);
+    assert_int_equal(rig_stats(watched, 0).tx_frames, rig_stats(reference, 0).tx_frames);
+    rig_free(watched);
+    rig_free(reference);
+}
+
+/* Bits that are left out look like the one before, in a trace. */
+static void assert_looks_alike(const cw_bit_view *seen, const cw_bit_view *real)
+{
+    cw_bit_view copy = *real;
+    for (unsigned i = 0; i < copy.node_count; i++) {
+        const cw_place *place = &seen->nodes[i].place;
+        assert_true(place->field != CW_FIELD_DATA ||
+                    copy.nodes[i].place.index / 8 == place->index / 8);
+        copy.nodes[i].place.index = place->index;
+    }
+    assert_same_bit(seen, &copy);
+}
+
+TEST(quiet_bits_of_frames_look_alike)
+{
+    const uint64_t end = 10000;
+    rig *watched = make_busy_bus(), *reference = make_busy_bus();
+    cw_bit_view seen = {.start = 0}, real = {.start = 0};
+    uint64_t skipped = 0;
+    cw_bus_set_stepping(reference->bus, true);
+    for (uint64_t bit = 0; bit < end;) {
+        uint64_t quiet = cw_bus_quiet_until(watched->bus, end * BIT) / BIT;
+        cw_bus_set_watching(watched->bus, quiet == bit);
+        rig_run_bits(watched, quiet > bit ? quiet : bit + 1);
+        skipped += seen.nodes[0].phase == CW_MAC_FRAME ? quiet - bit : 0;
+        if (quiet == bit)
+            assert_int_equal(cw_bus_get_bit(watched->bus, &seen), CW_OK);
+        while (bit < cw_bus_now(watched->bus) / BIT) {
+            rig_run_bits(reference, ++bit);
+            assert_int_equal(cw_bus_get_bit(reference->bus, &real), CW_OK);
+            assert_looks_alike(&seen, &real);
+        }
+    }
+    assert_int_equal(seen.end, end * BIT);
+    assert_true(skipped > 800);
+    rig_free(watched);
+    rig_free(reference);
+}
+
 static void check_frame(rig *r, const cw_frame *frame)
 {
     cw_bits bits;
