@@ -262,16 +262,29 @@ static uint64_t quiet_until(sim_run *s, uint64_t tick)
     return cw_bus_quiet_until(s->bus, tick);
 }
 
-/* Advances by one bit, which a sink may want. */
-static void advance_bit(sim_run *s)
+/* Returns true when the run must end now, whatever is pending. */
+static bool sim_run_is_over(const sim_run *s)
 {
-    uint64_t start = cw_bus_now(s->bus);
-    uint32_t wanted = 0; /* sinks that want the bit */
+    return s->stopped || s->paused || release_failed(s->plan);
+}
+
+/* Returns the sinks that want the bit that begins at a tick, which is now. */
+static uint32_t sinks_of_bit(const sim_run *s, uint64_t start)
+{
+    uint32_t wanted = 0;
     for (uint32_t rest = s->bit_sinks; rest; rest &= rest - 1) {
-        unsigned i = (unsigned)__builtin_ctz(rest);
-        wanted |= (uint32_t)(wanted_from(s, &s->sinks[i]) == start) << i;
+        const unsigned i = (unsigned)__builtin_ctz(rest);
+        const sim_sink *sink = &s->sinks[i];
+        const bool wants = start >= sink->bits_from && (!sink->bits_to || start < sink->bits_to);
+        wanted |= (uint32_t)wants << i;
     }
-    advance_bus(s, cw_bus_tick_after(s->bus, 1));
+    return wanted;
+}
+
+/* Advances to the end of the next bit, which these sinks want. */
+static void advance_bit(sim_run *s, uint64_t end, uint32_t wanted)
+{
+    advance_bus(s, end);
     for (; wanted; wanted &= wanted - 1) {
         const sim_sink *sink = &s->sinks[__builtin_ctz(wanted)];
         sink->bit(sink->user, s->bus);
@@ -279,10 +292,28 @@ static void advance_bit(sim_run *s)
     s->calm_bits++;
 }
 
-/* Returns true when the run must end now, whatever is pending. */
-static bool sim_run_is_over(const sim_run *s)
+/* Leaves bits to the bus in which sinks see nothing new. */
+static void skip_quiet(sim_run *s, uint64_t tick)
 {
-    return s->stopped || s->paused || release_failed(s->plan);
+    const uint64_t quiet = quiet_until(s, tick);
+    if (quiet < cw_bus_tick_after(s->bus, 1))
+        return;
+    set_watching(s, false);
+    advance_bus(s, quiet);
+    set_watching(s, true);
+}
+
+/* Shows bits up to a tick, at least one, as long as a sink wants the next one. */
+static void show_bits(sim_run *s, uint64_t tick)
+{
+    uint32_t wanted = sinks_of_bit(s, cw_bus_now(s->bus));
+    uint64_t end = cw_bus_tick_after(s->bus, 1);
+    do {
+        advance_bit(s, end, wanted);
+        skip_quiet(s, tick);
+        wanted = sinks_of_bit(s, cw_bus_now(s->bus));
+        end = cw_bus_tick_after(s->bus, 1);
+    } while (end <= tick && wanted && !sim_run_is_over(s));
 }
 
 /* Returns the limit of one step: a replay at full speed must be asked for its next frame there. */
@@ -315,7 +346,7 @@ static void sim_run_advance(sim_run *s, uint64_t tick)
         set_watching(s, now);
         there = !now && cw_bus_now(s->bus) < s->careful_from && end == tick;
         if (now || cw_bus_now(s->bus) >= s->careful_from)
-            advance_bit(s);
+            show_bits(s, look == CW_NEVER ? least(tick, s->careful_from) : 0);
         else
             advance_bus(s, end);
         if (look == CW_NEVER)
@@ -367,7 +398,7 @@ static void hand_in_due(sim_run *s, uint64_t tick)
 static void release_ahead(sim_run *s)
 {
     uint64_t last = 0;
-    if (s->step || s->bit_sinks || s->careful_from != CW_NEVER)
+    if (s->step || s->in_steps || s->bit_sinks || s->careful_from != CW_NEVER)
         return;
     for (unsigned i = 0; i < RELEASES_AHEAD && release_is_sure(s->plan); i++) {
         const uint64_t tick = release_next_tick(s->plan);
