@@ -28,11 +28,6 @@ bit_part bit_part_of(const cw_bit_view *bit, unsigned node)
     return bit_part_at(&n->place, n->phase, bit->sampled >> node & 1u);
 }
 
-bool bit_part_same(const bit_part *a, const bit_part *b)
-{
-    return a->field == b->field && a->phase == b->phase && a->byte == b->byte;
-}
-
 static const char *phase_name(cw_mac_phase phase)
 {
     static const char *const names[CW_MAC_PHASE_COUNT] = {

@@ -29,7 +29,10 @@ static inline bool bit_part_waits(cw_mac_phase phase)
     return phase == CW_MAC_ERROR_WAIT || phase == CW_MAC_OVERLOAD_WAIT;
 }
 
-bool bit_part_same(const bit_part *a, const bit_part *b);
+static inline bool bit_part_same(const bit_part *a, const bit_part *b)
+{
+    return a->field == b->field && a->phase == b->phase && a->byte == b->byte;
+}
 
 /* Prints the name of the field as in events and fault rules, data with its byte ("crc", "data[2]").
  * Other parts are "idle", "integrating", "off", "bus-off", "recovering", "error-wait",

@@ -26,7 +26,10 @@
 #define NO_ERROR CW_ERROR_COUNT
 #define NO_MARK UINT32_MAX
 #define TEXT_BYTES 4096u    /* that are written at once */
-#define CHANGE_MAX (CW_NODES_MAX * 4u + RULES_TEXT_MAX + 32u) /* of a time and values */
+#define LEVEL_MAX 5u   /* bytes of a level of one node: "1s63\n" */
+#define PART_MAX 32u   /* bytes of a part that are copied at once: "soverload-delimiter" */
+#define PART_ID_MAX 8u /* ... and of its end: " f63\n" */
+#define CHANGE_MAX (CW_NODES_MAX * LEVEL_MAX + RULES_TEXT_MAX + 32u) /* of a time and values */
 
 /* The inside of bits, as far as it has been written, where nodes have clocks of their own. */
 typedef struct inside {
@@ -48,7 +51,17 @@ typedef struct vcd_node {
     cw_state state;
     uint16_t tec;
     uint16_t rec;
+    char part_id[PART_ID_MAX]; /* the end of a line with its part */
+    size_t part_id_length;
 } vcd_node;
+
+/* A level of each node, as last written. Often all change to the same one. */
+typedef struct vcd_levels {
+    char id;
+    uint64_t now;  /* as in cw_bit_view */
+    size_t length; /* of the lines with all nodes ... */
+    char lines[2][CW_NODES_MAX * LEVEL_MAX]; /* ... dominant and recessive */
+} vcd_levels;
 
 struct vcd {
     FILE *out;
@@ -59,15 +72,17 @@ struct vcd {
     inside *inside; /* NULL: all bits are common to all nodes */
     uint64_t end;  /* tick of the end of the last bit */
     uint64_t unit_ps;
-    uint64_t driven; /* as in cw_bit_view */
-    uint64_t sampled;
-    uint64_t stuff;
+    uint64_t all;     /* nodes */
+    vcd_levels driven;
+    vcd_levels sampled;
+    vcd_levels stuff; /* 1: the node is in a stuff bit */
     uint64_t errors; /* nodes whose error must be written */
     uint64_t alike;  /* as in cw_bit_view */
     uint32_t alike_mark;
     uint32_t printed_mark; /* last printed part, which other nodes often share */
     bit_part printed_part;
-    char printed[BIT_PART_TEXT_MAX];
+    char printed[PART_MAX]; /* the begin of its lines */
+    size_t printed_length;
     bool wire;
     bool fault;
     bool rule;                       /* `rule` is not empty */
@@ -190,6 +205,43 @@ static bool make_inside(vcd *self, const cw_bus *bus)
     return self->inside != NULL;
 }
 
+static char *put_id(char *at, char id, size_t node)
+{
+    *at++ = id;
+    if (node >= 10)
+        *at++ = (char)('0' + node / 10);
+    *at++ = (char)('0' + node % 10);
+    return at;
+}
+
+static void begin_levels(vcd_levels *l, char id, size_t nodes)
+{
+    l->id = id;
+    for (unsigned level = 0; level < 2; level++) {
+        char *at = l->lines[level];
+        for (size_t i = 0; i < nodes; i++) {
+            *at++ = level ? '1' : '0';
+            at = put_id(at, id, i);
+            *at++ = '\n';
+        }
+        l->length = (size_t)(at - l->lines[level]);
+    }
+}
+
+/* Begins a node with its state, which is written with the first bit. */
+static void begin_node(vcd_node *n, const cw_bus *bus, unsigned i)
+{
+    cw_node_stats stats;
+    cw_status status = cw_node_get_stats(bus, i, &stats);
+    assert(status == CW_OK);
+    (void)status;
+    *n = (vcd_node){.mark = NO_MARK, .error_now = NO_ERROR, .state = stats.state,
+                    .tec = stats.tec, .rec = stats.rec, .part_id = " "};
+    char *end = put_id(n->part_id + 1, 'f', i);
+    *end++ = '\n';
+    n->part_id_length = (size_t)(end - n->part_id);
+}
+
 vcd *vcd_open(FILE *out, const cfg *config, const cw_bus *bus)
 {
     vcd *self = calloc(1, sizeof *self + config->node_count * sizeof self->nodes[0]);
@@ -204,17 +256,12 @@ vcd *vcd_open(FILE *out, const cfg *config, const cw_bus *bus)
         return NULL;
     }
     self->end = cw_bus_now(bus);
-    for (unsigned i = 0; i < self->node_count; i++) {
-        cw_node_stats stats;
-        cw_status status = cw_node_get_stats(bus, i, &stats);
-        assert(status == CW_OK);
-        (void)status;
-        self->nodes[i].state = stats.state;
-        self->nodes[i].tec = stats.tec;
-        self->nodes[i].rec = stats.rec;
-        self->nodes[i].error_now = NO_ERROR;
-        self->nodes[i].mark = NO_MARK;
-    }
+    self->all = UINT64_MAX >> (CW_NODES_MAX - self->node_count);
+    begin_levels(&self->driven, 'd', self->node_count);
+    begin_levels(&self->sampled, 's', self->node_count);
+    begin_levels(&self->stuff, 't', self->node_count);
+    for (unsigned i = 0; i < self->node_count; i++)
+        begin_node(&self->nodes[i], bus, i);
     self->errors = UINT64_MAX; /* all are written once */
     self->alike_mark = self->printed_mark = NO_MARK;
     write_header(self);
@@ -227,11 +274,6 @@ vcd *vcd_open(FILE *out, const cfg *config, const cw_bus *bus)
 static unsigned lowest(uint64_t nodes)
 {
     return (unsigned)__builtin_ctzll(nodes);
-}
-
-static uint64_t all_nodes(const vcd *self)
-{
-    return UINT64_MAX >> (CW_NODES_MAX - self->node_count);
 }
 
 static void write_out(vcd *self)
@@ -257,20 +299,28 @@ static char *put_time(vcd *self, char *at, uint64_t units)
 static uint64_t units_of(const vcd *self, uint64_t tick, cw_span at)
 {
     const uint64_t per_tick = TICK_PS / LEAST_PS;
-    const uint64_t least = tick * per_tick + bit_moment_units(at, (unsigned)per_tick);
-    return least / (self->unit_ps / LEAST_PS);
+    const uint64_t behind = at ? bit_moment_units(at, (unsigned)per_tick) : 0;
+    return (tick * per_tick + behind) / (self->unit_ps / LEAST_PS);
 }
 
-/* Returns the place for a change, behind its time. */
-static char *begin_change(vcd *self, uint64_t tick)
+/* Makes room for a change, and writes the time of the first one at a tick. */
+static void begin_tick(vcd *self, uint64_t tick)
 {
     if (TEXT_BYTES - self->used < CHANGE_MAX)
         write_out(self);
-    char *at = self->text + self->used;
     if (tick == self->time)
-        return at;
+        return;
     self->time = tick;
-    return put_time(self, at, units_of(self, tick, 0));
+    char *const at = self->text + self->used;
+    self->used += (size_t)(put_time(self, at, units_of(self, tick, 0)) - at);
+}
+
+/* Returns the place for a change, behind its time. */
+static inline char *begin_change(vcd *self, uint64_t tick)
+{
+    if (TEXT_BYTES - self->used < CHANGE_MAX || tick != self->time)
+        begin_tick(self, tick);
+    return self->text + self->used;
 }
 
 /* Writes a time inside of a bit. The changes that follow have no tick. */
@@ -283,7 +333,7 @@ static void write_time_inside(vcd *self, uint64_t units)
 }
 
 /* Ends one or several changes at `at`. */
-static void end_changes(vcd *self, const char *at)
+static inline void end_changes(vcd *self, const char *at)
 {
     self->used = (size_t)(at - self->text);
     assert(self->used <= TEXT_BYTES);
@@ -294,15 +344,6 @@ static void end_change(vcd *self, char *at)
 {
     *at++ = '\n';
     end_changes(self, at);
-}
-
-static char *put_id(char *at, char id, size_t node)
-{
-    *at++ = id;
-    if (node >= 10)
-        *at++ = (char)('0' + node / 10);
-    *at++ = (char)('0' + node % 10);
-    return at;
 }
 
 static void write_time(vcd *self, uint64_t tick)
@@ -334,7 +375,7 @@ static void vcd_write_text(vcd *self, uint64_t tick, const char *text, char id, 
 }
 
 /* Writes a level of the whole bus. */
-static void write_level(vcd *self, uint64_t tick, bool *before, bool level, char id)
+static inline void write_level(vcd *self, uint64_t tick, bool *before, bool level, char id)
 {
     if (self->begun && *before == level)
         return;
@@ -345,21 +386,32 @@ static void write_level(vcd *self, uint64_t tick, bool *before, bool level, char
     *before = level;
 }
 
-/* Writes a level of each node. */
-static void write_levels(vcd *self, uint64_t tick, uint64_t *before, uint64_t levels, char id)
+/* Writes a level of the nodes that have another one. */
+static void write_changed(vcd *self, uint64_t tick, const vcd_levels *l, uint64_t changed)
 {
-    uint64_t changed = (self->begun ? *before ^ levels : UINT64_MAX) & all_nodes(self);
-    *before = levels;
-    if (!changed)
-        return;
+    const uint64_t levels = l->now;
+    const uint64_t high = levels & self->all;
     char *at = begin_change(self, tick); /* has room for all nodes */
+    if (changed == self->all && (high == 0 || high == self->all)) {
+        end_changes(self, chars_copy(at, l->lines[high != 0], l->length));
+        return;
+    }
     for (; changed; changed &= changed - 1) {
         unsigned i = lowest(changed);
         *at++ = levels >> i & 1u ? '1' : '0';
-        at = put_id(at, id, i);
+        at = put_id(at, l->id, i);
         *at++ = '\n';
     }
     end_changes(self, at);
+}
+
+/* Writes a level of each node. */
+static inline void write_levels(vcd *self, uint64_t tick, vcd_levels *l, uint64_t levels)
+{
+    const uint64_t changed = (self->begun ? l->now ^ levels : UINT64_MAX) & self->all;
+    l->now = levels;
+    if (changed)
+        write_changed(self, tick, l, changed);
 }
 
 /* Returns a mark; while it stays the same, so does the part. The part of some phases depends on a
@@ -371,19 +423,31 @@ static inline uint32_t mark_of(const cw_place *place, cw_mac_phase phase)
                                  : (uint32_t)phase << 16 | (uint32_t)place->field << 8 | byte;
 }
 
-static void write_part(vcd *self, uint64_t tick, unsigned node, const cw_place *place,
-                       cw_mac_phase phase, bool sampled)
+/* Finds the text of a part. */
+static void print_part(vcd *self, uint32_t mark, const cw_place *place, cw_mac_phase phase,
+                       bool sampled)
+{
+    self->printed_mark = mark;
+    self->printed_part = bit_part_at(place, phase, sampled);
+    self->printed[0] = 's';
+    bit_part_print(self->printed + 1, &self->printed_part);
+    self->printed_length = strlen(self->printed);
+}
+
+static inline void write_part(vcd *self, uint64_t tick, unsigned node, const cw_place *place,
+                              cw_mac_phase phase, bool sampled)
 {
     vcd_node *n = &self->nodes[node];
-    if (n->mark == NO_MARK || n->mark != self->printed_mark) {
-        self->printed_mark = n->mark;
-        self->printed_part = bit_part_at(place, phase, sampled);
-        bit_part_print(self->printed, &self->printed_part);
-    }
+    if (n->mark == NO_MARK || n->mark != self->printed_mark)
+        print_part(self, n->mark, place, phase, sampled);
     if (self->begun && bit_part_same(&n->part, &self->printed_part))
         return;
     n->part = self->printed_part;
-    vcd_write_text(self, tick, self->printed, 'f', node);
+    char *at = begin_change(self, tick);
+    memcpy(at, self->printed, PART_MAX); /* whole pieces cost less than exact lengths */
+    at += self->printed_length;
+    memcpy(at, n->part_id, PART_ID_MAX);
+    end_changes(self, at + n->part_id_length);
 }
 
 static void write_error(vcd *self, uint64_t tick, size_t node)
@@ -401,7 +465,7 @@ static void write_error(vcd *self, uint64_t tick, size_t node)
 /* Writes the part and the error of each node that may have changed. */
 static void write_parts(vcd *self, const cw_bit_view *bit, uint64_t parts)
 {
-    for (uint64_t rest = (parts | self->errors) & all_nodes(self); rest; rest &= rest - 1) {
+    for (uint64_t rest = (parts | self->errors) & self->all; rest; rest &= rest - 1) {
         unsigned i = lowest(rest);
         if (parts >> i & 1u)
             write_part(self, bit->start, i, &bit->nodes[i].place, bit->nodes[i].phase,
@@ -526,9 +590,9 @@ static void put_level(uint64_t *levels, unsigned node, bool level)
 
 static void write_drive(vcd *self, const cw_mark *m)
 {
-    uint64_t driven = self->driven;
+    uint64_t driven = self->driven.now;
     put_level(&driven, m->node, m->level);
-    write_levels(self, self->time, &self->driven, driven, 'd');
+    write_levels(self, self->time, &self->driven, driven);
 }
 
 /* All wires of a partitioned bus are shown as one. */
@@ -544,9 +608,9 @@ static void write_wire(vcd *self, const cw_bit_view *bit, const cw_mark *m)
 /* Writes the place of a node in its bit: known at its start, or else at its sample point. */
 static void write_place(vcd *self, const cw_mark *m, bool sampled)
 {
-    uint64_t stuff = self->stuff;
+    uint64_t stuff = self->stuff.now;
     put_level(&stuff, m->node, m->place.stuff);
-    write_levels(self, self->time, &self->stuff, stuff, 't');
+    write_levels(self, self->time, &self->stuff, stuff);
     self->nodes[m->node].mark = mark_of(&m->place, (cw_mac_phase)m->phase);
     write_part(self, self->time, m->node, &m->place, (cw_mac_phase)m->phase, sampled);
 }
@@ -554,7 +618,7 @@ static void write_place(vcd *self, const cw_mark *m, bool sampled)
 static void write_mark(vcd *self, const cw_bit_view *bit, const cw_mark *m)
 {
     inside *in = self->inside;
-    uint64_t sampled = self->sampled;
+    uint64_t sampled = self->sampled.now;
     switch (m->kind) {
     case CW_MARK_BEGIN:
         if (!bit_part_waits((cw_mac_phase)m->phase))
@@ -570,7 +634,7 @@ static void write_mark(vcd *self, const cw_bit_view *bit, const cw_mark *m)
         break;
     case CW_MARK_SAMPLE:
         put_level(&sampled, m->node, m->level);
-        write_levels(self, self->time, &self->sampled, sampled, 's');
+        write_levels(self, self->time, &self->sampled, sampled);
         if (bit_part_waits((cw_mac_phase)m->phase))
             write_place(self, m, m->level);
         if (in->levels_only)
@@ -619,8 +683,8 @@ static void write_levels_at_start(vcd *self, const cw_bit_view *bit)
     if (self->inside)
         self->inside->wires = bit->wire;
     write_level(self, bit->start, &self->wire, bit->wire == UINT64_MAX, 'w');
-    write_levels(self, bit->start, &self->driven, bit->driven, 'd');
-    write_levels(self, bit->start, &self->sampled, marked ? self->sampled : bit->sampled, 's');
+    write_levels(self, bit->start, &self->driven, bit->driven);
+    write_levels(self, bit->start, &self->sampled, marked ? self->sampled.now : bit->sampled);
 }
 
 /* ---- Bits and events ------------------------------------------------------------------------- */
@@ -632,29 +696,26 @@ typedef struct changes {
     uint64_t states;
 } changes;
 
-/* Returns the nodes that are in the same place as one of them, if all were so before, too. */
-static uint64_t find_alike(vcd *self, changes *found, const cw_bit_view *bit)
+/* Finds the place of nodes that have the same one. Nothing is new when they were so before, too. */
+static void find_alike(vcd *self, changes *found, const cw_bit_view *bit)
 {
-    if (!bit->alike) {
-        self->alike = 0; /* they may come to be alike again, and have changed by then */
-        return 0;
-    }
     const cw_bit_node *one = &bit->nodes[lowest(bit->alike)];
     const uint32_t mark = mark_of(&one->place, one->phase);
-    bool same = bit->alike == self->alike && mark == self->alike_mark && mark != NO_MARK;
-    self->alike = bit->alike;
+    const bool same = bit->alike == self->alike && mark == self->alike_mark && mark != NO_MARK;
     self->alike_mark = mark;
-    if (!same)
-        return 0;
     found->stuff |= one->place.stuff ? bit->alike : 0;
-    return bit->alike;
+    found->parts |= same ? 0 : bit->alike;
+    for (uint64_t rest = same ? 0 : bit->alike; rest; rest &= rest - 1)
+        self->nodes[lowest(rest)].mark = mark;
 }
 
 /* Finds places that all nodes enter at the start of the bit. */
 static void find_places(vcd *self, changes *found, const cw_bit_view *bit)
 {
-    const uint64_t single = all_nodes(self) & ~find_alike(self, found, bit);
-    for (uint64_t rest = single; rest; rest &= rest - 1) {
+    if (bit->alike)
+        find_alike(self, found, bit);
+    self->alike = bit->alike; /* 0: when they are alike again, they may have changed */
+    for (uint64_t rest = self->all & ~bit->alike; rest; rest &= rest - 1) {
         unsigned i = lowest(rest);
         const uint32_t mark = mark_of(&bit->nodes[i].place, bit->nodes[i].phase);
         bool same = mark == self->nodes[i].mark && mark != NO_MARK;
@@ -670,22 +731,31 @@ static bool goes_by_marks(const vcd *self, const cw_bit_view *bit)
     return self->inside && self->begun && bit->mark_count > 0 && !bit_rests(bit);
 }
 
+/* Returns the nodes whose states or counters have changed. */
+static uint64_t find_states(const vcd *self, const cw_bit_view *bit)
+{
+    uint64_t changed = 0;
+    for (unsigned i = 0; i < bit->node_count; i++) {
+        const vcd_node *n = &self->nodes[i];
+        const cw_bit_node *now = &bit->nodes[i];
+        const unsigned counters = (unsigned)(n->tec ^ now->tec) | (unsigned)(n->rec ^ now->rec);
+        if (counters | ((unsigned)n->state ^ (unsigned)now->state))
+            changed |= UINT64_C(1) << i;
+    }
+    return changed;
+}
+
 static changes find_changes(vcd *self, const cw_bit_view *bit)
 {
-    changes found = {.stuff = self->stuff};
+    changes found = {.stuff = self->stuff.now};
     if (goes_by_marks(self, bit)) {
         self->alike = 0;
     } else {
         found.stuff = 0;
         find_places(self, &found, bit);
     }
-    for (unsigned i = 0; i < bit->node_count; i++) {
-        const vcd_node *n = &self->nodes[i];
-        const cw_bit_node *now = &bit->nodes[i];
-        const unsigned counters = (unsigned)(n->tec ^ now->tec) | (unsigned)(n->rec ^ now->rec);
-        if (counters | ((unsigned)n->state ^ (unsigned)now->state))
-            found.states |= UINT64_C(1) << i;
-    }
+    if (!bit->steady)
+        found.states = find_states(self, bit);
     return found;
 }
 
@@ -700,7 +770,7 @@ void vcd_bit(vcd *self, const cw_bit_view *bit)
         write_word(self, "$dumpvars");
     }
     write_levels_at_start(self, bit);
-    write_levels(self, start, &self->stuff, found.stuff, 't');
+    write_levels(self, start, &self->stuff, found.stuff);
     write_parts(self, bit, found.parts);
     write_level(self, start, &self->fault, fault, 'm');
     write_rules(self, start);

@@ -38,22 +38,28 @@ char *chars_digits(char *at, uint64_t value, unsigned count)
     return end;
 }
 
+/* Returns the number of digits of a value, 1 or more: 3 for each ten bits, or one more. */
+static unsigned count_digits(uint64_t value)
+{
+    static const uint64_t powers[CHARS_DECIMAL_MAX] = {
+        UINT64_C(0), UINT64_C(10), UINT64_C(100), UINT64_C(1000), UINT64_C(10000),
+        UINT64_C(100000), UINT64_C(1000000), UINT64_C(10000000), UINT64_C(100000000),
+        UINT64_C(1000000000), UINT64_C(10000000000), UINT64_C(100000000000),
+        UINT64_C(1000000000000), UINT64_C(10000000000000), UINT64_C(100000000000000),
+        UINT64_C(1000000000000000), UINT64_C(10000000000000000), UINT64_C(100000000000000000),
+        UINT64_C(1000000000000000000), UINT64_C(10000000000000000000),
+    };
+    const unsigned least = (64u - (unsigned)__builtin_clzll(value | 1)) * 1233 >> 12;
+    return least + (value >= powers[least]);
+}
+
 char *chars_decimal(char *at, uint64_t value)
 {
-    char digits[CHARS_DECIMAL_MAX];
-    char *const end = digits + sizeof digits;
-    char *first = end;
-    while (value >= 100) {
-        first -= 2;
-        memcpy(first, pairs + value % 100 * 2, 2);
-        value /= 100;
+    if (value < 10) {
+        *at = (char)('0' + value);
+        return at + 1;
     }
-    if (value >= 10)
-        *--first = pairs[value * 2 + 1];
-    *--first = pairs[value * 2 + (value < 10)];
-    while (first < end)
-        *at++ = *first++;
-    return at;
+    return chars_digits(at, value, count_digits(value));
 }
 
 char *chars_hex(char *at, uint32_t value, unsigned count)
