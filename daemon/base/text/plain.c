@@ -22,8 +22,7 @@ static size_t size_of(unsigned char first)
     return first >= 0xF0 && first <= 0xF4 ? 4 : 0;
 }
 
-/* Reads the character that begins here. Returns its bytes, 0: it is no UTF-8. */
-static size_t read_character(uint32_t *code, const char *text)
+size_t plain_character(uint32_t *code, const char *text)
 {
     const unsigned char *bytes = (const unsigned char *)text;
     const size_t size = size_of(*bytes);
@@ -57,7 +56,7 @@ static bool is_hidden(uint32_t code)
 size_t plain_size(const char *text)
 {
     uint32_t code;
-    const size_t size = read_character(&code, text);
+    const size_t size = plain_character(&code, text);
     return is_control(code) || is_hidden(code) ? 0 : size;
 }
 
@@ -85,7 +84,7 @@ bool plain_is_not(const char *text)
 {
     while (*text) {
         uint32_t code;
-        const size_t size = read_character(&code, text);
+        const size_t size = plain_character(&code, text);
         if (size == 0 || (is_control(code) && !strchr("\t\n\r", *text)))
             return true;
         text += size;

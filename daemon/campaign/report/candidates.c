@@ -4,7 +4,6 @@
  */
 #include "campaign/report/candidates.h"
 
-#include "base/text/jsonput.h"
 #include "base/text/jsontext.h"
 #include "campaign/report/memory.h"
 #include "base/text/buffer.h"
@@ -21,25 +20,27 @@ static unsigned degraded_of(const report_row *row)
 static void write_kind(buffer *kind, const report_row *row, const row_signs *signs)
 {
     static const char *const keys[] = {"type", "field", "role", "node"};
+    const jsonread_value *failed = jsonread_first(row->failed);
     jsontext_number(kind, "degraded", degraded_of(row));
     buffer_put(kind, "\n");
-    for (size_t i = 0; i < json_array_size(row->failed); i++) {
-        if (row_signs_has(signs, report_row_failed(row, i)))
+    for (; failed; failed = jsonread_next(row->failed, failed)) {
+        if (row_signs_has(signs, row_failed_name(failed)))
             continue;
-        buffer_put(kind, report_row_failed(row, i));
+        buffer_put(kind, row_failed_name(failed));
         buffer_put(kind, "\n");
     }
     for (size_t i = 0; i < sizeof keys / sizeof keys[0] && row->first_error; i++) {
-        buffer_put(kind, get_any_text(row->first_error, keys[i]));
+        buffer_put(kind, jsonread_string(jsonread_get(row->first_error, keys[i])));
         buffer_put(kind, "\n");
     }
 }
 
 static const char *first_failed(const report_row *row, const row_signs *signs)
 {
-    for (size_t i = 0; i < json_array_size(row->failed); i++)
-        if (!row_signs_has(signs, report_row_failed(row, i)))
-            return report_row_failed(row, i);
+    const jsonread_value *failed = jsonread_first(row->failed);
+    for (; failed; failed = jsonread_next(row->failed, failed))
+        if (!row_signs_has(signs, row_failed_name(failed)))
+            return row_failed_name(failed);
     return NULL;
 }
 

@@ -78,7 +78,7 @@ static void set_limit(intake *in)
 static bool intake_begin(intake *in, const char *line, size_t length)
 {
     report_row row;
-    const char *wrong = report_row_read(&row, line, length, &in->report.signs);
+    const char *wrong = report_row_read(&row, &in->reader, line, length, &in->report.signs);
     if (wrong)
         return intake_complain(in, "%s", wrong);
     const bool known = row_source_read(&in->report.source, &row);
@@ -88,7 +88,6 @@ static bool intake_begin(intake *in, const char *line, size_t length)
     if (good)
         report_begin(&in->report, &row, in->campaign);
     set_limit(in);
-    report_row_free(&row);
     return good;
 }
 
@@ -99,12 +98,14 @@ static bool has_values(const report_row *row, const buffer *head)
 {
     static const char end[] = ",\"outcome\":\"";
     const size_t length = buffer_length(head) - strlen(end);
+    jsonread reader = {.copy = NULL};
+    jsonread_problem problem;
     char *text = memory_print("%.*s}", (int)length, buffer_first(head));
-    json_t *wanted = report_row_load(text, length + 1);
-    const bool same = json_equal(json_object_get(wanted, "factors"), row->factors) &&
-                      json_equal(json_object_get(wanted, "seed"),
-                                 json_object_get(row->object, "seed"));
-    json_decref(wanted);
+    const jsonread_value *wanted = memory_json(&reader, &problem, text, length + 1);
+    const bool same = jsonread_equals(jsonread_get(wanted, "factors"), row->factors) &&
+                      jsonread_equals(jsonread_get(wanted, "seed"),
+                                      jsonread_get(row->object, "seed"));
+    jsonread_free(&reader);
     free(text);
     return same;
 }
@@ -133,9 +134,13 @@ static bool check_values(intake *in, const report_row *row, const char *line, si
 static bool check_names(intake *in, const report_row *row)
 {
     const report *r = &in->report;
-    bool same = json_object_size(row->factors) == r->factor_count;
+    size_t count = 0;
+    const jsonread_value *f = jsonread_first(row->factors);
+    for (; f; f = jsonread_next(row->factors, f))
+        count++;
+    bool same = count == r->factor_count;
     for (size_t i = 0; i < r->factor_count && same; i++)
-        same = json_object_get(row->factors, r->factors[i].name) != NULL;
+        same = jsonread_get(row->factors, r->factors[i].name) != NULL;
     return same ||
            intake_complain(in, "its factors are not those of the first row: it is of another "
                                "campaign");
@@ -190,13 +195,12 @@ static bool intake_take_line(intake *in, const char *line, size_t length)
     report_row row;
     if (!in->report.source.file && !intake_begin(in, line, length))
         return false;
-    const char *wrong = report_row_read(&row, line, length, &in->report.signs);
+    const char *wrong = report_row_read(&row, &in->reader, line, length, &in->report.signs);
     if (wrong)
         return intake_complain(in, "%s", wrong);
     const bool good = check(in, &row, line, length);
     if (good)
         report_add(&in->report, &row);
-    report_row_free(&row);
     return good;
 }
 
@@ -268,6 +272,7 @@ bool intake_end(intake *in)
 
 void intake_free(intake *in)
 {
+    jsonread_free(&in->reader);
     runner_free(in->runner);
     campaign_free(in->campaign);
     if (in->report.source.file)

@@ -13,6 +13,7 @@ typedef struct intake {
     bool partial;              /* rows may be missing */
     uint64_t ftti_ns;          /* the limit of latencies; 0: that of the campaign */
     report report;
+    jsonread reader;
     campaign *campaign; /* owned; NULL: there is none */
     runner *runner;     /* of the campaign: the start of rows */
     const char *file;   /* that is being read */

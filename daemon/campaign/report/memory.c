@@ -56,6 +56,15 @@ char *memory_of_buffer(buffer *b)
     return text;
 }
 
+const jsonread_value *memory_json(jsonread *r, jsonread_problem *problem, const char *text,
+                                  size_t length)
+{
+    const jsonread_value *value = jsonread_text(r, problem, text, length);
+    if (*problem == JSONREAD_NO_MEMORY)
+        memory_give_up();
+    return value;
+}
+
 char *memory_print(const char *format, ...)
 {
     va_list args;

@@ -6,6 +6,7 @@
 #define CANWIRE_CAMPAIGN_REPORT_MEMORY_H
 
 #include "base/text/buffer.h"
+#include "base/text/jsonread.h"
 
 /* Makes room for `count` items in a list, or in a new one (NULL). Returns it; the caller frees it.
  * New items are not set. */
@@ -22,6 +23,10 @@ const char *memory_seen(buffer *b);
 
 /* Returns the text of a buffer, which is empty then; to be freed. */
 char *memory_of_buffer(buffer *b);
+
+/* Reads a JSON text, see jsonread_text(). */
+const jsonread_value *memory_json(jsonread *r, jsonread_problem *problem, const char *text,
+                                  size_t length);
 
 /* Returns a formatted text, to be freed. */
 char *memory_print(const char *format, ...) __attribute__((format(printf, 1, 2)));

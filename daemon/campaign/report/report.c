@@ -4,7 +4,6 @@
  */
 #include "campaign/report/report.h"
 
-#include "base/text/jsonput.h"
 #include "campaign/report/memory.h"
 #include "campaign/report/valuetext.h"
 #include "campaign/space/sample.h"
@@ -26,21 +25,31 @@ static uint64_t possible_values(const factor *f)
     return (uint64_t)((f->to.mantissa - f->from.mantissa) / f->step.mantissa) + 1;
 }
 
+/* Reads the value of a factor. */
+static const jsonread_value *report_value(jsonread *reader, buffer *text)
+{
+    jsonread_problem problem;
+    const char *seen = memory_seen(text);
+    return memory_json(reader, &problem, seen, buffer_length(text));
+}
+
 /* Adds the values that a campaign lists, so that values without a row are known. */
 static void add_values(dimension *d, const factor *f)
 {
     buffer text = {.data = NULL};
+    buffer shown = {.data = NULL};
+    jsonread reader = {.copy = NULL};
     d->possible = possible_values(f);
     if ((f->kind != FACTOR_LIST && f->kind != FACTOR_RANGE) || f->count > DIMENSION_VALUES_MAX)
         return;
     for (uint64_t i = 0; i < f->count; i++) {
         buffer_clear(&text);
         sample_value(&text, f, &(choice){.index = i});
-        json_t *value = json_loads(memory_seen(&text), JSON_DECODE_ANY, NULL);
-        (void)dimension_find(d, value_text(&text, value));
-        json_decref(value);
+        (void)dimension_find(d, value_text(&shown, report_value(&reader, &text)));
     }
     d->possible = d->count; /* a list may have a value twice */
+    jsonread_free(&reader);
+    buffer_free(&shown);
     buffer_free(&text);
 }
 
@@ -54,7 +63,7 @@ static void add_group(report *r, const char *name, const char *part)
 static void begin_factor(report *r, const report_row *first, const char *name)
 {
     r->factors[r->factor_count++].name = memory_text(name);
-    if (!value_is_space(json_object_get(first->factors, name)))
+    if (!value_is_space(jsonread_get(first->factors, name)))
         return;
     add_group(r, name, "frame");
     add_group(r, name, "field");
@@ -63,17 +72,15 @@ static void begin_factor(report *r, const report_row *first, const char *name)
 /* The factors have the order of the campaign, or that of the first row. */
 static void begin_factors(report *r, const report_row *first)
 {
-    const char *name;
-    json_t *value;
     const campaign *c = r->campaign;
+    const jsonread_value *all = first->factors;
     for (size_t i = 0; c && i < c->factor_count; i++) {
         begin_factor(r, first, c->factors[i].name);
         add_values(&r->factors[i], &c->factors[i]);
     }
-    json_object_foreach((json_t *)first->factors, name, value) {
-        if (!c && r->factor_count < CAMPAIGN_FACTORS_MAX)
-            begin_factor(r, first, name);
-    }
+    for (const jsonread_value *f = c ? NULL : jsonread_first(all); f; f = jsonread_next(all, f))
+        if (r->factor_count < CAMPAIGN_FACTORS_MAX)
+            begin_factor(r, first, f->key);
 }
 
 void report_begin(report *r, const report_row *first, const campaign *c)
@@ -109,7 +116,7 @@ static void add_factors(report *r, const report_row *row)
     size_t group = 0;
     for (size_t i = 0; i < r->factor_count; i++) {
         dimension *d = &r->factors[i];
-        const json_t *value = json_object_get(row->factors, d->name);
+        const jsonread_value *value = jsonread_get(row->factors, d->name);
         numbers[i] = dimension_find(d, value_text(&text, value));
         dimension_count(d, numbers[i], row->class);
         if (!value_is_space(value) || group + 2 > r->group_count)
@@ -123,28 +130,30 @@ static void add_factors(report *r, const report_row *row)
 
 static void add_expectations(report *r, const report_row *row)
 {
-    for (size_t i = 0; i < json_array_size(row->failed); i++)
-        if (!row_signs_has(&r->signs, report_row_failed(row, i)))
-            report_count(&r->expectations, report_row_failed(row, i), row->class);
+    const jsonread_value *failed = jsonread_first(row->failed);
+    for (; failed; failed = jsonread_next(row->failed, failed))
+        if (!row_signs_has(&r->signs, row_failed_name(failed)))
+            report_count(&r->expectations, row_failed_name(failed), row->class);
 }
 
 static void add_error(report *r, const report_row *row)
 {
-    const json_t *e = row->first_error;
-    char *text = memory_print("%s at %s (%s)", get_text(e, "type"), get_text(e, "field"),
-                              get_text(e, "role"));
+    const jsonread_value *e = row->first_error;
+    char *text = memory_print("%s at %s (%s)", jsonread_string(jsonread_get(e, "type")),
+                              jsonread_string(jsonread_get(e, "field")),
+                              jsonread_string(jsonread_get(e, "role")));
     report_count(&r->errors, text, row->class);
     free(text);
 }
 
 static void add_losses(report *r, const report_row *row)
 {
-    for (size_t i = 0; i < json_array_size(row->lost); i++) {
-        const json_t *l = json_array_get(row->lost, i);
-        const char *rule = get_text(l, "rule");
-        const char *node = get_text(l, "node");
+    const jsonread_value *l = jsonread_first(row->lost);
+    for (; l; l = jsonread_next(row->lost, l)) {
+        const char *rule = jsonread_string(jsonread_get(l, "rule"));
+        const char *node = jsonread_string(jsonread_get(l, "node"));
         char *text = memory_print("%s%s: %s", rule ? "rule " : "", rule ? rule : node,
-                                  get_text(l, "why"));
+                                  jsonread_string(jsonread_get(l, "why")));
         report_count(&r->lost, text, row->class);
         free(text);
     }

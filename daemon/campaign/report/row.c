@@ -4,23 +4,27 @@
  */
 #include "campaign/report/row.h"
 
-#include "base/text/jsonput.h"
-#include "base/text/number.h"
 #include "campaign/report/memory.h"
 #include "campaign/report/rowcheck.h"
 
 #include <string.h>
 
 #define NO_ROW "it is no row of canwire campaign run or canwire sim --seeds"
-#define LARGE_DIGITS 19u /* of 2^63 */
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-/* Reads seconds with 9 decimals. */
-static uint64_t ns_of(const json_t *value)
+/* Returns seconds as nanoseconds, rounded; 0 for other values. */
+static uint64_t ns_of(const jsonread_value *value)
 {
-    const double ns = json_number_value(value) * 1e9 + 0.5;
+    const double ns = jsonread_number(value) * 1e9 + 0.5;
     return ns > 0 && ns < 0x1p63 ? (uint64_t)ns : 0;
+}
+
+/* Returns a count; 0 when there is none. */
+static uint64_t row_count(const jsonread_value *value)
+{
+    uint64_t count = 0;
+    return jsonread_uint(&count, value) ? count : 0;
 }
 
 static bool find_outcome(outcome *out, const char *name)
@@ -33,65 +37,6 @@ static bool find_outcome(outcome *out, const char *name)
     return false;
 }
 
-/* Appends a run of digits, in quotes when it is too large for an integer of jansson. Returns its
- * length. */
-static size_t put_digits(buffer *out, const char *at, size_t left)
-{
-    size_t length = 0;
-    while (length < left && at[length] >= '0' && at[length] <= '9')
-        length++;
-    if (length >= LARGE_DIGITS)
-        buffer_put(out, "\"");
-    (void)buffer_append(out, at, length);
-    if (length >= LARGE_DIGITS)
-        buffer_put(out, "\"");
-    return length;
-}
-
-/* Puts large numbers of a line in quotes. */
-static void quote_large(buffer *out, const char *line, size_t length)
-{
-    bool in_string = false;
-    for (size_t i = 0; i < length;) {
-        const size_t digits = in_string ? 0 : put_digits(out, line + i, length - i);
-        i += digits;
-        if (digits > 0)
-            continue;
-        const size_t count = in_string && line[i] == '\\' && i + 1 < length ? 2 : 1;
-        in_string ^= line[i] == '"';
-        (void)buffer_append(out, line + i, count);
-        i += count;
-    }
-}
-
-/* JSON integers are signed in jansson, and seeds are not: a large one becomes a text. */
-static json_t *row_load(const char *line, size_t length, json_error_t *error)
-{
-    json_t *object = json_loadb(line, length, JSON_REJECT_DUPLICATES, error);
-    if (object || json_error_code(error) != json_error_numeric_overflow)
-        return object;
-    buffer quoted = {.data = NULL};
-    quote_large(&quoted, line, length);
-    const char *text = memory_seen(&quoted);
-    object = json_loadb(text, buffer_length(&quoted), JSON_REJECT_DUPLICATES, error);
-    buffer_free(&quoted);
-    return object;
-}
-
-json_t *report_row_load(const char *line, size_t length)
-{
-    json_error_t error;
-    return row_load(line, length, &error);
-}
-
-static bool read_seed(uint64_t *out, const json_t *value)
-{
-    if (json_is_string(value))
-        return !text_parse_uint(out, json_string_value(value));
-    *out = (uint64_t)json_integer_value(value);
-    return json_is_integer(value) && json_integer_value(value) >= 0;
-}
-
 /* ---- Facts ----------------------------------------------------------------------------------- */
 
 bool row_signs_has(const row_signs *signs, const char *name)
@@ -102,66 +47,66 @@ bool row_signs_has(const row_signs *signs, const char *name)
     return false;
 }
 
-const char *report_row_failed(const report_row *row, size_t i)
-{
-    const char *name = get_text(json_array_get(row->failed, i), "name");
-    return name ? name : "";
-}
-
 static bool has_failed(const report_row *row, const char *name)
 {
-    for (size_t i = 0; i < json_array_size(row->failed); i++)
-        if (strcmp(report_row_failed(row, i), name) == 0)
+    const jsonread_value *failed = jsonread_first(row->failed);
+    for (; failed; failed = jsonread_next(row->failed, failed))
+        if (strcmp(row_failed_name(failed), name) == 0)
             return true;
     return false;
 }
 
 static void judge_expectations(report_row *row, const row_signs *signs)
 {
-    for (size_t i = 0; i < json_array_size(row->failed); i++)
-        row->facts.failed = row->facts.failed ||
-                            !row_signs_has(signs, report_row_failed(row, i));
+    const jsonread_value *failed = jsonread_first(row->failed);
+    for (; failed; failed = jsonread_next(row->failed, failed))
+        row->facts.failed = row->facts.failed || !row_signs_has(signs, row_failed_name(failed));
     for (size_t i = 0; i < signs->count; i++)
         row->facts.announced = row->facts.announced || !has_failed(row, signs->names[i]);
 }
 
-static void judge_node(class_facts *f, const json_t *node)
+/* Returns true when a counter of a node is not 0. */
+static bool is_counted(const jsonread_value *node, const char *key)
 {
-    const char *state = get_text(node, "state");
-    const bool dropped = get_count(node, "dropped") > 0 || get_count(node, "rx_dropped") > 0;
+    return row_count(jsonread_get(node, key)) > 0;
+}
+
+static void judge_node(class_facts *f, const jsonread_value *node)
+{
+    const char *state = jsonread_string(jsonread_get(node, "state"));
+    const bool dropped = is_counted(node, "dropped") || is_counted(node, "rx_dropped");
     const bool active = state && strcmp(state, "error-active") == 0;
     f->degraded |= (dropped ? DEGRADED_DROPPED : 0u) | (active ? 0u : DEGRADED_STATE) |
-                   (get_count(node, "error_passive") > 0 ? DEGRADED_PASSIVE : 0u) |
-                   (get_count(node, "bus_off") > 0 ? DEGRADED_BUS_OFF : 0u);
+                   (is_counted(node, "error_passive") ? DEGRADED_PASSIVE : 0u) |
+                   (is_counted(node, "bus_off") ? DEGRADED_BUS_OFF : 0u);
 }
 
 /* Reads what only a scenario with a result has. Returns what is wrong, or NULL. */
 static const char *read_result(report_row *row, const row_signs *signs)
 {
-    const json_t *nodes = json_object_get(row->object, "nodes");
-    const json_t *latency = json_object_get(row->object, "latency");
-    const json_t *error = json_object_get(row->object, "first_error");
+    const jsonread_value *all = row->object;
+    const jsonread_value *nodes = jsonread_get(all, "nodes");
+    const jsonread_value *latency = jsonread_get(all, "latency");
+    const jsonread_value *error = jsonread_get(all, "first_error");
     class_facts *f = &row->facts;
-    row->failed = json_object_get(json_object_get(row->object, "expectations"), "failed");
-    if (!json_is_array(row->failed) || !json_is_object(nodes) || !latency || !error ||
-        !json_object_get(row->object, "faults"))
+    row->failed = jsonread_get(jsonread_get(all, "expectations"), "failed");
+    if (!jsonread_is(row->failed, JSONREAD_LIST) || !jsonread_is(nodes, JSONREAD_OBJECT) ||
+        !latency || !error || !jsonread_get(all, "faults"))
         return NO_ROW ": keys are missing";
-    const char *wrong = rowcheck_result(row->object, row->facts.outcome);
+    const char *wrong = rowcheck_result(all, row->facts.outcome);
     if (wrong)
         return wrong;
-    row->first_error = json_is_object(error) ? error : NULL;
-    row->lost = json_object_get(row->object, "lost");
-    row->has_latency = json_is_number(latency);
+    row->first_error = jsonread_is(error, JSONREAD_OBJECT) ? error : NULL;
+    row->lost = jsonread_get(all, "lost");
+    row->has_latency = latency->kind != JSONREAD_NULL;
     row->latency_ns = ns_of(latency);
-    row->end_ns = ns_of(json_object_get(row->object, "t"));
-    f->hit = get_count(row->object, "faults") > 0;
-    f->error = row->first_error != NULL || get_count(row->object, "error_frames") > 0;
+    row->end_ns = ns_of(jsonread_get(all, "t"));
+    f->hit = is_counted(all, "faults");
+    f->error = row->first_error != NULL || is_counted(all, "error_frames");
     f->error_after_hit = row->has_latency;
-    f->degraded = get_count(row->object, "undetected_errors") > 0 ? DEGRADED_UNDETECTED : 0u;
-    void *place;
-    for (place = json_object_iter((json_t *)nodes); place;
-         place = json_object_iter_next((json_t *)nodes, place))
-        judge_node(f, json_object_iter_value(place));
+    f->degraded = is_counted(all, "undetected_errors") ? DEGRADED_UNDETECTED : 0u;
+    for (const jsonread_value *n = jsonread_first(nodes); n; n = jsonread_next(nodes, n))
+        judge_node(f, n);
     judge_expectations(row, signs);
     return NULL;
 }
@@ -170,44 +115,32 @@ static const char *read_result(report_row *row, const row_signs *signs)
 
 static const char *read_keys(report_row *row, const row_signs *signs)
 {
-    const json_t *number = json_object_get(row->object, "number");
-    row->factors = json_object_get(row->object, "factors");
-    row->repeat = get_text(row->object, "repeat");
-    row->has_number = json_is_integer(number) && json_integer_value(number) >= 0;
-    row->number = get_count(row->object, "number");
-    if (!json_is_object(row->object) || !row->repeat ||
-        !read_seed(&row->seed, json_object_get(row->object, "seed")) || !number != !row->factors ||
-        (number && (!row->has_number || !json_is_object(row->factors))))
+    const jsonread_value *all = row->object;
+    const jsonread_value *number = jsonread_get(all, "number");
+    row->factors = jsonread_get(all, "factors");
+    row->repeat = jsonread_string(jsonread_get(all, "repeat"));
+    row->has_number = jsonread_uint(&row->number, number);
+    if (!jsonread_is(all, JSONREAD_OBJECT) || !row->repeat ||
+        !jsonread_uint(&row->seed, jsonread_get(all, "seed")) || !number != !row->factors ||
+        (number && (!row->has_number || !jsonread_is(row->factors, JSONREAD_OBJECT))))
         return NO_ROW;
-    if (!find_outcome(&row->facts.outcome, get_text(row->object, "outcome")))
+    if (!find_outcome(&row->facts.outcome, jsonread_string(jsonread_get(all, "outcome"))))
         return NO_ROW ": it has no outcome that is known";
     if (row->facts.outcome != OUTCOME_PASSED && row->facts.outcome != OUTCOME_FAILED)
         return NULL;
     return read_result(row, signs);
 }
 
-static const char *why_no_object(const json_error_t *error)
-{
-    return json_error_code(error) == json_error_duplicate_key ? NO_ROW ": a key is there twice"
-                                                              : NO_ROW ": it is no JSON";
-}
-
-const char *report_row_read(report_row *out, const char *line, size_t length,
+const char *report_row_read(report_row *out, jsonread *reader, const char *line, size_t length,
                             const row_signs *signs)
 {
-    json_error_t error;
-    *out = (report_row){.object = row_load(line, length, &error)};
-    const char *wrong = out->object ? read_keys(out, signs) : why_no_object(&error);
-    if (wrong) {
-        report_row_free(out);
-        return wrong;
-    }
-    out->class = class_of(&out->facts);
-    return NULL;
-}
-
-void report_row_free(report_row *row)
-{
-    json_decref(row->object);
-    *row = (report_row){.object = NULL};
+    jsonread_problem problem;
+    *out = (report_row){.object = memory_json(reader, &problem, line, length)};
+    if (problem == JSONREAD_TWICE)
+        return NO_ROW ": a key is there twice";
+    if (!out->object || out->object->kind < JSONREAD_LIST)
+        return NO_ROW ": it is no JSON";
+    const char *wrong = read_keys(out, signs);
+    out->class = wrong ? CLASS_BROKEN : class_of(&out->facts);
+    return wrong;
 }

@@ -5,9 +5,8 @@
 #ifndef CANWIRE_CAMPAIGN_REPORT_ROW_H
 #define CANWIRE_CAMPAIGN_REPORT_ROW_H
 
+#include "base/text/jsonread.h"
 #include "campaign/space/class.h"
-
-#include <jansson.h>
 
 /* Names of expectations that tell of a detection. */
 typedef struct row_signs {
@@ -15,16 +14,17 @@ typedef struct row_signs {
     size_t count;
 } row_signs;
 
-/* The texts and values belong to `object`, which report_row_free() frees. */
+/* The texts and values belong to the reader and to the line, see jsonread_text(). */
 typedef struct report_row {
-    json_t *object;
+    const jsonread_value *object;
     bool has_number; /* of a campaign */
     uint64_t number;
     uint64_t seed;
-    const json_t *factors; /* an object; NULL without a number */
-    const json_t *failed;  /* a list of expectations that are not met; NULL: there is no result */
-    const json_t *first_error; /* NULL: there is none */
-    const json_t *lost;        /* a list; NULL: there are none */
+    const jsonread_value *factors; /* an object; NULL without a number */
+    const jsonread_value *failed;  /* a list of expectations that are not met; NULL: there is no
+                                      result */
+    const jsonread_value *first_error; /* NULL: there is none */
+    const jsonread_value *lost;        /* a list; NULL: there are none */
     const char *repeat;
     class_facts facts;
     row_class class;
@@ -33,18 +33,16 @@ typedef struct report_row {
     uint64_t end_ns; /* bus time */
 } report_row;
 
-/* Reads a line. Returns NULL, or what is wrong with it; *out is then freed. */
-const char *report_row_read(report_row *out, const char *line, size_t length,
+/* Reads a line. Returns NULL, or what is wrong with it. */
+const char *report_row_read(report_row *out, jsonread *reader, const char *line, size_t length,
                             const row_signs *signs);
 
-void report_row_free(report_row *row);
-
-/* Reads a line as JSON, in which numbers of 19 digits and more may have become texts. Returns NULL
- * for another text. */
-json_t *report_row_load(const char *line, size_t length);
-
-/* Returns the name of an expectation in row->failed. */
-const char *report_row_failed(const report_row *row, size_t i);
+/* Returns the name of an expectation of row->failed. */
+static inline const char *row_failed_name(const jsonread_value *failed)
+{
+    const char *name = jsonread_string(jsonread_get(failed, "name"));
+    return name ? name : "";
+}
 
 /* Returns true for the name of a sign. */
 bool row_signs_has(const row_signs *signs, const char *name);

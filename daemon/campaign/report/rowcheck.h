@@ -5,11 +5,10 @@
 #ifndef CANWIRE_CAMPAIGN_REPORT_ROWCHECK_H
 #define CANWIRE_CAMPAIGN_REPORT_ROWCHECK_H
 
+#include "base/text/jsonread.h"
 #include "campaign/outcome.h"
 
-#include <jansson.h>
-
 /* Returns what is wrong with a row of this outcome, passed or failed, or NULL. */
-const char *rowcheck_result(const json_t *row, outcome o);
+const char *rowcheck_result(const jsonread_value *row, outcome o);
 
 #endif

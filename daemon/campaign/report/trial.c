@@ -16,6 +16,7 @@
 #define SPELLS "spells"
 
 typedef struct trying {
+    jsonread reader;
     const trial *trial;
     const char *expectation;
     const row_signs *signs;
@@ -109,15 +110,17 @@ static bool trial_take(void *user, unsigned char code, const char *line, size_t 
     trying *y = user;
     report_row row;
     (void)code;
-    if (report_row_read(&row, line, length, y->signs))
+    if (report_row_read(&row, &y->reader, line, length, y->signs))
         return true;
     y->result.class = row.class;
     y->result.degraded = row.class == CLASS_DEGRADED ? row.facts.degraded : 0;
-    y->result.spells = json_incref(json_object_get(row.object, SPELLS));
-    for (size_t i = 0; i < json_array_size(row.failed) && y->expectation; i++)
+    const jsonread_value *spells = jsonread_get(row.object, SPELLS);
+    if (spells)
+        y->result.spells = json_loadb(spells->text, spells->length, 0, NULL);
+    const jsonread_value *failed = y->expectation ? jsonread_first(row.failed) : NULL;
+    for (; failed; failed = jsonread_next(row.failed, failed))
         y->result.failed = y->result.failed ||
-                           strcmp(report_row_failed(&row, i), y->expectation) == 0;
-    report_row_free(&row);
+                           strcmp(row_failed_name(failed), y->expectation) == 0;
     return true;
 }
 
@@ -129,6 +132,7 @@ trial_result trial_run(const trial *t, const char *expectation, const row_signs 
     const pool_work work = {.calls = &calls, .user = &y, .count = 1, .jobs = 1,
                             .limit_ms = t->limit_ms, .once = true};
     (void)pool_run(&work);
+    jsonread_free(&y.reader);
     return y.result;
 }
 

@@ -18,22 +18,26 @@ static const char *end_text(buffer *out)
 }
 
 /* Returns place i of a fault, or NULL. */
-static const char *valuetext_place_of(const json_t *value, size_t i)
+static const char *valuetext_place_of(const jsonread_value *value, size_t i)
 {
-    const json_t *places = json_object_get(value, "places");
-    if (places)
-        return json_string_value(json_array_get(places, i));
-    return i == 0 ? get_text(value, "place") : NULL;
+    const jsonread_value *places = jsonread_get(value, "places");
+    const jsonread_value *place = jsonread_first(places);
+    if (!places)
+        return i == 0 ? jsonread_string(jsonread_get(value, "place")) : NULL;
+    for (; place && i > 0; i--)
+        place = jsonread_next(places, place);
+    return jsonread_string(place);
 }
 
-bool value_is_space(const json_t *value)
+bool value_is_space(const jsonread_value *value)
 {
-    return json_is_string(json_object_get(value, "frame")) && valuetext_place_of(value, 0);
+    return jsonread_string(jsonread_get(value, "frame")) && valuetext_place_of(value, 0);
 }
 
-const char *value_frame(const json_t *value)
+const char *value_frame(const jsonread_value *value)
 {
-    return get_any_text(value, "frame");
+    const char *frame = jsonread_string(jsonread_get(value, "frame"));
+    return frame ? frame : "";
 }
 
 /* Writes a place, or its field: "crc[3] stuff" is in the field "crc stuff". */
@@ -50,7 +54,7 @@ static void put_place(buffer *out, const char *place, bool field)
         buffer_put(out, behind);
 }
 
-static void put_places(buffer *out, const json_t *value, bool field)
+static void put_places(buffer *out, const jsonread_value *value, bool field)
 {
     const char *place;
     for (size_t i = 0; (place = valuetext_place_of(value, i)) != NULL; i++) {
@@ -59,28 +63,36 @@ static void put_places(buffer *out, const json_t *value, bool field)
     }
 }
 
-const char *value_field(buffer *out, const json_t *value)
+const char *value_field(buffer *out, const jsonread_value *value)
 {
     buffer_clear(out);
     put_places(out, value, true);
     return end_text(out);
 }
 
-const char *value_text(buffer *out, const json_t *value)
+/* Writes a value as jansson does: numbers with a point have all digits that tell them apart. */
+static void put_json(buffer *out, const jsonread_value *value)
+{
+    json_t *json = json_loadb(value->text, value->length, JSON_DECODE_ANY, NULL);
+    char *text = json_dumps(json, JSON_COMPACT | JSON_ENCODE_ANY);
+    buffer_put(out, text ? text : "null");
+    free(text);
+    json_decref(json);
+}
+
+const char *value_text(buffer *out, const jsonread_value *value)
 {
     buffer_clear(out);
-    if (json_is_string(value)) {
-        buffer_put(out, json_string_value(value));
-        return end_text(out);
-    }
-    if (value_is_space(value)) {
+    if (!value) {
+        buffer_put(out, "null");
+    } else if (value_is_space(value)) {
         buffer_put(out, value_frame(value));
         buffer_put(out, " ");
         put_places(out, value, false);
-        return end_text(out);
+    } else if (value->kind == JSONREAD_REAL || value->kind >= JSONREAD_LIST) {
+        put_json(out, value);
+    } else {
+        (void)buffer_append(out, value->text, value->length);
     }
-    char *text = json_dumps(value, JSON_COMPACT | JSON_ENCODE_ANY);
-    buffer_put(out, text ? text : "null");
-    free(text);
     return end_text(out);
 }

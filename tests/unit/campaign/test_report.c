@@ -58,11 +58,12 @@ TEST(test_quantiles_are_those_of_tables)
 /* ---- Classes --------------------------------------------------------------------------------- */
 
 static const row_signs no_signs = {.count = 0};
+static jsonread reader; /* of one row at a time */
 
 static report_row read_row(const char *line, const row_signs *signs)
 {
     report_row row;
-    const char *wrong = report_row_read(&row, line, strlen(line), signs);
+    const char *wrong = report_row_read(&row, &reader, line, strlen(line), signs);
     if (wrong)
         fail_msg("%s: %s", wrong, line);
     return row;
@@ -156,7 +157,6 @@ TEST(test_a_row_has_the_class_that_its_page_says)
         report_row row = read_row(line, cases[i].signs ? &signs : &no_signs);
         if (row.class != cases[i].expected)
             fail_msg("case %zu: %s", i, class_name(row.class));
-        report_row_free(&row);
     }
 }
 
@@ -171,7 +171,6 @@ TEST(test_rows_without_a_result_have_a_class)
         report_row row = read_row(line, &no_signs);
         assert_int_equal(row.class, classes[i]);
         assert_int_equal(row.number, 3);
-        report_row_free(&row);
     }
 }
 
@@ -182,10 +181,9 @@ TEST(test_large_seeds_are_read)
                                "\"outcome\":\"invalid\",\"repeat\":\"\"}";
     report_row row = read_row(line, &no_signs);
     assert_true(row.seed == UINT64_MAX);
-    assert_string_equal(json_string_value(json_object_get(row.factors,
-                                                          "a\"99999999999999999999")),
-                        "18446744073709551615");
-    report_row_free(&row);
+    uint64_t factor = 0;
+    assert_true(jsonread_uint(&factor, jsonread_get(row.factors, "a\"99999999999999999999")));
+    assert_true(factor == UINT64_MAX);
 }
 
 TEST(test_other_lines_are_refused)
@@ -202,8 +200,7 @@ TEST(test_other_lines_are_refused)
     };
     for (size_t i = 0; i < COUNT(lines); i++) {
         report_row row;
-        assert_non_null(report_row_read(&row, lines[i], strlen(lines[i]), &no_signs));
-        assert_null(row.object);
+        assert_non_null(report_row_read(&row, &reader, lines[i], strlen(lines[i]), &no_signs));
     }
 }
 
@@ -306,7 +303,6 @@ static void add_candidates(candidates *c, unsigned step)
                        "\"repeat\":\"canwire sim b\"}", number, number / 2, number % 7);
         report_row row = read_row(line, &no_signs);
         candidates_add(c, &row, &no_signs);
-        report_row_free(&row);
     }
 }
 
