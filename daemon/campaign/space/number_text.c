@@ -4,10 +4,9 @@
  */
 #include "campaign/space/number_text.h"
 
+#include "base/text/chars.h"
 #include "base/text/number.h"
 
-#include <inttypes.h>
-#include <stdio.h>
 #include <string.h>
 
 #define TIME_UNITS 4
@@ -137,12 +136,13 @@ void number_text_print(char out[NUMBER_TEXT_MAX], const number_text *n)
     for (unsigned i = 0; i < n->decimals; i++)
         unit *= 10;
     const char *quote = n->unit[0] ? "\"" : "";
-    char decimals[NUMBER_TEXT_DECIMALS_MAX + 2] = "";
+    char *at = chars_text(out, quote);
+    at = chars_text(at, n->mantissa < 0 ? "-" : "");
+    at = chars_decimal(at, size / unit);
     if (n->decimals > 0)
-        (void)snprintf(decimals, sizeof decimals, ".%0*u", (int)n->decimals,
-                       (unsigned)(size % unit));
-    (void)snprintf(out, NUMBER_TEXT_MAX, "%s%s%" PRIu64 "%s%s%s", quote,
-                   n->mantissa < 0 ? "-" : "", size / unit, decimals, n->unit, quote);
+        at = chars_digits(chars_text(at, "."), size % unit, n->decimals);
+    at = chars_text(chars_text(at, n->unit), quote);
+    *at = '\0';
 }
 
 double number_text_value(const number_text *n)
