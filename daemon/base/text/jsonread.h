@@ -2,9 +2,9 @@
  *
  * jsonread.h - reads many JSON texts in the same memory, much faster than jansson does.
  *
- * It takes the texts that jansson takes with JSON_REJECT_DUPLICATES, but for numbers: a whole one
- * may have any length up to 64 bits without a sign. The values of a text are a list in which all
- * that is in a list or an object follows it.
+ * It takes the texts that jansson takes with JSON_REJECT_DUPLICATES. Whole numbers may also have 64
+ * bits without a sign. The values of a text are a list in which all that is in a list or an object
+ * follows it.
  */
 #ifndef CANWIRE_BASE_JSONREAD_H
 #define CANWIRE_BASE_JSONREAD_H

@@ -9,6 +9,7 @@
 #ifndef CANWIRE_CAMPAIGN_REPORT_CANDIDATES_H
 #define CANWIRE_CAMPAIGN_REPORT_CANDIDATES_H
 
+#include "base/text/buffer.h"
 #include "campaign/report/row.h"
 
 #define CANDIDATES_MAX 48u /* of a class */
@@ -29,8 +30,14 @@ typedef struct candidates {
     size_t count;
 } candidates;
 
-/* Takes a row. */
-void candidates_add(candidates *c, const report_row *row, const row_signs *signs);
+/* Writes the kind of a row. */
+void candidate_put_kind(buffer *kind, const report_row *row, const row_signs *signs);
+
+/* Returns the first expectation that has failed and is no sign; NULL: none has. */
+const char *candidate_expectation(const report_row *row, const row_signs *signs);
+
+/* Takes a row that stands for its kind, and copies its texts. */
+void candidates_add(candidates *c, const candidate *one);
 
 void candidates_free(candidates *c);
 

@@ -5,7 +5,9 @@
 #include "campaign/report/intake.h"
 
 #include "base/text/plain.h"
+#include "campaign/report/digest.h"
 #include "campaign/report/memory.h"
+#include "campaign/report/rowblock.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -13,7 +15,13 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
+
+#define DIGITS "0123456789"
+#define LARGE_BYTES (8 << 20) /* of a file that is worth several processes */
+
+static const char no_command[] = "its `repeat` is no command that canwire has written";
 
 static bool intake_complain(const intake *in, const char *format, ...)
     __attribute__((format(printf, 2, 3)));
@@ -75,6 +83,21 @@ static void set_limit(intake *in)
     l->has_limit = l->limit_ns > 0;
 }
 
+/* Notes what the commands of all rows have in common: all but the number behind this word. */
+static void note_command(intake *in, const char *repeat)
+{
+    static const char *const words[] = {" --seed ", " --only "};
+    const char *word = words[in->report.source.is_campaign];
+    const char *last = NULL;
+    for (const char *at = repeat; (at = strstr(at, word)) != NULL; at++)
+        last = at + strlen(word);
+    if (!last)
+        return;
+    in->command = memory_print("%.*s", (int)(last - repeat), repeat);
+    in->command_length = strlen(in->command);
+    in->command_end = memory_text(last + strspn(last, DIGITS));
+}
+
 static bool intake_begin(intake *in, const char *line, size_t length)
 {
     report_row row;
@@ -82,9 +105,9 @@ static bool intake_begin(intake *in, const char *line, size_t length)
     if (wrong)
         return intake_complain(in, "%s", wrong);
     const bool known = row_source_read(&in->report.source, &row);
-    const bool good =
-        known ? find_campaign(in)
-              : intake_complain(in, "its `repeat` is no command that canwire has written");
+    if (known)
+        note_command(in, row.repeat);
+    const bool good = known ? find_campaign(in) : intake_complain(in, "%s", no_command);
     if (good)
         report_begin(&in->report, &row, in->campaign);
     set_limit(in);
@@ -110,28 +133,26 @@ static bool has_values(const report_row *row, const buffer *head)
     return same;
 }
 
-static bool check_values(intake *in, const report_row *row, const char *line, size_t length)
+/* The functions that follow return what is wrong, to be freed, or NULL. */
+static char *check_values(intake *in, const report_row *row, const char *line, size_t length)
 {
     const campaign *c = in->campaign;
     if (row->number >= c->rows)
-        return intake_complain(in, "%s has no row %" PRIu64 ", its last one is %" PRIu64, c->file,
-                               row->number, c->rows - 1);
-    buffer head = {.data = NULL};
-    runner_head(in->runner, row->number, &head);
-    const char *wanted = memory_seen(&head);
-    const size_t size = buffer_length(&head);
-    const bool same = (length > size && memcmp(line, wanted, size) == 0) ||
-                      has_values(row, &head);
-    buffer_free(&head);
-    return same ||
-           intake_complain(in,
-                           "row %" PRIu64 " has other values than %s says; is it of another "
-                           "campaign, or has the file changed?",
-                           row->number, c->file);
+        return memory_print("%s has no row %" PRIu64 ", its last one is %" PRIu64, c->file,
+                            row->number, c->rows - 1);
+    buffer_clear(&in->head);
+    runner_head(in->runner, row->number, &in->head);
+    const char *wanted = memory_seen(&in->head);
+    const size_t size = buffer_length(&in->head);
+    if ((length > size && memcmp(line, wanted, size) == 0) || has_values(row, &in->head))
+        return NULL;
+    return memory_print("row %" PRIu64 " has other values than %s says; is it of another "
+                        "campaign, or has the file changed?",
+                        row->number, c->file);
 }
 
 /* Without the campaign, the names of the factors must be those of the first row. */
-static bool check_names(intake *in, const report_row *row)
+static char *check_names(const intake *in, const report_row *row)
 {
     const report *r = &in->report;
     size_t count = 0;
@@ -141,9 +162,9 @@ static bool check_names(intake *in, const report_row *row)
     bool same = count == r->factor_count;
     for (size_t i = 0; i < r->factor_count && same; i++)
         same = jsonread_get(row->factors, r->factors[i].name) != NULL;
-    return same ||
-           intake_complain(in, "its factors are not those of the first row: it is of another "
-                               "campaign");
+    return same ? NULL
+                : memory_text("its factors are not those of the first row: it is of another "
+                              "campaign");
 }
 
 static const char *last_part(const char *path)
@@ -163,59 +184,88 @@ static bool is_of_another(const intake *in, const row_source *own)
     return !in->campaign_file && strcmp(last_part(own->file), last_part(first->file)) != 0;
 }
 
-static bool check_command(intake *in, const report_row *row)
+/* Returns true for the command of the first row with any number. */
+static bool has_same_command(const intake *in, const report_row *row)
 {
-    row_source own;
-    const row_source *first = &in->report.source;
-    bool good = row_source_read(&own, row);
-    if (!good)
-        (void)intake_complain(in, "its `repeat` is no command that canwire has written");
-    else if (is_of_another(in, &own))
-        good =
-            intake_complain(in, "it is of %s, and the first row is of %s", own.file, first->file);
-    row_source_free(&own);
-    return good;
+    const char *number = row->repeat + in->command_length;
+    return in->command && row->has_number == in->report.source.is_campaign &&
+           strncmp(row->repeat, in->command, in->command_length) == 0 &&
+           strspn(number, DIGITS) > 0 &&
+           strcmp(number + strspn(number, DIGITS), in->command_end) == 0;
 }
 
-static bool check(intake *in, const report_row *row, const char *line, size_t length)
+static char *check_command(const intake *in, const report_row *row)
 {
-    if (!check_command(in, row))
-        return false;
-    if (in->report.source.is_campaign &&
-        !(in->campaign ? check_values(in, row, line, length) : check_names(in, row)))
-        return false;
-    const uint64_t number = row->has_number ? row->number : row->seed;
-    return spans_add(&in->report.numbers, number) ||
-           intake_complain(in, "%s %" PRIu64 " is there twice", row->has_number ? "row" : "seed",
-                           number);
+    row_source own;
+    char *wrong = NULL;
+    if (has_same_command(in, row))
+        return NULL;
+    if (!row_source_read(&own, row))
+        wrong = memory_text(no_command);
+    else if (is_of_another(in, &own))
+        wrong = memory_print("it is of %s, and the first row is of %s", own.file,
+                             in->report.source.file);
+    row_source_free(&own);
+    return wrong;
+}
+
+static char *check(intake *in, const report_row *row, const char *line, size_t length)
+{
+    char *wrong = check_command(in, row);
+    if (wrong || !in->report.source.is_campaign)
+        return wrong;
+    return in->campaign ? check_values(in, row, line, length) : check_names(in, row);
+}
+
+/* Appends the digest of a line. */
+static char *read_row(intake *in, const char *line, size_t length, buffer *digest)
+{
+    report_row row;
+    const char *wrong = report_row_read(&row, &in->reader, line, length, &in->report.signs);
+    if (wrong)
+        return memory_text(wrong);
+    char *other = check(in, &row, line, length);
+    if (!other)
+        row_digest_write(digest, &row, &in->report);
+    return other;
+}
+
+/* Adds the row of the line. Returns false after a message. */
+static bool take_row(intake *in, const char *digest)
+{
+    const uint64_t number = row_digest_number(digest);
+    if (!spans_add(&in->report.numbers, number))
+        return intake_complain(in, "%s %" PRIu64 " is there twice",
+                               in->report.source.is_campaign ? "row" : "seed", number);
+    row_digest_add(&in->report, digest);
+    return true;
+}
+
+/* Prints what is wrong with the line, and frees it. */
+static bool tell(const intake *in, char *wrong)
+{
+    (void)intake_complain(in, "%s", wrong);
+    free(wrong);
+    return false;
 }
 
 static bool intake_take_line(intake *in, const char *line, size_t length)
 {
-    report_row row;
     if (!in->report.source.file && !intake_begin(in, line, length))
         return false;
-    const char *wrong = report_row_read(&row, &in->reader, line, length, &in->report.signs);
-    if (wrong)
-        return intake_complain(in, "%s", wrong);
-    const bool good = check(in, &row, line, length);
-    if (good)
-        report_add(&in->report, &row);
-    return good;
+    buffer_clear(&in->digest);
+    char *wrong = read_row(in, line, length, &in->digest);
+    return wrong ? tell(in, wrong) : take_row(in, buffer_first(&in->digest));
 }
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
-/* A line without its end is that of a run that was ended. */
-static bool is_cut(const intake *in, const char *line, size_t length)
+/* A line without its end is that of a run that was ended. Returns false after a message. */
+static bool pass_cut(const intake *in)
 {
-    if (line[length - 1] == '\n')
-        return false;
-    if (!in->partial)
-        (void)intake_complain(
-            in, "the line is cut; `canwire campaign run --resume` completes the file, "
-                "--partial passes over it");
-    return true;
+    return in->partial ||
+           intake_complain(in, "the line is cut; `canwire campaign run --resume` completes the "
+                               "file, --partial passes over it");
 }
 
 static bool read_lines(intake *in, FILE *stream)
@@ -226,8 +276,8 @@ static bool read_lines(intake *in, FILE *stream)
     errno = 0;
     for (ssize_t length; good && (length = getline(&line, &room, stream)) > 0;) {
         in->line++;
-        if (is_cut(in, line, (size_t)length)) {
-            good = in->partial;
+        if (line[length - 1] != '\n') {
+            good = pass_cut(in);
             break;
         }
         good = intake_take_line(in, line, (size_t)length);
@@ -236,6 +286,71 @@ static bool read_lines(intake *in, FILE *stream)
         good = intake_complain(in, "%s", strerror(errno));
     free(line);
     return good;
+}
+
+/* ---- Large files ----------------------------------------------------------------------------- */
+
+static char *intake_read_row(void *user, const char *line, size_t length, buffer *digest)
+{
+    return read_row(user, line, length, digest);
+}
+
+static bool intake_take_row(void *user, const char *digest)
+{
+    intake *in = user;
+    in->line++;
+    return take_row(in, digest);
+}
+
+static bool intake_take_problem(void *user, const char *wrong)
+{
+    intake *in = user;
+    in->line++;
+    return wrong ? intake_complain(in, "%s", wrong) : pass_cut(in);
+}
+
+/* Reads a file in several processes. */
+static bool read_blocks(intake *in, const FILE *stream, uint64_t size)
+{
+    static const rowblock_calls calls = {.read = intake_read_row, .take = intake_take_row,
+                                         .problem = intake_take_problem};
+    const rowblock_work work = {.calls = &calls, .user = in, .jobs = in->jobs, .size = size,
+                                .fd = fileno((FILE *)stream)};
+    const bool good = rowblock_read(&work);
+    if (!good && errno)
+        plain_print(stderr, "canwire campaign: %s: %s\n", in->file, strerror(errno));
+    return good;
+}
+
+/* Returns the bytes of a file that is worth several processes; 0: it is not. */
+static uint64_t large_size(const intake *in, FILE *stream)
+{
+    struct stat found;
+    if (in->jobs < 2 || fstat(fileno(stream), &found) != 0 || !S_ISREG(found.st_mode))
+        return 0;
+    return found.st_size >= LARGE_BYTES ? (uint64_t)found.st_size : 0;
+}
+
+/* Begins the report with the first line of a file, which is read again. Returns false when it has
+ * begun already, or cannot. */
+static bool begin_with(intake *in, FILE *stream)
+{
+    char *line = NULL;
+    size_t room = 0;
+    const ssize_t length = getline(&line, &room, stream);
+    in->line = 1;
+    const bool good = length > 0 && intake_begin(in, line, (size_t)length);
+    in->line = 0;
+    free(line);
+    return good;
+}
+
+static bool read_stream(intake *in, FILE *stream)
+{
+    const uint64_t size = large_size(in, stream);
+    if (size == 0)
+        return read_lines(in, stream);
+    return (in->report.source.file || begin_with(in, stream)) && read_blocks(in, stream, size);
 }
 
 bool intake_read(intake *in, const char *file)
@@ -248,7 +363,7 @@ bool intake_read(intake *in, const char *file)
         plain_print(stderr, "canwire campaign: %s: %s\n", file, strerror(errno));
         return false;
     }
-    const bool good = read_lines(in, stream);
+    const bool good = is_stdin ? read_lines(in, stream) : read_stream(in, stream);
     if (!is_stdin)
         (void)fclose(stream);
     return good;
@@ -273,6 +388,10 @@ bool intake_end(intake *in)
 void intake_free(intake *in)
 {
     jsonread_free(&in->reader);
+    buffer_free(&in->head);
+    buffer_free(&in->digest);
+    free(in->command);
+    free(in->command_end);
     runner_free(in->runner);
     campaign_free(in->campaign);
     if (in->report.source.file)

@@ -12,8 +12,14 @@ typedef struct intake {
     const char *campaign_file; /* NULL: that of the rows, if it is there */
     bool partial;              /* rows may be missing */
     uint64_t ftti_ns;          /* the limit of latencies; 0: that of the campaign */
+    unsigned jobs;             /* processes that read large files */
     report report;
     jsonread reader;
+    char *command;      /* of all rows up to the number, and behind it; NULL: not known */
+    size_t command_length;
+    char *command_end;
+    buffer head;        /* of a row, as it should be */
+    buffer digest;      /* ... and what the report takes of it */
     campaign *campaign; /* owned; NULL: there is none */
     runner *runner;     /* of the campaign: the start of rows */
     const char *file;   /* that is being read */

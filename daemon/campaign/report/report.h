@@ -41,9 +41,6 @@ typedef struct report {
 /* Begins with the first row, and the campaign if there is one. */
 void report_begin(report *r, const report_row *first, const campaign *c);
 
-/* Takes a row, which fits the others. */
-void report_add(report *r, const report_row *row);
-
 /* Says in half a sentence, to be freed, that the file that the rows come from cannot be read. */
 char *report_unread_text(const report *r);
 

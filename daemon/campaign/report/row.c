@@ -65,20 +65,28 @@ static void judge_expectations(report_row *row, const row_signs *signs)
         row->facts.announced = row->facts.announced || !has_failed(row, signs->names[i]);
 }
 
-/* Returns true when a counter of a node is not 0. */
-static bool is_counted(const jsonread_value *node, const char *key)
+/* Returns true when a counter is not 0. */
+static bool is_counted(const jsonread_value *all, const char *key)
 {
-    return row_count(jsonread_get(node, key)) > 0;
+    return row_count(jsonread_get(all, key)) > 0;
 }
 
+/* Finds counters of a node in the order in which they are written. */
 static void judge_node(class_facts *f, const jsonread_value *node)
 {
+    static const struct {
+        const char *key;
+        unsigned degraded;
+    } counters[] = {{"dropped", DEGRADED_DROPPED}, {"rx_dropped", DEGRADED_DROPPED},
+                    {"error_passive", DEGRADED_PASSIVE}, {"bus_off", DEGRADED_BUS_OFF}};
     const char *state = jsonread_string(jsonread_get(node, "state"));
-    const bool dropped = is_counted(node, "dropped") || is_counted(node, "rx_dropped");
-    const bool active = state && strcmp(state, "error-active") == 0;
-    f->degraded |= (dropped ? DEGRADED_DROPPED : 0u) | (active ? 0u : DEGRADED_STATE) |
-                   (is_counted(node, "error_passive") ? DEGRADED_PASSIVE : 0u) |
-                   (is_counted(node, "bus_off") ? DEGRADED_BUS_OFF : 0u);
+    const jsonread_value *last = NULL;
+    if (!state || strcmp(state, "error-active") != 0)
+        f->degraded |= DEGRADED_STATE;
+    for (size_t i = 0; i < sizeof counters / sizeof *counters; i++) {
+        last = jsonread_find(node, last, counters[i].key, strlen(counters[i].key));
+        f->degraded |= row_count(last) > 0 ? counters[i].degraded : 0u;
+    }
 }
 
 /* Reads what only a scenario with a result has. Returns what is wrong, or NULL. */

@@ -5,6 +5,7 @@
 #include "cli/campaign/parts.h"
 
 #include "base/text/plain.h"
+#include "campaign/pool.h"
 #include "campaign/report/intake.h"
 #include "campaign/report/memory.h"
 #include "cli/campaign/report_files.h"
@@ -26,7 +27,7 @@
 const char campaign_report_usage[] =
     "       canwire campaign report F... [--campaign FILE] [--partial] [--ftti TIME]\n"
     "       [--confidence P] [--json F] [--html F] [--junit F] [--scenarios DIR]\n"
-    "       [--minimise TIME]\n";
+    "       [--minimise TIME] [--jobs J]\n";
 
 const char campaign_report_help[] =
     "\n"
@@ -45,7 +46,8 @@ const char campaign_report_help[] =
     "  --junit F        write it as JUnit XML, with a case for each class and each value\n"
     "  --scenarios DIR  make the shortest scenarios of each class of failures, and write them\n"
     "                   into this folder, and into the other outputs\n"
-    "  --minimise TIME  spend so much real time on them, at most; default 60s\n";
+    "  --minimise TIME  spend so much real time on them, at most; default 60s\n"
+    "  --jobs J         read large files in so many processes, by default one a processor\n";
 
 typedef struct options {
     const char *campaign;
@@ -57,6 +59,7 @@ typedef struct options {
     bool partial;
     uint64_t ftti_ns; /* 0: that of the campaign */
     double confidence;
+    unsigned jobs;
 } options;
 
 static void print_usage(FILE *out)
@@ -100,6 +103,15 @@ static bool take_minimise(options *o, const char *text)
     return true;
 }
 
+static bool report_take_jobs(options *o, const char *text)
+{
+    uint64_t number = 0;
+    if (text_parse_uint(&number, text) || number == 0 || number > POOL_JOBS_MAX)
+        return report_complain("--jobs", text, "a whole number from 1 to 256");
+    o->jobs = (unsigned)number;
+    return true;
+}
+
 /* Returns false after a message about a bad value. */
 static bool report_take_option(options *o, int option)
 {
@@ -126,6 +138,8 @@ static bool report_take_option(options *o, int option)
         return take_minimise(o, optarg);
     case 'l':
         return take_ftti(o, optarg);
+    case 'j':
+        return report_take_jobs(o, optarg);
     default:
         return take_confidence(o, optarg);
     }
@@ -140,7 +154,7 @@ static int report_parse_options(options *o, int argc, char **argv)
         {"confidence", required_argument, NULL, 'C'}, {"help", no_argument, NULL, 'h'},
         {"html", required_argument, NULL, 'H'},       {"junit", required_argument, NULL, 'U'},
         {"scenarios", required_argument, NULL, 's'},  {"minimise", required_argument, NULL, 'm'},
-        {NULL, 0, NULL, 0},
+        {"jobs", required_argument, NULL, 'j'},       {NULL, 0, NULL, 0},
     };
     int c;
     while ((c = getopt_long(argc, argv, "h", known, NULL)) != -1) {
@@ -329,7 +343,8 @@ int campaign_report(int argc, char **argv)
     const int status = report_parse_options(&o, argc, argv);
     if (status >= 0)
         return status;
-    intake in = {.campaign_file = o.campaign, .partial = o.partial, .ftti_ns = o.ftti_ns};
+    intake in = {.campaign_file = o.campaign, .partial = o.partial, .ftti_ns = o.ftti_ns,
+                 .jobs = o.jobs > 0 ? o.jobs : pool_jobs_default()};
     char **files = argv + optind;
     const int count = argc - optind;
     rowfile outputs[REPORT_OUTPUTS] = {{.name = NULL}};

@@ -342,6 +342,48 @@ def test_a_campaign_that_cannot_be_opened_is_not_missing(rows, tmp_path):
                                                           tmp_path / "none").stdout
 
 
+@pytest.fixture(name="large", scope="module")
+def fixture_large(tmp_path_factory):
+    """Rows of more than 8 MB, which several processes read: a list of lines."""
+    folder = tmp_path_factory.mktemp("large")
+    (folder / "bus.yaml").write_text(BUS)
+    (folder / "large.yaml").write_text(PASSING.replace(
+        "vary:", "vary:\n  - { set: seed, range: { from: 1, to: 800, step: 1 } }"))
+    run("sh", "-c", f"'{CANWIRE}' campaign run large.yaml --out rows || test $? = 3", cwd=folder)
+    lines = (folder / "rows").read_bytes().splitlines(keepends=True)
+    assert sum(map(len, lines)) > 8 << 20
+    return folder, lines
+
+
+def replaced(lines, number, old, new):
+    assert old in lines[number]
+    return [*lines[:number], lines[number].replace(old, new), *lines[number + 1:]]
+
+
+@pytest.mark.parametrize("change", [
+    lambda lines: lines,
+    lambda lines: lines[::-1],
+    lambda lines: replaced(lines, 6000, b'"t":', b'"t":' + b" " * 200000),
+    lambda lines: [*lines[:7000], lines[0], *lines[7000:]],
+    lambda lines: replaced(lines, 5000, b'"seed":', b'"seed":1'),
+    lambda lines: replaced(lines, 5000, b'"nodes":', b'"nodes":1,"nodes":'),
+    lambda lines: replaced(lines, 5000, b"large.yaml", b"small.yaml"),
+    lambda lines: replaced(lines, len(lines) - 1, b"\n", b""),
+    lambda lines: [*lines[:-1], lines[-1][:100]],
+], ids=["whole", "backwards", "long", "double", "other seed", "key twice", "other", "no end", "cut"])
+def test_several_processes_read_the_same(change, large):
+    folder, lines = large
+    (folder / "changed").write_bytes(b"".join(change(lines)))
+    several, alone, partial = (subprocess.run(
+        [CANWIRE, "campaign", "report", "changed", "--json", "-", *options], cwd=folder,
+        capture_output=True, text=True, check=False)
+        for options in (["--jobs", "3"], ["--jobs", "1"], ["--jobs", "3", "--partial"]))
+    assert (several.stdout, several.stderr) == (alone.stdout, alone.stderr)
+    assert several.returncode == alone.returncode
+    assert (several.returncode == 0) == (several.stderr == "") == (several.stdout != "")
+    assert partial.returncode == 0 or partial.stderr == several.stderr != ""
+
+
 def test_the_campaign_may_be_elsewhere(rows, tmp_path, write):
     file, _ = rows("detected: whole\nftti: 20us\n" + CAMPAIGN)
     wanted = in_json(file)
@@ -362,7 +404,9 @@ def test_the_campaign_may_be_elsewhere(rows, tmp_path, write):
 
 @pytest.mark.parametrize("arguments,status,message", [
     ((), 2, "usage: canwire campaign report F..."),
-    (("--jobs", "1", "x"), 2, "usage"),
+    (("--only", "1", "x"), 2, "usage"),
+    (("x", "--jobs", "0"), 1, "--jobs 0: expected a whole number from 1 to 256"),
+    (("x", "--jobs", "257"), 1, "--jobs 257: expected"),
     (("none.ndjson",), 1, "none.ndjson: No such file or directory"),
     (("/",), 1, "Is a directory"),
     (("/dev/null",), 1, "there are no rows"),

@@ -72,8 +72,8 @@ static void compare(const jsonread_value *v, const json_t *json)
         compare_object(v, json);
 }
 
-/* Returns true when the text is good. Where jansson finds a number too large, its 64 bits have a
- * sign. */
+/* Returns true when the text is good. A number may be too large for jansson alone, whose 64 bits
+ * have a sign. */
 static bool read_both(const char *text, size_t length)
 {
     json_error_t error;
