@@ -1382,6 +1382,15 @@ bool cw_bus_config_takes(const cw_bus_config *config, unsigned node, const cw_se
  * invalid. */
 cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
 
+/* Returns how many of the first bytes of its memory are the state of a bus. Those behind them are
+ * room, for frames and events. */
+size_t cw_bus_state_size(const cw_bus *bus);
+
+/* Takes a bus back to tick 0, without rules, and with another seed. This costs less than
+ * cw_bus_init(). state: a copy of the bytes of its state, made when cw_bus_init() had just made it
+ * of a configuration without rules. Its `rule_room` is for rules that are added now. */
+void cw_bus_begin_again(cw_bus *bus, const void *state, uint64_t seed);
+
 /* Continues an old bus: takes over its time and statistics. Node i gets the state, counters and
  * frames of the old node from[i], with its own new settings. With CW_NO_NODE it is a new node,
  * which integrates. Rules start anew; frames that old rules held back are released. The new bus

@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
  * memory.c - a bus in its caller's memory: its size by the configuration, and its state at tick 0.
+ *
+ * Its state at tick 0 lies in front, so that a copy of it takes the bus back to there. Behind it lies
+ * room that is empty at tick 0, and the memo of lengths, which stays true.
  */
 #include "bus/bus_private.h"
 #include "format/layout.h"
@@ -28,18 +31,33 @@ static bool has_fd(const cw_bus_config *c)
     return false;
 }
 
-/* The layout of the caller's memory. With base NULL only the size is counted. */
+/* The layout of the caller's memory. With base NULL only the sizes are counted. */
 typedef struct arena {
     unsigned char *base;
-    size_t used;
+    size_t state; /* bytes used in front */
+    size_t room;  /* ... and behind them, where that begins at `behind` */
+    size_t behind;
 } arena;
 
-/* Returns the next part of the memory. Without memory it only counts, and returns NULL. */
+/* Returns the next part of the bytes at `offset` of the memory, of which `used` grows. Without
+ * memory it only counts, and returns NULL. */
+static void *take(const arena *a, size_t *used, size_t offset, size_t count, size_t size)
+{
+    const size_t place = offset + *used;
+    *used += (count * size + 15) & ~(size_t)15;
+    return a->base ? a->base + place : NULL;
+}
+
+/* Returns the next part of the state. */
 static void *carve(arena *a, size_t count, size_t size)
 {
-    size_t offset = a->used;
-    a->used += (count * size + 15) & ~(size_t)15;
-    return a->base ? a->base + offset : NULL;
+    return take(a, &a->state, 0, count, size);
+}
+
+/* Returns the next part of the room. */
+static void *carve_room(arena *a, size_t count, size_t size)
+{
+    return take(a, &a->room, a->behind, count, size);
 }
 
 /* Returns the mailboxes of a use, as bits. */
@@ -109,8 +127,8 @@ static void carve_queues(arena *a, cw_bus_node *nodes, const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->node_count; i++) {
         uint16_t capacity = queue_room(c, i);
-        void *slots = carve(a, capacity, cw_queue_slot_size(has_fd(c)));
-        cw_queue_place *order = carve(a, capacity, sizeof *order);
+        void *slots = carve_room(a, capacity, cw_queue_slot_size(has_fd(c)));
+        cw_queue_place *order = carve_room(a, capacity, sizeof *order);
         if (nodes)
             cw_queue_init(&nodes[i].queue, slots, order, capacity, c->nodes[i].order, has_fd(c));
     }
@@ -128,7 +146,7 @@ static void carve_buffers(arena *a, cw_bus *bus, const cw_bus_config *c)
         const cw_host_config *h = &c->nodes[i].host;
         const unsigned limit = stored_limit(h);
         cw_filter *filters = carve(a, h->filter_count, sizeof *filters);
-        cw_stored_frame *stored = carve(a, limit + 1u, sizeof *stored);
+        cw_stored_frame *stored = carve_room(a, limit + 1u, sizeof *stored);
         cw_mailbox *boxes = h->mailbox_count ? carve(a, h->mailbox_count, sizeof *boxes) : NULL;
         if (!bus)
             continue;
@@ -200,12 +218,12 @@ static void carve_tt(arena *a, cw_bus *bus, const cw_bus_config *c)
 static void carve_rules(arena *a, cw_rule_set *set, const cw_bus_config *c)
 {
     size_t capacity = (size_t)c->rule_count + c->rule_room;
-    cw_rule_state *rules = carve(a, capacity, sizeof *rules);
-    cw_rule_key *keys = carve(a, capacity * CW_RULE_FILTERS_MAX, sizeof *keys);
-    uint16_t *wildcards = carve(a, capacity, sizeof *wildcards);
-    uint16_t *awake = carve(a, capacity, sizeof *awake);
+    cw_rule_state *rules = carve_room(a, capacity, sizeof *rules);
+    cw_rule_key *keys = carve_room(a, capacity * CW_RULE_FILTERS_MAX, sizeof *keys);
+    uint16_t *wildcards = carve_room(a, capacity, sizeof *wildcards);
+    uint16_t *awake = carve_room(a, capacity, sizeof *awake);
     const size_t held_size = cw_held_frame_size(has_fd(c));
-    void *held = carve(a, CW_HELD_FRAMES, held_size);
+    void *held = carve_room(a, CW_HELD_FRAMES, held_size);
     if (set)
         *set = (cw_rule_set){.rules = rules, .keys = keys, .wildcards = wildcards,
                              .awake = awake, .held = held, .held_size = (unsigned)held_size,
@@ -271,9 +289,9 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     cw_ringing *ringing = carve(a, c->node_count, sizeof *ringing);
     cw_clean_node *clean = carve(a, c->node_count, sizeof *clean);
     uint8_t *along = carve(a, c->node_count, sizeof *along);
-    cw_edge *edges = carve(a, edges_looked_at(c), sizeof *edges);
-    cw_disturbance *list = carve(a, room, sizeof *list);
-    cw_mark *marks = carve(a, mark_room(c), sizeof *marks);
+    cw_edge *edges = carve_room(a, edges_looked_at(c), sizeof *edges);
+    cw_disturbance *list = carve_room(a, room, sizeof *list);
+    cw_mark *marks = carve_room(a, mark_room(c), sizeof *marks);
     if (!t)
         return;
     memset(nodes, 0, c->node_count * sizeof *nodes);
@@ -294,15 +312,15 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     unsigned events = c->events > least_ring(c) ? c->events : least_ring(c);
     cw_bus *bus = carve(a, 1, sizeof *bus);
     cw_bus_node *nodes = carve(a, c->node_count, sizeof *nodes);
-    cw_lengths *lengths = carve(a, 1, sizeof *lengths);
+    cw_lengths *lengths = carve_room(a, 1, sizeof *lengths);
     cw_restart_times *restarts = carve(a, c->node_count, sizeof *restarts);
     cw_start *starts = carve(a, c->node_count, sizeof *starts);
     cw_sleep *sleeps = carve(a, c->node_count, sizeof *sleeps);
     const size_t entry_size = cw_inbox_entry_size(has_fd(c));
     const size_t event_size = cw_ring_event_size(has_fd(c));
     const unsigned inbox_room = c->inbox + nodes_with_triggers(c);
-    void *entries = carve(a, inbox_room, entry_size);
-    void *ring = carve(a, events, event_size);
+    void *entries = carve_room(a, inbox_room, entry_size);
+    void *ring = carve_room(a, events, event_size);
     cw_fd_part *fd_parts = has_fd(c) ? carve(a, c->node_count + 1u, sizeof *fd_parts) : NULL;
     if (bus) {
         memset(bus, 0, sizeof *bus);
@@ -339,7 +357,7 @@ size_t cw_bus_size(const cw_bus_config *config)
     if (!cw_bus_is_valid(config))
         return 0;
     (void)lay_out(&a, config);
-    return a.used;
+    return a.state + a.room;
 }
 
 /* Makes the controller of a node, off the bus, and its times. */
@@ -366,8 +384,11 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     if (!cw_bus_is_valid(config))
         return NULL;
     assert(memory);
-    arena a = {.base = memory};
+    arena sizes = {.base = NULL};
+    (void)lay_out(&sizes, config);
+    arena a = {.base = memory, .behind = sizes.state};
     cw_bus *bus = lay_out(&a, config);
+    bus->state_size = a.state;
     bus->time = cw_wire_begin(cw_rate_of(config->bit_ticks));
     bus->node_count = config->node_count;
     bus->all = UINT64_MAX >> (CW_NODES_MAX - config->node_count);
@@ -396,4 +417,16 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
             bus->pending = true;
         }
     return bus;
+}
+
+size_t cw_bus_state_size(const cw_bus *bus)
+{
+    return bus->state_size;
+}
+
+void cw_bus_begin_again(cw_bus *bus, const void *state, uint64_t seed)
+{
+    memcpy(bus, state, bus->state_size);
+    assert(bus->rules.count == 0 && cw_now(bus) == 0);
+    bus->rules.bus.seed = seed;
 }

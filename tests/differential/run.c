@@ -365,6 +365,59 @@ static void check(pair *p)
 
 /* ---- Buses ----------------------------------------------------------------------------------- */
 
+/* Returns true when rules need room in queues that a bus without rules does not have. */
+static bool needs_rules(const cw_bus_config *config)
+{
+    for (unsigned i = 0; i < config->rule_count; i++)
+        if (config->rules[i].action == CW_ACTION_SET)
+            return true;
+    return false;
+}
+
+static cw_bus *with_rules(cw_bus *bus, const cw_bus_config *config)
+{
+    unsigned index;
+    for (unsigned i = 0; i < config->rule_count; i++)
+        if (cw_bus_add_rule(bus, &index, &config->rules[i]) != CW_OK)
+            return NULL;
+    return bus;
+}
+
+/* Leaves traces of frames and rules in all that a bus has. */
+static void use(cw_bus *bus, const cw_bus_config *config)
+{
+    cw_event event;
+    const uint64_t end = 400u * config->bit_ticks;
+    for (unsigned i = 0; i < 4u * config->node_count; i++) {
+        const cw_frame frame = {.id = 0x100 + 37 * i, .dlc = (uint8_t)(i % 9)};
+        (void)cw_node_send(bus, i % config->node_count, &frame, i * 20u * config->bit_ticks);
+    }
+    cw_bus_set_watching(bus, true);
+    while (cw_bus_advance(bus, end) == CW_FULL)
+        while (cw_bus_poll(bus, &event))
+            continue;
+}
+
+/* Makes a bus that has been in use, and begins again. */
+static cw_bus *begin_again(void *memory, const cw_bus_config *config)
+{
+    cw_bus_config bare = *config;
+    bare.seed = ~config->seed;
+    bare.rule_room = (uint16_t)(config->rule_room + config->rule_count);
+    bare.rule_count = 0;
+    cw_bus *bus = cw_bus_init(memory, &bare);
+    if (!bus)
+        return NULL;
+    const size_t size = cw_bus_state_size(bus);
+    void *start = diff_allocate(NULL, size);
+    memcpy(start, bus, size);
+    if (with_rules(bus, config))
+        use(bus, config);
+    cw_bus_begin_again(bus, start, config->seed);
+    free(start);
+    return with_rules(bus, config);
+}
+
 /* Makes a bus. Nothing may depend on the earlier contents of the memory, which differ for the
  * two. */
 static void *make_bus(cw_bus **bus, const cw_bus_config *config, int filling)
@@ -375,7 +428,8 @@ static void *make_bus(cw_bus **bus, const cw_bus_config *config, int filling)
         return NULL;
     void *memory = diff_allocate(NULL, size);
     memset(memory, filling, size);
-    *bus = cw_bus_init(memory, config);
+    const bool again = filling == 'f' && config->seed % 2 == 0 && !needs_rules(config);
+    *bus = again ? begin_again(memory, config) : cw_bus_init(memory, config);
     if (*bus)
         return memory;
     free(memory);
