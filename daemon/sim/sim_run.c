@@ -9,7 +9,9 @@
 #include "run/bus_make.h"
 
 #include <assert.h>
+#include <errno.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define INBOX_FRAMES 1024
 #define EVENT_RING 4096
@@ -49,16 +51,22 @@ static void sim_run_describe(cw_bus_config *out, cw_node_config nodes[CW_NODES_M
     out->rule_room = (uint16_t)(CW_RULES_MAX - out->rule_count);
 }
 
-/* Makes the bus at time 0 in its memory, and its plan. */
-static bool sim_run_make(sim_run *s, const cw_bus_config *bus_config)
+/* Ends what begins a bus that has its rules. */
+static bool sim_run_complete(const sim_run *s)
 {
-    s->plan = release_plan_new(s->config, sim_run_report, s);
-    s->bus = s->plan ? bus_init(s->memory, bus_config) : NULL;
     if (!s->bus)
         return false;
     release_add_replies(s->bus, s->config);
     bus_take_guests_off(s->bus, s->config);
     return true;
+}
+
+/* Makes the bus at time 0 in its memory, and its plan. */
+static bool sim_run_make(sim_run *s, const cw_bus_config *bus_config)
+{
+    s->plan = release_plan_new(s->config, sim_run_report, s);
+    s->bus = s->plan ? bus_init(s->memory, bus_config) : NULL;
+    return sim_run_complete(s);
 }
 
 /* Takes memory for the bus, if what there is does not suffice. */
@@ -99,11 +107,67 @@ bool sim_open_roomy(sim_run *s, const cfg *config, FILE *messages)
     return open_run(s);
 }
 
-bool sim_restart(sim_run *s)
+/* Returns true when rules need no more room than any bus has: none makes a queue longer. */
+static bool rules_need_no_room(const cfg *config)
+{
+    for (size_t i = 0; i < config->rule_count; i++) {
+        const cw_rule *r = &config->rules[i];
+        if (r->action == CW_ACTION_SET && (r->settings.which & CW_SET_QUEUE))
+            return false;
+    }
+    return true;
+}
+
+/* Keeps the state of the bus, which has no rules yet. */
+static void keep_start(sim_run *s)
+{
+    const size_t size = cw_bus_state_size(s->bus);
+    s->start = malloc(size);
+    if (s->start)
+        memcpy(s->start, s->bus, size);
+}
+
+static bool add_rules(const sim_run *s)
+{
+    for (size_t i = 0; i < s->config->rule_count; i++) {
+        unsigned index;
+        if (cw_bus_add_rule(s->bus, &index, &s->config->rules[i]) == CW_OK)
+            continue;
+        errno = EINVAL;
+        return false;
+    }
+    return true;
+}
+
+/* Makes the bus anew. Its state is kept before the rules come, if that is enough to begin again. */
+static bool make_again(sim_run *s)
 {
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
     sim_run_describe(&bus_config, nodes, s);
+    if (!reserve(s, &bus_config))
+        return false;
+    if (!rules_need_no_room(s->config))
+        return sim_run_make(s, &bus_config);
+    bus_config.rule_room = (uint16_t)(bus_config.rule_room + bus_config.rule_count);
+    bus_config.rule_count = 0;
+    s->bus = bus_init(s->memory, &bus_config);
+    if (s->bus)
+        keep_start(s);
+    s->plan = release_plan_new(s->config, sim_run_report, s);
+    return s->bus && s->plan && add_rules(s) && sim_run_complete(s);
+}
+
+/* Begins again with the state that was kept. */
+static bool begin_again(sim_run *s)
+{
+    cw_bus_begin_again(s->bus, s->start, s->config->seed);
+    s->plan = release_plan_new(s->config, sim_run_report, s);
+    return s->plan && add_rules(s) && sim_run_complete(s);
+}
+
+bool sim_restart(sim_run *s)
+{
     release_plan_free(s->plan);
     s->last_activity = 0;
     s->last_rule = 0;
@@ -111,7 +175,7 @@ bool sim_restart(sim_run *s)
     s->watching = false;
     s->calm_bits = 0;
     s->plan = NULL;
-    if (!reserve(s, &bus_config) || !sim_run_make(s, &bus_config))
+    if (!(s->start ? begin_again(s) : make_again(s)))
         return false;
     if (s->syncs)
         cw_bus_set_sync_records(s->bus, s->syncs);
@@ -142,10 +206,12 @@ void sim_close(sim_run *s)
 {
     release_plan_free(s->plan);
     free(s->memory);
+    free(s->start);
     free(s->syncs);
     s->plan = NULL;
     s->syncs = NULL;
     s->memory = NULL;
+    s->start = NULL;
     s->bus = NULL;
 }
 

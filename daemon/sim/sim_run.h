@@ -40,6 +40,7 @@ typedef struct sim_run {
     const cfg *config; /* not owned */
     void *memory; /* of the bus; NULL: not owned */
     size_t room;  /* its bytes */
+    void *start;  /* its state at time 0 without rules; NULL: see sim_restart() */
     cw_sync_record *syncs; /* see sim_count_syncs() */
     cw_bus *bus;
     release_plan *plan;

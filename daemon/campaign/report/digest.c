@@ -2,9 +2,9 @@
  *
  * digest.c - what a report takes of a row, as bytes that another process can write.
  *
- * A head with numbers, then texts, each with a final 0: of each factor its value, and behind a value
- * that is a fault of a space, frame and field; expectations; losses; the first error; what a
- * candidate has.
+ * Texts with a final 0 follow a head with numbers. First come the values of the factors; a fault of a
+ * space has frame and field behind it. Then come expectations, losses, the first error, and the
+ * texts of a candidate.
  */
 #include "campaign/report/digest.h"
 

@@ -2,8 +2,8 @@
  *
  * rowblock.c - reads the lines of a large file in several processes, and takes them in their order.
  *
- * A block has the lines that begin in it. What a process makes of it are digests, each behind its
- * length. Instead of the last one there may be what ends the reading.
+ * A block has the lines that begin in it. A process makes digests of it, each behind its length. In
+ * place of the last one there may be the reason that ends the reading.
  */
 #include "campaign/report/rowblock.h"
 
@@ -15,7 +15,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#define BLOCK_BYTES (UINT64_C(32) << 10) /* what is made of some hundred of them waits */
+#define BLOCK_BYTES (UINT64_C(32) << 10) /* digests of some hundred of them wait */
 #define MORE_BYTES (16u << 10) /* for the line that goes on in the next block */
 
 /* In place of the length of a digest. */
