@@ -6,6 +6,7 @@
 
 #include "base/text/jsontext.h"
 
+#include <assert.h>
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -141,21 +142,36 @@ static void write_first_error(buffer *row, const scenario *s)
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
-#define NODE_ROW(key, member, count) {.name = #key, CW_STAT_VALUES(cw_node_stats, member, count)},
-static const cw_stat node_rows[] = {OUTCOME_NODE_COUNTERS(NODE_ROW)};
+#define COUNTER_MAX (CHARS_DECIMAL_MAX + 24u) /* bytes of a counter with its key */
+#define COUNT_ONE(key, member, count) +1
+#define COUNTERS_MAX ((4u OUTCOME_NODE_COUNTERS(COUNT_ONE)) * COUNTER_MAX + 64u) /* with a state */
+
+/* Returns the sum of counters of 32 or 64 bits. */
+static inline uint64_t sum_of(const void *values, size_t size, unsigned count)
+{
+    uint64_t sum = 0;
+    assert(size == sizeof(uint32_t) || size == sizeof sum);
+    for (unsigned i = 0; i < count; i++)
+        sum += size == sizeof sum ? ((const uint64_t *)values)[i] : ((const uint32_t *)values)[i];
+    return sum;
+}
 
 static void write_counters(buffer *row, const cw_node_stats *n, const observation *seen,
                            unsigned node)
 {
-    buffer_put(row, "{");
-    jsontext_string(row, "state", cw_state_name(n->state));
-    jsontext_number(row, "tec", n->tec);
-    jsontext_number(row, "rec", n->rec);
-    jsontext_number(row, "tec_max", seen->tec_max[node]);
-    jsontext_number(row, "rec_max", seen->rec_max[node]);
-    for (size_t i = 0; i < sizeof node_rows / sizeof *node_rows; i++)
-        jsontext_number(row, node_rows[i].name, cw_stat_sum(&node_rows[i], n));
-    buffer_put(row, "}");
+    if (!buffer_reserve(row, COUNTERS_MAX))
+        return;
+    char *at = row->data + row->end;
+    at = jsontext_end_word(chars_text(at, "{\"state\":\""), cw_state_name(n->state));
+    at = AT_NUMBER(at, "tec", n->tec);
+    at = AT_NUMBER(at, "rec", n->rec);
+    at = AT_NUMBER(at, "tec_max", seen->tec_max[node]);
+    at = AT_NUMBER(at, "rec_max", seen->rec_max[node]);
+#define WRITE_COUNTER(key, member, count)                                                          \
+    at = AT_NUMBER(at, #key, sum_of(&n->member, sizeof n->member / (count), count));
+    OUTCOME_NODE_COUNTERS(WRITE_COUNTER)
+    *at++ = '}';
+    row->end = (size_t)(at - row->data);
 }
 
 static void write_node(buffer *row, const scenario_bus *b, unsigned node)
@@ -198,12 +214,13 @@ static void write_loss(void *user, const loss_words *w)
 
 static void write_losses(buffer *row, const scenario *s)
 {
-    char before[CFG_NODE_NAME_MAX + 2];
+    char before[CFG_NODE_NAME_MAX + 2] = "";
     jsontext_value(row, "lost", "[");
     for (size_t i = 0; i < s->count; i++) {
         const scenario_bus *b = &s->buses[i];
-        (void)snprintf(before, sizeof before, "%s:", b->config->bus_name);
-        losses_tell(&b->lost, b->run.bus, s->rig ? before : "", write_loss, row);
+        if (s->rig)
+            (void)snprintf(before, sizeof before, "%s:", b->config->bus_name);
+        losses_tell(&b->lost, b->run.bus, before, write_loss, row);
     }
     buffer_put(row, "]");
 }

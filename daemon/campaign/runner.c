@@ -222,8 +222,10 @@ void runner_head(runner *r, uint64_t number, buffer *row)
 
 static void write_repeat(runner *r, buffer *row, uint64_t number)
 {
+    char option[NUMBER_MAX];
+    const char *end = chars_decimal(chars_text(option, " --only "), number);
     shellword_begin(&r->repeat, "canwire campaign run", r->campaign->file);
-    buffer_print(&r->repeat, " --only %" PRIu64, number);
+    (void)buffer_append(&r->repeat, option, (size_t)(end - option));
     outcome_end_row(row, &r->repeat);
 }
 

@@ -11,9 +11,23 @@
 #include <string.h>
 #include <sys/wait.h>
 
+/* Returns true for a row that has nothing between an empty list of losses and its last key. That
+ * key stands behind the last comma, unless a command has commas. */
+static bool has_no_notes(const char *row, size_t length)
+{
+    static const char end[] = "\"lost\":[],\"repeat\":";
+    const size_t before = strlen("\"lost\":[]");
+    const char *comma = memrchr(row, ',', length);
+    const size_t at = comma ? (size_t)(comma - row) : 0;
+    return at >= before && length - at > strlen(end) - before &&
+           memcmp(comma - before, end, strlen(end)) == 0;
+}
+
 const char *tally_first_note(const char *row, size_t length)
 {
     static const char key[] = ",\"notes\":[\"";
+    if (has_no_notes(row, length))
+        return NULL;
     const char *found = memmem(row, length, key, sizeof key - 1);
     return found ? found + sizeof key - 1 : NULL;
 }

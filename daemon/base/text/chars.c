@@ -23,6 +23,12 @@ static const char hex[] = "0123456789ABCDEF";
 static const char hex_pairs[] = ROW("0") ROW("1") ROW("2") ROW("3") ROW("4") ROW("5") ROW("6")
     ROW("7") ROW("8") ROW("9") ROW("A") ROW("B") ROW("C") ROW("D") ROW("E") ROW("F");
 
+#define PLAIN(c) ((c) >= ' ' && (c) < 0x80 && (c) != '"' && (c) != '\\')
+#define PLAIN_4(c) PLAIN(c), PLAIN((c) + 1), PLAIN((c) + 2), PLAIN((c) + 3)
+#define PLAIN_16(c) PLAIN_4(c), PLAIN_4((c) + 4), PLAIN_4((c) + 8), PLAIN_4((c) + 12)
+#define PLAIN_64(c) PLAIN_16(c), PLAIN_16((c) + 16), PLAIN_16((c) + 32), PLAIN_16((c) + 48)
+const bool chars_plain[256] = {PLAIN_64(0), PLAIN_64(64), PLAIN_64(128), PLAIN_64(192)};
+
 char *chars_digits(char *at, uint64_t value, unsigned count)
 {
     assert(count <= CHARS_DECIMAL_MAX);

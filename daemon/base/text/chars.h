@@ -8,11 +8,15 @@
 #ifndef CANWIRE_BASE_CHARS_H
 #define CANWIRE_BASE_CHARS_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 
 #define CHARS_DECIMAL_MAX 20 /* characters of the largest number */
+
+/* ASCII characters that stand for themselves in JSON strings. */
+extern const bool chars_plain[256];
 
 static inline char *chars_copy(char *at, const char *bytes, size_t count)
 {

@@ -4,6 +4,7 @@
  */
 #include "base/text/jsonread.h"
 
+#include "base/text/chars.h"
 #include "base/text/number.h"
 #include "base/text/plain.h"
 
@@ -29,13 +30,6 @@ typedef struct reading {
     size_t key_length;
     jsonread_problem problem;
 } reading;
-
-/* Characters of strings that stand for themselves and are ASCII. */
-#define PLAIN(c) ((c) >= ' ' && (c) < 0x80 && (c) != '"' && (c) != '\\')
-#define PLAIN_4(c) PLAIN(c), PLAIN((c) + 1), PLAIN((c) + 2), PLAIN((c) + 3)
-#define PLAIN_16(c) PLAIN_4(c), PLAIN_4((c) + 4), PLAIN_4((c) + 8), PLAIN_4((c) + 12)
-#define PLAIN_64(c) PLAIN_16(c), PLAIN_16((c) + 16), PLAIN_16((c) + 32), PLAIN_16((c) + 48)
-static const bool plain[256] = {PLAIN_64(0), PLAIN_64(64), PLAIN_64(128), PLAIN_64(192)};
 
 static bool is_digit(char c)
 {
@@ -127,7 +121,7 @@ static char *take_other(reading *p, char *out)
 static char *take_rest(reading *p, char *out)
 {
     while (*p->at != '"') {
-        if (plain[(unsigned char)*p->at])
+        if (chars_plain[(unsigned char)*p->at])
             *out++ = *p->at++;
         else if (*p->at == '\\' && p->at++)
             out = take_escape(p, out);
@@ -145,7 +139,7 @@ static bool take_string(reading *p, const char **text, size_t *length)
 {
     char *const begin = p->at;
     char *end = begin;
-    while (plain[(unsigned char)*end])
+    while (chars_plain[(unsigned char)*end])
         end++;
     p->at = end;
     if (*end == '"')

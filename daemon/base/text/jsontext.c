@@ -14,13 +14,10 @@
 static char *write_simple(char *out, const char *text)
 {
     *out++ = '"';
-    for (; *text; text++) {
-        if (*text < ' ' || *text > '~' || *text == '"' || *text == '\\')
-            return NULL;
-        *out++ = *text;
-    }
+    while (chars_plain[(unsigned char)*text])
+        *out++ = *text++;
     *out++ = '"';
-    return out;
+    return *text ? NULL : out;
 }
 
 static void put_escaped(buffer *out, const char *text)
@@ -46,23 +43,26 @@ void jsontext_quoted(buffer *out, const char *text)
         put_escaped(out, text);
 }
 
+/* Puts a comma where one is needed. There must be room. */
 static void put_comma(buffer *out)
 {
-    char last = '\0';
-    if (buffer_length(out) > 0)
-        last = out->data[out->end - 1];
+    const char last = buffer_length(out) > 0 ? out->data[out->end - 1] : '\0';
     if (last != '\0' && last != '{' && last != '[' && last != ':' && last != '\n')
-        (void)buffer_append(out, ",", 1);
+        out->data[out->end++] = ',';
 }
 
 void jsontext_item(buffer *out, const char *text)
 {
+    if (!buffer_reserve(out, 1))
+        return;
     put_comma(out);
     buffer_put(out, text);
 }
 
 void jsontext_key(buffer *out, const char *key)
 {
+    if (!buffer_reserve(out, strlen(key) + strlen(",\"\":")))
+        return;
     put_comma(out);
     jsontext_quoted(out, key);
     (void)buffer_append(out, ":", 1);
