@@ -65,7 +65,8 @@ void sim_group_close(sim_group *g)
 
 void sim_group_note(sim_group *g, size_t bus, const cw_event *event)
 {
-    if (g->meeting.gateways && !gateways_note(g->meeting.gateways, bus, event))
+    const bool looked_at = event->kind == CW_EVENT_RX || event->kind == CW_EVENT_DROP;
+    if (looked_at && g->meeting.gateways && !gateways_note(g->meeting.gateways, bus, event))
         g->no_memory = true;
 }
 

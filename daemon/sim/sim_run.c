@@ -458,17 +458,17 @@ static void hand_in_due(sim_run *s, uint64_t tick)
     }
 }
 
-/* Hands in releases before they are due, and advances to the last of them, so that the bus goes
- * over many frames at once. Whoever may end the run in between, or looks at its bits, has them one
- * by one. */
-static void release_ahead(sim_run *s)
+/* Hands in releases up to a tick before they are due, and advances to the last of them, so that the
+ * bus goes over many frames at once. Whoever may end the run in between, or looks at its bits, has
+ * them one by one. */
+static void release_ahead(sim_run *s, uint64_t end)
 {
     uint64_t last = 0;
     if (s->step || s->in_steps || s->bit_sinks || s->careful_from != CW_NEVER)
         return;
     for (unsigned i = 0; i < RELEASES_AHEAD && release_is_sure(s->plan); i++) {
         const uint64_t tick = release_next_tick(s->plan);
-        if (tick > least(s->until, quiet_end(s)) || release_hand_in(s->plan, s->bus) != CW_OK)
+        if (tick > end || tick == CW_NEVER || release_hand_in(s->plan, s->bus) != CW_OK)
             break;
         last = s->last_activity = tick;
     }
@@ -481,7 +481,7 @@ static void release_ahead(sim_run *s)
 static bool run_releases(sim_run *s)
 {
     release_look(s->plan, s->bus);
-    while (release_ahead(s), !sim_run_is_over(s)) {
+    while (release_ahead(s, least(s->until, quiet_end(s))), !sim_run_is_over(s)) {
         uint64_t tick = release_next_tick(s->plan);
         uint64_t bit_end = cw_bus_tick_after(s->bus, 1);
         bool fast = release_is_fast(s->plan);
@@ -697,7 +697,7 @@ static void release_before(sim_run *s, uint64_t limit, uint64_t end)
 {
     s->paused = false;
     release_look(s->plan, s->bus);
-    while (!sim_run_is_over(s)) {
+    while (release_ahead(s, limit > 0 ? limit - 1 : 0), !sim_run_is_over(s)) {
         const uint64_t tick = release_next_tick(s->plan);
         const uint64_t bit_end = cw_bus_tick_after(s->bus, 1);
         if (tick < limit && tick <= bit_end)
