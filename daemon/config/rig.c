@@ -357,13 +357,19 @@ static char *copy_text(size_t *size, const cfg_file *file, diag *found)
     return copy;
 }
 
+/* Returns the text of a file, to be freed, or NULL after a complaint. */
+static char *read_text(size_t *size, const cfg_file *file, diag *found)
+{
+    return file->text ? copy_text(size, file, found)
+                      : yaml_file_read(size, file->name, true, found);
+}
+
 /* Loads the document of a file, or of its text if there is one. The caller frees *text. Returns
  * false after a complaint. */
 static bool load_document(yaml_document_t *document, char **text, size_t *size,
                           const cfg_file *file, diag *found)
 {
-    *text = file->text ? copy_text(size, file, found)
-                       : yaml_file_read(size, file->name, true, found);
+    *text = read_text(size, file, found);
     return *text && yaml_text_load(document, *text, *size, &yaml_file_limits, found);
 }
 
@@ -429,6 +435,15 @@ void rig_free(rig *self)
     free(owner);
 }
 
+#define BUSES "buses" /* the key that each rig has */
+
+/* Returns false for the text of most files that are no rigs: a key is written as it is, or with an
+ * escape. */
+static bool may_be_rig(const char *text, size_t size)
+{
+    return memmem(text, size, BUSES, strlen(BUSES)) || memchr(text, '\\', size);
+}
+
 static bool is_rig(const cfg_file *file)
 {
     diag found = {.file.name = file->name};
@@ -437,11 +452,12 @@ static bool is_rig(const cfg_file *file)
     schema self = {.errors = &found, .arena = &memory, .document = &document};
     bool is = false;
 
-    char *text = NULL;
     size_t text_size = 0;
-    if (load_document(&document, &text, &text_size, file, &found)) {
+    char *text = read_text(&text_size, file, &found);
+    if (text && may_be_rig(text, text_size) &&
+        yaml_text_load(&document, text, text_size, &yaml_file_limits, &found)) {
         yaml_node_t *root = yaml_document_get_root_node(&document);
-        is = root && root->type == YAML_MAPPING_NODE && schema_find(&self, root, "buses");
+        is = root && root->type == YAML_MAPPING_NODE && schema_find(&self, root, BUSES);
         yaml_document_delete(&document);
     }
     diag_flush(&found, NULL); /* rig_load() tells about the same file */
