@@ -342,8 +342,9 @@ test-unit: $(addprefix $(BUILD)/,$(TESTS_RUN) $(REPLAYED:%=replay_%)) $(CONFORMA
 # The unit tests without those that take half a second or more.
 DEV_SLOW := test_apart test_away test_clocks test_encode_fd test_engine_replay test_fault_noise \
             test_fault_step test_format test_hours test_journal test_journal_check \
-            test_journal_keep test_journal_play test_order test_quanta test_rates test_recorder \
-            test_run_end test_steady test_takeover test_timed_hosts
+            test_journal_keep test_journal_pack test_journal_play test_journal_traffic test_order \
+            test_quanta test_rates test_recorder test_run_end test_steady test_takeover \
+            test_timed_hosts
 DEV_TESTS := $(filter-out $(DEV_SLOW),$(UNIT_TESTS))
 dev-run: $(DAEMON) $(TOOL) $(PRELOAD) $(DEV_TESTS:%=$(BUILD)/%.passed)
 

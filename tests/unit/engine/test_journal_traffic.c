@@ -11,7 +11,7 @@
 
 #include <inttypes.h>
 
-#define SEEDS 60u
+#define SEEDS 20u
 #define STEPS 120u
 #define NODES 5u
 #define TEXT_BYTES 8192
@@ -221,8 +221,8 @@ static void sender_begin(sender *s, uint64_t seed)
 
 static void sender_end(sender *s)
 {
-    host_end(&s->h);
     release_plan_free(s->plan);
+    host_end(&s->h);
 }
 
 /* ---- The second run is as the first ---------------------------------------------------------- */
