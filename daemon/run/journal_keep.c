@@ -164,8 +164,8 @@ static bool search_from(found *f, int fd, off_t from)
     return good;
 }
 
-/* Searches the last part of the file. A packed one can be read from the beginning of a frame on: from
- * the last one, or one before it. */
+/* Searches the last part of the file. A packed one can be read from the beginning of a frame on:
+ * from the last one, or one before it. */
 static void read_tail(found *f, int fd, off_t size)
 {
     size_t want = size < (off_t)TAIL_BYTES ? (size_t)size : TAIL_BYTES;

@@ -3,8 +3,8 @@
  * journal_pack.h - packs the text of a journal with zstd, and unpacks it again.
  *
  * A packed journal is what `zstd` makes of a text, so `zstdcat` shows it. It consists of frames of
- * JOURNAL_PACK_FRAME bytes of text. Each write has a block of its own: a file that is cut off can be
- * read up to the last whole block. Behind damage the reader goes on with the next frame.
+ * JOURNAL_PACK_FRAME bytes of text. Each write has a block of its own: a file that is cut off can
+ * be read up to the last whole block. Behind damage the reader goes on with the next frame.
  */
 #ifndef CANWIRE_RUN_JOURNAL_PACK_H
 #define CANWIRE_RUN_JOURNAL_PACK_H

@@ -39,8 +39,8 @@ journal_seal journal_seal_check(const char *line, size_t length, uint32_t before
 /* Returns true for a line with a seal, be it wrong. */
 bool journal_seal_is_there(const char *line, size_t length);
 
-/* Returns the digest of the frames that the configuration has released, up to one. Each bit of their
- * data, nodes and ticks counts. The first frame follows 0. */
+/* Returns the digest of the frames that the configuration has released, up to one. Each bit of
+ * their data, nodes and ticks counts. The first frame follows 0. */
 uint64_t journal_digest(uint64_t before, unsigned node, const cw_frame *frame, uint64_t tick);
 
 #endif

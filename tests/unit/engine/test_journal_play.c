@@ -255,8 +255,8 @@ static char *play_cut(const char *whole, size_t cut)
     return NULL;
 }
 
-/* Up to the last block that is complete, whatever byte it ends at: no later byte takes anything away
- * again. */
+/* Up to the last block that is complete, whatever byte it ends at: no later byte takes anything
+ * away again. */
 TEST(a_journal_that_is_cut_off_is_played_as_far_as_it_goes)
 {
     size_t size, before = 0, steps = 0;

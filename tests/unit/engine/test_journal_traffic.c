@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_journal_traffic.c - a journal does not have the frames that the configuration determines, and
- * the run again has them all the same, at their ticks.
+ * test_journal_traffic.c - a journal does not have the frames that the configuration determines,
+ * and the run again has them all the same, at their ticks.
  *
- * Configurations are random. The host is like canwired: it hands traffic in ahead of the bus, is late
- * at times, and changes to other configurations.
+ * Configurations are random. The host is like canwired: it hands traffic in ahead of the bus, is
+ * late at times, and changes to other configurations.
  */
 #include "cases.h"
 #include "journal_rig.h"
