@@ -120,4 +120,36 @@ TEST(the_checksum_is_that_of_zlib)
     assert_int_equal(journal_crc32(journal_crc32(0, "1234", 4), "56789", 5), 0xCBF43926);
 }
 
+/* Returns the digest of two frames. The first one has one bit changed; behind the last bit, none. */
+static uint64_t digest_with(unsigned bit)
+{
+    cw_frame frame = {.id = 0x123, .flags = CW_FRAME_FD, .dlc = 15};
+    uint64_t tick = 1000;
+    unsigned node = 3;
+    const unsigned of_data = 8 * CW_FRAME_DATA_MAX;
+    if (bit < of_data)
+        frame.data[bit / 8] ^= (uint8_t)(1u << bit % 8);
+    else if (bit < of_data + 29)
+        frame.id ^= 1u << (bit - of_data);
+    else if (bit < of_data + 29 + 64)
+        tick ^= UINT64_C(1) << (bit - of_data - 29);
+    else if (bit < of_data + 29 + 64 + 6)
+        node ^= 1u << (bit - of_data - 29 - 64);
+    else if (bit == of_data + 29 + 64 + 6)
+        frame.flags |= CW_FRAME_BRS;
+    return journal_digest(journal_digest(0, node, &frame, tick), 0, &frame, 2000);
+}
+
+TEST(each_bit_of_a_frame_counts_in_the_digest)
+{
+    enum { BITS = 8 * CW_FRAME_DATA_MAX + 29 + 64 + 7 };
+    static uint64_t digests[BITS + 1];
+    for (unsigned i = 0; i <= BITS; i++) {
+        digests[i] = digest_with(i);
+        for (unsigned k = 0; k < i; k++)
+            if (digests[k] == digests[i])
+                fail_msg("bits %u and %u", k, i);
+    }
+}
+
 TESTS_WITH(make_folder, remove_folder)

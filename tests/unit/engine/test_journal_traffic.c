@@ -274,4 +274,35 @@ TEST(frames_that_are_not_written_come_all_the_same)
         fail_msg("%zu lines for %zu frames", lines, frames);
 }
 
+/* The second advance drops a frame. A frame of the configuration behind it has no line, and the next
+ * line must have the advance all the same. */
+TEST(an_advance_before_a_frame_that_is_not_written_is_repeated)
+{
+    const cw_frame frame = {.id = 0x123};
+    char *events, *messages;
+    sender s = {.h = {.live = NULL}};
+    write_file("bus.yaml", "bus: { name: test, bitrate: 500000 }\nnodes:\n"
+                           "  - { name: full, queue: 1 }\n"
+                           "  - { name: other, traffic: [ { send: 100#, offset: 5ms } ] }\n");
+    cfg *config = cfg_load(path_of("bus.yaml"), stderr);
+    host_begin_with(&s.h, config);
+    s.plan = release_plan_new(config, ignore, NULL);
+    inputs *in = &s.h.inputs;
+    inputs_advance(in, 20 * BIT);
+    for (unsigned i = 0; i < 3; i++)
+        assert_int_equal(inputs_send(in, 0, &frame, 0), CW_OK);
+    inputs_advance(in, 20 * BIT);
+    assert_int_equal(inputs_release(in, s.plan), CW_OK);
+    const cw_event event = inputs_skip(in, 1000, 0);
+    output_event(s.h.events.out, config, &event);
+    inputs_advance(in, 4000 * BIT);
+    sender_end(&s);
+    assert_non_null(strstr(s.h.events.text, "\"drop\""));
+    assert_int_equal(play(&events, &messages), JOURNAL_PLAYED);
+    assert_string_equal(events, s.h.events.text);
+    free(events);
+    free(messages);
+    free(s.h.events.text);
+}
+
 TESTS_WITH(make_folder, remove_folder)
