@@ -131,7 +131,7 @@ def run_bus_with_journal(folder):
                                    cwd=folder, stderr=errors)
     try:
         wait_until(lambda: " bit/s, " in log.read_text(), "the bus")
-        stop_canwired(process, log)
+        assert "could not be written" not in stop_canwired(process, log)
     finally:
         kill_all([process])
 
