@@ -179,6 +179,24 @@ CANWIRE_SIM_API int canwire_sim_listen(canwire_sim *sim, int node, int what);
 /* Takes the next frame of a node. Returns 1, or 0 when there is none up to now. */
 CANWIRE_SIM_API int canwire_sim_receive(canwire_sim *sim, int node, canwire_sim_frame *out);
 
+/* Hands a frame to a node, as canwire_sim_send() does, when there is room in the queue then: time
+ * first goes on to `at`. Returns 1, or 0 without room. */
+CANWIRE_SIM_API int canwire_sim_offer(canwire_sim *sim, int node, const canwire_sim_frame *frame,
+                                      int64_t at);
+
+/* What canwire_sim_wait() has come to. */
+typedef struct canwire_sim_waited {
+    int64_t now;             /* canwire_sim_now() */
+    int64_t next;            /* without a frame: canwire_sim_next() */
+    canwire_sim_frame frame; /* with one */
+} canwire_sim_waited;
+
+/* Takes the next frame of a node, which is listened to. Without one, time goes on until one comes:
+ * up to a time at most, and for so long at most. Returns 1, or 0 when there is none up to then. It
+ * is canwire_sim_run() and canwire_sim_receive() in one call. */
+CANWIRE_SIM_API int canwire_sim_wait(canwire_sim *sim, int node, int64_t until, int64_t span,
+                                      canwire_sim_waited *out);
+
 /* Returns how many frames the node still takes before its queue is full. A node that is bus-off
  * before its restart, listen-only or off the bus drops all of them: 4096. */
 CANWIRE_SIM_API int canwire_sim_room(const canwire_sim *sim, int node);

@@ -47,19 +47,17 @@ static int fail_told(canwire_sim *sim, int status)
 static bool run_await(canwire_sim *sim, const char *text)
 {
     bool any = false;
-    sim->happened = false;
-    sim->awaits_any = text && strcmp(text, "any") == 0;
-    forget_told(sim);
+    sim->awaits_any = strcmp(text, "any") == 0;
     for (size_t i = 0; i < sim->count; i++) {
         embed_bus *b = &sim->buses[i];
-        const char *here = text && !sim->awaits_any ? event_at(sim, b, text) : NULL;
+        const char *here = !sim->awaits_any ? event_at(sim, b, text) : NULL;
         if (here && sim_until_read(&b->awaited, here, &b->run, ""))
             any = true;
         else
             b->awaited = (sim_until){.text = NULL};
         embed_choose_events(b);
     }
-    if (any || !text || sim->awaits_any)
+    if (any || sim->awaits_any)
         return true;
     (void)fail_told(sim, CANWIRE_SIM_INVALID);
     return false;
@@ -77,18 +75,31 @@ static void await_nothing(canwire_sim *sim)
 
 /* ---- Conditions ------------------------------------------------------------------------------ */
 
+/* The nodes of a bus that a number names: one, all, or none. */
+typedef struct nodes_at {
+    const embed_node *first;
+    size_t count;
+} nodes_at;
+
+static nodes_at find_nodes(const embed_bus *b, int at)
+{
+    if (at == CANWIRE_SIM_ANY_NODE)
+        return (nodes_at){.first = b->nodes, .count = b->config->node_count};
+    const int n = at - b->first_node;
+    const bool here = n >= 0 && (size_t)n < b->config->node_count;
+    return here ? (nodes_at){.first = &b->nodes[n], .count = 1} : (nodes_at){.count = 0};
+}
+
 /* Returns the tick of the first frame that is kept for a node, or for any; CW_NEVER without one. It
  * may be after `reached`, when a bit had to end after that. */
 static uint64_t first_frame(const canwire_sim *sim, int at)
 {
     uint64_t first = CW_NEVER;
-    for (size_t i = 0; i < sim->count && at != CANWIRE_SIM_NO_NODE; i++) {
-        const embed_bus *b = &sim->buses[i];
-        for (size_t n = 0; n < b->config->node_count; n++) {
-            const embed_node *node = &b->nodes[n];
-            if (embed_is_meant(b, (unsigned)n, at) && node->listens && node->count > 0)
-                first = least(first, node->frames[node->first].tick);
-        }
+    for (size_t i = 0; i < sim->count; i++) {
+        const nodes_at nodes = find_nodes(&sim->buses[i], at);
+        for (const embed_node *n = nodes.first; n < nodes.first + nodes.count; n++)
+            if (n->listens && n->count > 0)
+                first = least(first, n->frames[n->first].tick);
     }
     return first;
 }
@@ -97,14 +108,13 @@ static uint64_t first_frame(const canwire_sim *sim, int at)
  * does not know when that comes. */
 static bool hears_more(const canwire_sim *sim, int at)
 {
-    bool more = false;
-    for (size_t i = 0; i < sim->count && at != CANWIRE_SIM_NO_NODE; i++) {
-        const embed_bus *b = &sim->buses[i];
-        for (size_t n = 0; n < b->config->node_count; n++)
-            more = more || (embed_is_meant(b, (unsigned)n, at) &&
-                            (b->nodes[n].listens & ~(unsigned)CANWIRE_SIM_LISTEN_RX));
+    unsigned listens = 0;
+    for (size_t i = 0; i < sim->count; i++) {
+        const nodes_at nodes = find_nodes(&sim->buses[i], at);
+        for (const embed_node *n = nodes.first; n < nodes.first + nodes.count; n++)
+            listens |= n->listens;
     }
-    return more;
+    return listens & ~(unsigned)CANWIRE_SIM_LISTEN_RX;
 }
 
 /* Returns a tick before which nothing can happen on a bus that rests; now otherwise. */
@@ -238,14 +248,49 @@ static bool ends(canwire_sim *sim)
     return true;
 }
 
+int canwire_sim_offer(canwire_sim *sim, int node, const canwire_sim_frame *frame, int64_t at)
+{
+    int status = CANWIRE_SIM_OK;
+    if (embed_tick_until(at) > sim->reached)
+        status = canwire_sim_run(sim, at, NULL, CANWIRE_SIM_NO_NODE);
+    if (status < 0)
+        return status;
+    if (canwire_sim_room(sim, node) == 0)
+        return 0;
+    status = canwire_sim_send(sim, node, frame, at);
+    return status == CANWIRE_SIM_OK ? 1 : status;
+}
+
+/* Returns the time at which a wait is over. */
+static int64_t end_of_wait(const canwire_sim *sim, int64_t until, int64_t span)
+{
+    const int64_t now = canwire_sim_now(sim);
+    const int64_t end = span < CANWIRE_SIM_NEVER - now ? now + span : CANWIRE_SIM_NEVER;
+    return end < until ? end : until;
+}
+
+int canwire_sim_wait(canwire_sim *sim, int node, int64_t until, int64_t span,
+                      canwire_sim_waited *out)
+{
+    int status = canwire_sim_run(sim, end_of_wait(sim, until, span), NULL, node);
+    if (status >= 0)
+        status = canwire_sim_receive(sim, node, &out->frame);
+    out->now = canwire_sim_now(sim);
+    if (status == 0)
+        out->next = canwire_sim_next(sim);
+    return status;
+}
+
 int canwire_sim_run(canwire_sim *sim, int64_t until, const char *event, int frame_at)
 {
     const uint64_t tick = until == CANWIRE_SIM_NEVER ? CW_NEVER : embed_tick_until(until);
     int status;
     if (sim->no_memory)
         return embed_fail(sim, CANWIRE_SIM_NO_MEMORY, "out of memory");
-    if ((tick == CW_NEVER && !ends(sim)) || !run_await(sim, event))
+    forget_told(sim);
+    if ((tick == CW_NEVER && !ends(sim)) || (event && !run_await(sim, event)))
         return CANWIRE_SIM_INVALID;
+    sim->happened = false;
     sim->frame_at = frame_at;
     if (event || frame_at != CANWIRE_SIM_NO_NODE)
         status = embed_run_watch(sim, tick, event || hears_more(sim, frame_at), frame_at);
@@ -254,6 +299,7 @@ int canwire_sim_run(canwire_sim *sim, int64_t until, const char *event, int fram
     else
         status = tick > sim->reached ? go_to(sim, tick) : outcome(sim, CANWIRE_SIM_AT_TIME);
     sim_go_in_steps(&sim->buses[0].run, false);
-    await_nothing(sim);
+    if (event)
+        await_nothing(sim);
     return status;
 }

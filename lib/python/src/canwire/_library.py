@@ -11,6 +11,7 @@ import ctypes
 import ctypes.util
 import os
 import pathlib
+import struct
 from collections.abc import Callable
 from ctypes import (POINTER, Structure, c_char_p, c_int, c_int32, c_int64, c_size_t, c_uint8,
                     c_uint16, c_uint32, c_uint64, c_void_p)
@@ -43,6 +44,17 @@ class CFrame(Structure):
                 ("raw_dlc", c_uint8), ("reserved", c_uint8), ("data", c_uint8 * 64)]
 
 
+class CWaited(Structure):
+    """canwire_sim_waited"""
+
+    _fields_ = [("now", c_int64), ("next", c_int64), ("frame", CFrame)]
+
+
+# The same, to read and write all members at once: time, identifier, flags, length, raw DLC, data.
+FRAME = struct.Struct("=qIBBBx64s")
+WAITED = struct.Struct("=qqqIBBBx64s")
+
+
 class CNode(Structure):
     """canwire_sim_node"""
 
@@ -54,7 +66,8 @@ class CNode(Structure):
                 ("fd", c_uint8), ("listen_only", c_uint8)]
 
 
-STRUCTURES = {"canwire_sim_bus": CBus, "canwire_sim_frame": CFrame, "canwire_sim_node": CNode}
+STRUCTURES = {"canwire_sim_bus": CBus, "canwire_sim_frame": CFrame, "canwire_sim_node": CNode,
+              "canwire_sim_waited": CWaited}
 
 # Texts that the caller owns have a pointer as their type, since ctypes would lose it otherwise.
 _OWNED = c_void_p
@@ -79,6 +92,8 @@ FUNCTIONS = {
     "run": (c_int, c_void_p, c_int64, c_char_p, c_int),
     "next": (c_int64, c_void_p),
     "send": (c_int, c_void_p, c_int, POINTER(CFrame), c_int64),
+    "offer": (c_int, c_void_p, c_int, POINTER(CFrame), c_int64),
+    "wait": (c_int, c_void_p, c_int, c_int64, c_int64, POINTER(CWaited)),
     "listen": (c_int, c_void_p, c_int, c_int),
     "receive": (c_int, c_void_p, c_int, POINTER(CFrame)),
     "room": (c_int, c_void_p, c_int),
@@ -123,7 +138,10 @@ class Library:
         self._library = ctypes.CDLL(path)
         self.path = path
         for name, (result, *arguments) in FUNCTIONS.items():
-            function = getattr(self._library, f"canwire_sim_{name}")
+            function = getattr(self._library, f"canwire_sim_{name}", None)
+            if function is None:
+                raise ImportError(f"{path} has no canwire_sim_{name}(); this package needs a newer "
+                                  "canwire")
             function.restype = result
             function.argtypes = arguments
             setattr(self, name, function)

@@ -151,8 +151,8 @@ class Node:
             raise TypeError(f"{frame!r} is no frame; expected a canwire.Frame or a text, such as "
                             "123#DEADBEEF")
         when = 0 if at is None else self._bus._time_ns(at, self.number)
-        self._bus._check(self._bus._library.send(self._bus._sim, self.number,
-                                                 ctypes.byref(frame._to_c()), when))
+        self._bus._check(self._bus._library.send(self._bus._sim, self.number, frame._to_c(),
+                                                 when))
         self._bus._note("send", self.name, frame, when)
 
     def listen(self, frames: bool = True, own: bool = False, errors: bool = False) -> None:
@@ -221,6 +221,7 @@ class Bus:
         self._inboxes: dict[int, deque[Frame]] = defaultdict(deque)
         self._taking = _library.RLock()  # frames keep their order when several threads take them
         self._resets: list[Callable[[int], None]] = []  # called when time has gone back to 0
+        self._runs: list[Callable[[], None]] = []  # called when a program has let time go on
         if not sim:
             raise ConfigError(told)
         self.warnings: list[str] = told.splitlines()
@@ -412,7 +413,14 @@ class Bus:
             return self._clock.run_to(end, None if frame_at is None else node)
         if frame_at is not None and self._has(node):
             return Stop.FRAME
-        return Stop(self._run(end, event, node))
+        return Stop(self._run_by_hand(end, event, node))
+
+    def _run_by_hand(self, end: int, event: str | None, node: int) -> int:
+        """Lets time go on for a program, and tells those that have a clock of their own."""
+        stop = self._run(end, event, node)
+        for follow in self._runs:
+            follow()
+        return stop
 
     def _run(self, end: int, event: str | None, node: int) -> int:
         text = event.encode() if event is not None else None
@@ -456,19 +464,17 @@ class Bus:
 
     def _take(self, number: int) -> Frame | None:
         with self._taking:
-            return self._inboxes[number].popleft() if self._has(number) else None
+            inbox = self._inboxes.get(number) if self._inboxes else None
+            return inbox.popleft() if inbox else self._take_new(number)
 
     def _has(self, number: int) -> bool:
         """Returns True when a node has a frame for _take()."""
-        with self._taking:
-            inbox = self._inboxes[number]
-            if not inbox and (frame := self._take_new(number)) is not None:
-                inbox.append(frame)
-            return bool(inbox)
+        return bool(self._inboxes.get(number)) or \
+            self._check(self._library.run(self._sim, 0, None, number)) == _library.AT_FRAME
 
     def _take_new(self, number: int) -> Frame | None:
         raw = _library.CFrame()
-        if self._check(self._library.receive(self._sim, number, ctypes.byref(raw))) == 0:
+        if self._check(self._library.receive(self._sim, number, raw)) == 0:
             return None
         return Frame._from_c(raw)
 
@@ -482,7 +488,7 @@ class Bus:
         end = _library.NEVER
         if timeout is not None:
             end = self.now_ns + self._time_ns(timeout, number)
-        self._run(end, None, number)
+        self._run_by_hand(end, None, number)
         return self._take(number)
 
     # ---- faults -----------------------------------------------------------------------------

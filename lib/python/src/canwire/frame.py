@@ -86,31 +86,28 @@ class Frame:
         return f"{number}#{self.data.hex().upper()}{raw}"
 
     def _to_c(self) -> _library.CFrame:
-        out = _library.CFrame()
-        out.can_id = (self.id | self.extended * EFF_FLAG | self.remote * RTR_FLAG
-                      | self.error * ERR_FLAG)
-        out.flags = (self.fd * _library.FRAME_FD | self.brs * _library.FRAME_BRS
-                     | self.esi * _library.FRAME_ESI)
         if len(self.data) > 64:
             raise ValueError(f"{self}: at most 64 bytes")
-        out.length = (self.dlc or 0) if self.remote else len(self.data)
-        out.raw_dlc = self.dlc if self.dlc and self.dlc > 8 and not self.fd else 0
-        out.data[:len(self.data)] = self.data
-        return out
+        return _library.CFrame.from_buffer_copy(_library.FRAME.pack(
+            0, self.id | self.extended * EFF_FLAG | self.remote * RTR_FLAG | self.error * ERR_FLAG,
+            self.fd * _library.FRAME_FD | self.brs * _library.FRAME_BRS
+            | self.esi * _library.FRAME_ESI,
+            (self.dlc or 0) if self.remote else len(self.data),
+            self.dlc if self.dlc and self.dlc > 8 and not self.fd else 0, self.data))
 
     @classmethod
     def _from_c(cls, frame: _library.CFrame) -> Frame:
-        error = bool(frame.can_id & ERR_FLAG)
-        extended = bool(frame.can_id & EFF_FLAG)
-        remote = bool(frame.can_id & RTR_FLAG)
-        return cls(id=frame.can_id & 0x1FFFFFFF,
-                   data=b"" if remote else bytes(frame.data[:frame.length]),
-                   extended=extended, remote=remote, error=error,
-                   fd=bool(frame.flags & _library.FRAME_FD),
-                   brs=bool(frame.flags & _library.FRAME_BRS),
-                   esi=bool(frame.flags & _library.FRAME_ESI),
-                   dlc=frame.length if remote else frame.raw_dlc or None,
-                   own=bool(frame.flags & _library.FRAME_OWN), t_ns=frame.t)
+        """Makes one of the library, which needs no look at its values."""
+        t_ns, can_id, flags, length, raw_dlc, data = _library.FRAME.unpack_from(frame)
+        remote = bool(can_id & RTR_FLAG)
+        self = object.__new__(cls)
+        self.__dict__.update(
+            id=can_id & 0x1FFFFFFF, data=b"" if remote else data[:length],
+            extended=bool(can_id & EFF_FLAG), remote=remote, fd=bool(flags & _library.FRAME_FD),
+            brs=bool(flags & _library.FRAME_BRS), esi=bool(flags & _library.FRAME_ESI),
+            dlc=length if remote else raw_dlc or None, error=bool(can_id & ERR_FLAG),
+            own=bool(flags & _library.FRAME_OWN), t_ns=t_ns)
+        return self
 
 
 def _whole(what: str, value: Any) -> int:

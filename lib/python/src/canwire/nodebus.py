@@ -15,12 +15,13 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Tuple
 
 import can
 
+from . import _library
 from .bus import Error, Node
-from .frame import LENGTHS, Frame
+from .frame import EFF_FLAG, ERR_FLAG, LENGTHS, RTR_FLAG, Frame
 from .virtualtime import VirtualTime, current
 
 STATES = {"error-active": can.BusState.ACTIVE, "error-warning": can.BusState.ACTIVE,
@@ -38,6 +39,23 @@ def to_message(frame: Frame, timestamp: float, channel: Any, own: bool) -> can.M
                        is_rx=not own, channel=channel)
 
 
+def message_of(can_id: int, flags: int, length: int, data: bytes, timestamp: float,
+               channel: Any) -> can.Message:
+    """Makes a message of the members of a canwire_sim_frame."""
+    number, extended = can_id & 0x1FFFFFFF, can_id >= EFF_FLAG
+    if not flags and not can_id & (RTR_FLAG | ERR_FLAG):  # most are so, and arguments take time
+        return can.Message(timestamp=timestamp, arbitration_id=number, is_extended_id=extended,
+                           channel=channel, data=data[:length])
+    remote, error = bool(can_id & RTR_FLAG), bool(can_id & ERR_FLAG)
+    return can.Message(timestamp=timestamp, arbitration_id=number,
+                       is_extended_id=extended or error, is_remote_frame=remote,
+                       is_error_frame=error, channel=channel, dlc=length, data=data[:length],
+                       is_fd=bool(flags & _library.FRAME_FD),
+                       is_rx=not flags & _library.FRAME_OWN,
+                       bitrate_switch=bool(flags & _library.FRAME_BRS),
+                       error_state_indicator=bool(flags & _library.FRAME_ESI))
+
+
 def why_not(message: can.Message, fd: bool) -> str | None:
     """Returns why a message can be no frame, or None."""
     data, remote = message.data or b"", message.is_remote_frame
@@ -53,6 +71,26 @@ def why_not(message: can.Message, fd: bool) -> str | None:
     if len(data) > most or (remote and not 0 <= message.dlc <= 8):
         return f"a frame of this kind has at most {most} bytes"
     return None
+
+
+#: Of a canwire_sim_frame: identifier with flags, flags, length, raw DLC, data.
+Fields = Tuple[int, int, int, int, bytes]
+
+
+def fields_of(message: can.Message, fd: bool) -> Fields:
+    """Returns what a frame of a node has. Raises can.CanOperationError when it is none."""
+    problem = why_not(message, fd)
+    if problem:
+        raise can.CanOperationError(f"canwire: {problem}")
+    can_id = message.arbitration_id | (EFF_FLAG if message.is_extended_id else 0)
+    if message.is_remote_frame:
+        return can_id | RTR_FLAG, 0, message.dlc, 0, b""
+    data = bytes(message.data or b"")
+    flags = 0
+    if message.is_fd:
+        flags = (_library.FRAME_FD | (_library.FRAME_BRS if message.bitrate_switch else 0)
+                 | (_library.FRAME_ESI if message.error_state_indicator else 0))
+    return can_id, flags, len(data), 0, data
 
 
 def to_frame(message: can.Message, fd: bool) -> Frame:

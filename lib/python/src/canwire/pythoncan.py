@@ -32,8 +32,9 @@ from can.broadcastmanager import (LimitedDurationCyclicSendTaskABC, ModifiableCy
 
 from . import _library
 from .bus import Bus, Error
-from .frame import ERR_FLAG, Frame
-from .nodebus import STATES, NodeBus, channels, to_frame, to_message, told
+from .frame import EFF_FLAG, ERR_FLAG, RTR_FLAG, Frame
+from .nodebus import (STATES, Fields, NodeBus, channels, fields_of, message_of, to_frame, to_message,
+                      told)
 from .virtualtime import current
 
 LOG = logging.getLogger("can.canwire")
@@ -66,14 +67,18 @@ class Wire:
     def __init__(self, key: Any, bus: Bus, virtual: bool, config: Any = None):
         self.key, self.bus, self.virtual, self.config = key, bus, virtual, config
         self.changed = threading.Condition(threading.RLock())
-        self.asking: list[None] = []  # an entry for each thread that wants the lock
-        self.start_ns, self.epoch = time.monotonic_ns(), time.time()
+        self.end_turn = self.changed.release
+        self.asking: list[None] = []  # an entry for each thread that waits for the lock
+        self.waiting = 0  # threads that wait for a change
+        self.start_ns = self.epoch = 0  # monotonic time, and that of programs, at time 0 of the bus
+        self.start_clock()
         self.listen_only = [node.status.listen_only for node in bus]
         self.used: set[int] = set()
         self.coming = 0  # programs that have the bus, but no node yet
         self.leaving: set[int] = set()
         self.tasks: list[VirtualTask] = []
         bus._resets.append(self.begin_again)
+        bus._runs.append(self.follow)
 
     @classmethod
     def open(cls, key: Any, make: Callable[[], Bus], virtual: bool, config: Any = None) -> Wire:
@@ -90,18 +95,32 @@ class Wire:
             wire.coming += 1
             return wire
 
-    @contextlib.contextmanager
-    def turn(self) -> Iterator[None]:
-        """Has the bus alone. A thread that lets time go on sees that others want it."""
+    def take_turn(self) -> None:
+        """Gets the bus alone. A thread that lets time go on sees that others want it."""
+        if self.changed.acquire(False):
+            return
         self.asking.append(None)
         try:
             self.changed.acquire()
         finally:
             self.asking.pop()
+
+    @contextlib.contextmanager
+    def turn(self) -> Iterator[None]:
+        """Has the bus alone."""
+        self.take_turn()
         try:
             yield
         finally:
-            self.changed.release()
+            self.end_turn()
+
+    def wait_for_change(self, seconds: float | None = None) -> None:
+        """Lets others have the bus until one of them has done something."""
+        self.waiting += 1
+        try:
+            self.changed.wait(seconds)
+        finally:
+            self.waiting -= 1
 
     def let_others(self) -> bool:
         """Lets other threads have the bus, if any wants it."""
@@ -122,7 +141,7 @@ class Wire:
         with self.turn():
             for task in self.tasks:
                 task.shift(-before)
-            self.start_ns, self.epoch = time.monotonic_ns(), time.time()
+            self.start_clock()
             self.leaving.clear()
             for number in self.used:
                 self.bus.nodes[number].attach()
@@ -172,7 +191,7 @@ class Wire:
             return
         end = self.now_ns() + round(12 * bits)
         while (rest := end - self.now_ns()) > 0:
-            self.changed.wait(rest / 1e9)
+            self.wait_for_change(rest / 1e9)
         self.advance()
 
     def give_back(self, number: int) -> None:
@@ -205,10 +224,6 @@ class Wire:
         """Returns the time of the programs, as time of the bus."""
         return self.bus.now_ns if self.virtual else time.monotonic_ns() - self.start_ns
 
-    def timestamp(self, frame: Frame) -> float:
-        """Returns the time of a frame as that of programs."""
-        return frame.t if self.virtual else self.epoch + frame.t
-
     def run_to(self, end_ns: int, number: int = _library.NO_NODE) -> None:
         """Lets time go on, with the periodic frames up to there."""
         while True:
@@ -220,76 +235,35 @@ class Wire:
             for task in [task for task in self.tasks if task.next_ns == due]:
                 task.release()
 
-    def advance(self) -> None:
-        """Brings a bus in real time to now."""
-        if self.virtual:
-            return
-        ahead = self.bus.now_ns - self.now_ns()
-        if ahead > 0:  # somebody has run it by hand: the clock follows
+    def start_clock(self) -> None:
+        """Notes the time of programs at time 0 of a bus in real time."""
+        if not self.virtual:
+            self.start_ns, self.epoch = time.monotonic_ns(), time.time()
+
+    def follow(self) -> None:
+        """Lets the clock of a bus in real time follow when somebody has run it by hand."""
+        ahead = 0 if self.virtual else self.bus.now_ns - self.now_ns()
+        if ahead > 0:
             self.start_ns -= ahead
             self.epoch -= ahead / 1e9
-        self.run_to(max(self.now_ns(), self.bus.now_ns))
 
-    def next_s(self) -> float:
-        """Returns the time up to the next frame that may come, in seconds."""
-        due = self.bus._library.next(self.bus._sim)
-        return max(due - self.now_ns(), 0) / 1e9
+    def advance(self) -> None:
+        """Brings a bus in real time to now."""
+        if not self.virtual:
+            self.run_to(self.now_ns())
 
-    def wait(self, seconds: float | None) -> None:
-        """Waits until a frame may come, or somebody does something."""
-        ahead = self.next_s()
+    def wait(self, seconds: float | None, due_ns: int) -> None:
+        """Waits in real time until a frame may come, or somebody does something."""
+        ahead = max(due_ns - self.now_ns(), 0) / 1e9
         if ahead < 1000:
             seconds = ahead if seconds is None else min(seconds, ahead)
-        self.changed.wait(seconds if seconds is None else max(seconds, 20e-6))
+        self.wait_for_change(seconds if seconds is None else max(seconds, 20e-6))
 
     # ---- frames -----------------------------------------------------------------------------
-
-    def receive(self, number: int, timeout: float | None) -> Frame | None:
-        """Takes the next frame of a node, and waits for one."""
-        with self.turn():
-            if self.virtual:
-                return self.receive_virtually(number, timeout)
-            end = None if timeout is None else time.monotonic() + timeout
-            while True:
-                self.check_used(number)
-                self.advance()
-                frame = self.bus._take(number)
-                rest = None if end is None else end - time.monotonic()
-                if frame or (rest is not None and rest <= 0):
-                    return frame
-                self.wait(rest)
 
     def check_used(self, number: int) -> None:
         if number not in self.used:
             raise can.CanOperationError("canwire: the bus is closed")
-
-    def receive_virtually(self, number: int, timeout: float | None) -> Frame | None:
-        begin, part = self.bus.now_ns, SLICE_NS
-        end = _library.NEVER if timeout is None else begin + max(round(timeout * 1e9), 0)
-        while True:
-            self.check_used(number)
-            now = self.bus.now_ns
-            end -= max(begin - now, 0)  # the bus was reset
-            begin = now
-            frame = self.bus._take(number)
-            if frame or now >= end:
-                return frame
-            due = self.bus._library.next(self.bus._sim)
-            if timeout is None and due == _library.NEVER and not self.tasks:
-                self.changed.wait()  # for another thread
-                continue
-            self.run_to(min(end, now + part), number)
-            if not self.bus._has(number):
-                part = SLICE_NS if self.let_others() else min(2 * part, LONGEST_NS)
-
-    def send(self, number: int, frame: Frame, timeout: float | None) -> None:
-        """Hands a frame in; waits for room in the queue."""
-        with self.turn():
-            self.check_used(number)
-            self.advance()
-            self.wait_for_room(number, timeout)
-            self.bus.nodes[number].send(frame, at=None if self.virtual else self.now_ns() / 1e9)
-            self.changed.notify_all()
 
     def wait_for_room(self, number: int, timeout: float | None) -> None:
         node = self.bus.nodes[number]
@@ -303,7 +277,7 @@ class Wire:
                 self.run_to(self.bus.now_ns + min(rest, 100_000))
                 self.let_others()
             else:
-                self.wait(min(rest / 1e9, 3600))
+                self.wait(min(rest / 1e9, 3600), self.bus._library.next(self.bus._sim))
                 self.advance()
             self.check_used(number)
 
@@ -316,14 +290,14 @@ class VirtualTask(LimitedDurationCyclicSendTaskABC, ModifiableCyclicTaskABC,
                   RestartableCyclicTaskABC):
     """Periodic frames in virtual time."""
 
-    def __init__(self, wire: Wire, number: int, messages: Sequence[can.Message], period: float,
+    def __init__(self, end: Inside, messages: Sequence[can.Message], period: float,
                  duration: float | None, autostart: bool,
                  modifier: Callable[[can.Message], None] | None):
         super().__init__(messages, period, duration)
         self.step_ns = round(period * 1e9)
         if self.step_ns <= 0:
             raise ValueError(f"a period of {period} s: it must be longer than 0")
-        self.wire, self.number, self.modifier = wire, number, modifier
+        self.wire, self.number, self.end, self.modifier = end.wire, end.number, end, modifier
         self.next_ns = self.end_ns = self.index = 0
         if autostart:
             self.start()
@@ -357,11 +331,10 @@ class VirtualTask(LimitedDurationCyclicSendTaskABC, ModifiableCyclicTaskABC,
         message = self.messages[self.index]
         self.index = (self.index + 1) % len(self.messages)
         self.next_ns += self.step_ns
-        node = self.wire.bus.nodes[self.number]
         try:
             if self.modifier is not None:
                 self.modifier(message)
-            node.send(to_frame(message, node.status.fd))
+            self.end.put(message)
         except Exception:  # pylint: disable=broad-except
             LOG.exception("canwire: a periodic frame")
             self.stop()
@@ -385,20 +358,117 @@ class Inside:
             while self.wire.bus._take(self.number):
                 pass  # of an earlier user
             self.node.listen(True, own, errors)
+        self.sent, self.waited = _library.CFrame(), _library.CWaited()  # used in turns
         self.fd = self.node.status.fd
         self.text = f"node {self.node.name} of {self.node.bus_name}, in this process"
 
     def now(self) -> float:
         return self.wire.now_ns() / 1e9
 
+    # ---- frames -----------------------------------------------------------------------------
+
     def receive(self, timeout: float | None) -> can.Message | None:
-        with told():
-            frame = self.wire.receive(self.number, timeout)
-        return frame and to_message(frame, self.wire.timestamp(frame), self.channel, frame.own)
+        wire = self.wire
+        wire.take_turn()
+        try:
+            return self.receive_virtually(timeout) if wire.virtual else self.receive_now(timeout)
+        except Error as problem:
+            raise can.CanOperationError(f"canwire: {problem}") from None
+        finally:
+            wire.end_turn()
+
+    def go_on(self, until_ns: int, span_ns: int) -> can.Message | None:
+        """Takes the next message. Without one, time goes on until there is one, up to a time and
+        for so long at most; `waited` then has the times."""
+        wire, bus, number = self.wire, self.wire.bus, self.number
+        if number not in wire.used:
+            wire.check_used(number)
+        if bus._inboxes and (frame := bus._take(number)):  # of a canwire.VirtualTime
+            return to_message(frame, wire.epoch + frame.t, self.channel, frame.own)
+        found = bus._library.wait(bus._sim, number, until_ns, span_ns, self.waited)
+        if wire.leaving:
+            wire.see_off()
+        if found <= 0:
+            bus._check(found)
+            return None
+        _, _, t_ns, can_id, flags, length, _, data = _library.WAITED.unpack_from(self.waited)
+        return message_of(can_id, flags, length, data, wire.epoch + t_ns / 1e9, self.channel)
+
+    def receive_now(self, timeout: float | None) -> can.Message | None:
+        """Takes the next message in real time, and waits for one."""
+        wire, end, rest = self.wire, None, None
+        while (message := self.go_on(time.monotonic_ns() - wire.start_ns, _library.NEVER)) is None:
+            if timeout is not None:
+                now = time.monotonic()
+                end = now + timeout if end is None else end
+                rest = end - now
+                if rest <= 0:
+                    break
+            wire.wait(rest, self.waited.next)
+        return message
+
+    def receive_virtually(self, timeout: float | None) -> can.Message | None:
+        """Lets time go on to the next message."""
+        wire, part, rest = self.wire, SLICE_NS, 0
+        if timeout is not None:
+            rest = max(round(timeout * 1e9), 0)
+            if not wire.tasks:  # whose frames come in between
+                message = self.go_on(_library.NEVER, min(rest, part))
+                if message is not None or rest <= part:
+                    return message
+                wire.let_others()
+                rest -= part
+        begin = wire.bus.now_ns
+        end = _library.NEVER if timeout is None else begin + rest
+        while True:
+            now = wire.bus.now_ns
+            end -= max(begin - now, 0)  # the bus was reset
+            begin = now
+            message = self.go_on(0, 0)
+            if message is not None or now >= end:
+                return message
+            if timeout is None and self.waited.next == _library.NEVER and not wire.tasks:
+                wire.wait_for_change()  # by another thread
+                continue
+            wire.run_to(min(end, now + part), self.number)
+            if not wire.bus._has(self.number):
+                part = SLICE_NS if wire.let_others() else min(2 * part, LONGEST_NS)
 
     def send(self, message: can.Message, timeout: float | None) -> None:
-        with told():
-            self.wire.send(self.number, to_frame(message, self.fd), timeout)
+        """Hands a message in; waits for room in the queue."""
+        wire, fields = self.wire, fields_of(message, self.fd)
+        wire.take_turn()
+        try:
+            if self.number not in wire.used:
+                wire.check_used(self.number)
+            while not self.offer(fields):
+                wire.wait_for_room(self.number, timeout)
+            if wire.waiting:
+                wire.changed.notify_all()
+        except Error as problem:
+            raise can.CanOperationError(f"canwire: {problem}") from None
+        finally:
+            wire.end_turn()
+
+    def offer(self, fields: Fields) -> bool:
+        """Hands a frame in where there is room for it."""
+        wire, bus = self.wire, self.wire.bus
+        at_ns = 0 if wire.virtual else time.monotonic_ns() - wire.start_ns
+        _library.FRAME.pack_into(self.sent, 0, 0, *fields)
+        taken = bus._library.offer(bus._sim, self.number, self.sent, at_ns)
+        if wire.leaving:
+            wire.see_off()
+        if taken <= 0:
+            return bus._check(taken) != 0
+        if bus._observer is not None:
+            bus._note("send", self.node.name, Frame._from_c(self.sent), at_ns)
+        return True
+
+    def put(self, message: can.Message) -> None:
+        """Hands a message in now, whatever becomes of it."""
+        self.node.send(to_frame(message, self.fd))
+
+    # ---- state ------------------------------------------------------------------------------
 
     def state(self) -> can.BusState:
         with told(), self.wire.turn():
@@ -425,7 +495,6 @@ MOST_FILTERS = 512
 HELLO, FRAME, OPTIONS, FILTERS, DROPPED, ERROR = range(1, 7)
 LOCAL, OWN = 1, 2
 LOOPBACK, RECV_OWN, FD = 1, 2, 4
-EFF_FLAG, RTR_FLAG = 0x80000000, 0x40000000
 FDF, BRS, ESI = 4, 1, 2
 PATIENCE_S = 30
 START_PATIENCE_S = 2.0  # for a bus that is just starting, as `canwire --wait`
@@ -589,47 +658,43 @@ class Outside:
                 continue  # another thread was first
             except (OSError, ValueError) as problem:
                 raise can.CanOperationError(f"canwire: {problem}") from None
-            message = self.unpack(flags, body, realtime_ns) if kind == FRAME else None
+            message = self.unpack(flags, body, realtime_ns / 1e9) if kind == FRAME else None
             if kind == ERROR:
                 LOG.warning("canwire: %s", body[4:].rstrip(bytes(1)).decode("utf-8", "replace"))
             if message is not None and (self.errors or not message.is_error_frame):
                 return message
 
-    def unpack(self, flags: int, body: bytes, realtime_ns: int) -> can.Message:
+    def unpack(self, flags: int, body: bytes, timestamp: float) -> can.Message:
+        own = _library.FRAME_OWN if flags & (LOCAL | OWN) else 0
         if len(body) == FD_BODY.size:
             can_id, length, bits, data = FD_BODY.unpack(body)
+            own |= (_library.FRAME_FD | (_library.FRAME_BRS if bits & BRS else 0)
+                    | (_library.FRAME_ESI if bits & ESI else 0))
         else:
             can_id, length, _, data = CLASSICAL.unpack(body)
-            bits = 0
-        remote = bool(can_id & RTR_FLAG)
-        frame = Frame(can_id & 0x1FFFFFFF, b"" if remote else data[:length],
-                      bool(can_id & EFF_FLAG), remote, len(body) == FD_BODY.size,
-                      bool(bits & BRS), bool(bits & ESI), length if remote else None,
-                      bool(can_id & ERR_FLAG), bool(flags & (LOCAL | OWN)))
-        if frame.error:
-            self.note(frame)
-        return to_message(frame, realtime_ns / 1e9, self.channel, frame.own)
+        if can_id & ERR_FLAG:
+            self.note(can_id, data)
+        return message_of(can_id, own, length, data, timestamp, self.channel)
 
-    def note(self, error: Frame) -> None:
+    def note(self, error: int, data: bytes) -> None:
         """Learns the state of the node from an error frame (linux/can/error.h)."""
-        if error.id & 0x40:
+        if error & 0x40:
             self.known = can.BusState.ERROR
-        elif error.id & 0x100:
+        elif error & 0x100:
             self.known = can.BusState.ACTIVE
-        elif error.id & 0x4 and error.data[1] & 0x30:
+        elif error & 0x4 and data[1] & 0x30:
             self.known = can.BusState.PASSIVE
-        elif error.id & 0x4 and error.data[1] & 0x4C:
+        elif error & 0x4 and data[1] & 0x4C:
             self.known = can.BusState.ACTIVE
 
     def send(self, message: can.Message, timeout: float | None) -> None:
-        frame = to_frame(message, self.fd)
-        can_id = frame.id | frame.extended * EFF_FLAG | frame.remote * RTR_FLAG
-        if frame.fd:
-            body = FD_BODY.pack(can_id, len(frame.data), FDF | frame.brs * BRS | frame.esi * ESI,
-                                frame.data)
+        can_id, flags, length, _, data = fields_of(message, self.fd)
+        if flags & _library.FRAME_FD:
+            bits = (FDF | (BRS if flags & _library.FRAME_BRS else 0)
+                    | (ESI if flags & _library.FRAME_ESI else 0))
+            body = FD_BODY.pack(can_id, length, bits, data)
         else:
-            body = CLASSICAL.pack(can_id, (frame.dlc or 0) if frame.remote else len(frame.data), 0,
-                                  frame.data)
+            body = CLASSICAL.pack(can_id, length, 0, data)
         end = None if timeout is None else time.monotonic() + timeout
         if not self.sending.acquire(timeout=-1 if timeout is None else max(timeout, 0)):
             raise can.CanOperationError("canwire: the queue of the node is full")
@@ -836,6 +901,8 @@ class CanwireBus(can.BusABC):
         """Returns the next message that the filters let pass. Error frames always do, as they do
         with `socketcan`."""
         self._check_open()
+        if not self.filters:
+            return self._end.receive(timeout), True
         end = None if timeout is None else self._end.now() + timeout
         while True:
             message = self._end.receive(timeout)
@@ -855,8 +922,8 @@ class CanwireBus(can.BusABC):
             return super()._send_periodic_internal(msgs, period, duration, *more)
         msgs = [msgs] if isinstance(msgs, can.Message) else msgs
         autostart = more[0] if len(more) > 1 else True
-        return VirtualTask(self._end.wire, self._end.number, msgs,  # type: ignore[union-attr]
-                           period, duration, autostart, more[-1] if more else None)
+        return VirtualTask(self._end, msgs, period, duration,  # type: ignore[arg-type]
+                           autostart, more[-1] if more else None)
 
     def _apply_filters(self, filters: Any) -> None:
         if isinstance(self._end, Outside):

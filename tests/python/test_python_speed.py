@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: MIT
+"""What a message costs a program with python-can, in calls: they do not depend on the machine.
+
+`make bench` prints the times.
+"""
+
+import sys
+import time
+import types
+
+import can
+import pytest
+
+from canwire import pythoncan
+
+NODES = 4
+FRAMES = 40
+START_S = 1_700_000_000
+
+
+class Clock:
+    """The clocks of a machine on which only waiting takes time, and a look at them 5 us."""
+
+    def __init__(self):
+        self.ns = 0
+
+    def wait(self, seconds=None):
+        assert seconds is not None, "nothing will come"
+        self.ns += round(seconds * 1e9)
+
+    def look(self):
+        self.ns += 5000
+        return self.ns
+
+    def module(self):
+        return types.SimpleNamespace(**{
+            **vars(time), "monotonic_ns": self.look, "monotonic": lambda: self.look() / 1e9,
+            "time": lambda: START_S + self.look() / 1e9})
+
+
+@pytest.fixture(name="clock")
+def fixture_clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(pythoncan, "time", clock.module())
+    monkeypatch.setattr(pythoncan.Wire, "wait_for_change", clock.wait)
+    return clock
+
+
+def deliver(buses, messages):
+    """One sends, and the others receive it."""
+    for number, message in enumerate(messages):
+        sender = number % NODES
+        buses[sender].send(message)
+        got = [bus.recv(1) for node, bus in enumerate(buses) if node != sender]
+        assert [one.data for one in got] == [message.data] * (NODES - 1)
+
+
+def calls_of_a_message(**options):
+    """Returns the calls of functions of Python, and of the library, for each message."""
+    def count(frame, event, _):
+        if event == "call":
+            calls["python"] += 1
+            calls["library"] += frame.f_code is library_call
+    buses = [can.Bus(channel="speed", **options) for _ in range(NODES)]
+    library_call = None
+    if options["interface"] == "canwire":
+        library_call = buses[0].simulation._library.offer.__code__
+    messages = [can.Message(arbitration_id=number * 37 % 0x800, is_extended_id=False,
+                            data=bytes((number + i) % 256 for i in range(8)))
+                for number in range(FRAMES)]
+    calls = {"python": 0, "library": 0}
+    before = sys.getprofile()
+    deliver(buses, messages)  # what is only done once
+    sys.setprofile(count)
+    try:
+        deliver(buses, messages)
+    finally:
+        sys.setprofile(before)
+        for bus in buses:
+            bus.shutdown()
+    return {what: number / FRAMES for what, number in calls.items()}
+
+
+def test_a_message_in_virtual_time_costs_less_than_with_virtual():
+    calls = calls_of_a_message(interface="canwire", virtual_time=True)
+    assert calls["library"] <= 4  # one to send it, and one for each that receives it
+    assert calls["python"] <= 51
+    assert calls["python"] < calls_of_a_message(interface="virtual")["python"] / 2
+
+
+def test_a_message_in_real_time_costs_one_wait(clock):
+    calls = calls_of_a_message(interface="canwire")
+    assert calls["library"] <= 5  # the first receiver waits once
+    assert calls["python"] <= 76  # with 8 looks at the clock
+    assert clock.ns > 2 * FRAMES * 200_000
