@@ -184,7 +184,7 @@ CANWIRE_SIM_API int canwire_sim_receive(canwire_sim *sim, int node, canwire_sim_
 CANWIRE_SIM_API int canwire_sim_offer(canwire_sim *sim, int node, const canwire_sim_frame *frame,
                                       int64_t at);
 
-/* What canwire_sim_wait() has come to. */
+/* The end of canwire_sim_wait(). */
 typedef struct canwire_sim_waited {
     int64_t now;             /* canwire_sim_now() */
     int64_t next;            /* without a frame: canwire_sim_next() */
@@ -236,6 +236,53 @@ CANWIRE_SIM_API int canwire_sim_keep_events(canwire_sim *sim, const char *kinds)
 /* Takes the events up to now that have not been taken: a line of JSON each, as `canwire sim
  * --events` writes them. *size gets the bytes; it may be NULL. Returns NULL without memory. */
 CANWIRE_SIM_API char *canwire_sim_take_events(canwire_sim *sim, size_t *size);
+
+#define CANWIRE_SIM_NO_FRAME 0x20000000u /* in the place of an identifier */
+
+/* Marks of errors. */
+#define CANWIRE_SIM_MARK_TX 0x01u      /* the node was the transmitter */
+#define CANWIRE_SIM_MARK_STUFF 0x02u   /* it was a stuff bit behind that of the index */
+#define CANWIRE_SIM_MARK_DATA 0x04u    /* it was found at the data rate */
+#define CANWIRE_SIM_MARK_ACTIVE 0x08u  /* an active error flag follows, */
+#define CANWIRE_SIM_MARK_PASSIVE 0x10u /* a passive one, or with neither none */
+
+/* Places for columns of events, each with a member for each row; NULL: the column is not wanted. A
+ * row is a line of canwire_sim_take_events(). Members that an event does not have are 0. Numbers of
+ * words are those of canwire_sim_word(). */
+typedef struct canwire_sim_columns {
+    int64_t *t;
+    int16_t *bus;      /* its number */
+    int16_t *node;     /* its number, or -1 of an event of the bus */
+    uint8_t *event;    /* a word: "rx", "error" ... */
+    uint8_t *detail;   /* a word: the new state, the type of an error, why a frame was dropped, what
+                          woke the node, up or down */
+    uint8_t *field;    /* a word: where an error was */
+    uint8_t *marks;    /* CANWIRE_SIM_MARK_* */
+    uint32_t *number;  /* the index of an error in the field, the bit of a lost arbitration, the hit
+                          of a rule */
+    uint16_t *rule;    /* the line of `rules` with the name of the rule, from 0 on */
+    uint16_t *tec;     /* of errors and states */
+    uint16_t *rec;     /* ... */
+    uint32_t *can_id;  /* of the frame, as in canwire_sim_frame, or CANWIRE_SIM_NO_FRAME */
+    uint8_t *flags;    /* ... */
+    uint8_t *length;   /* ... */
+    uint8_t *raw_dlc;  /* ... */
+    uint8_t *data;     /* data_size bytes in each row; zeros follow those of the frame */
+    int32_t data_size; /* 1..64 */
+} canwire_sim_columns;
+
+/* Returns how many rows the events up to now make that have not been taken. */
+CANWIRE_SIM_API int64_t canwire_sim_count_events(const canwire_sim *sim);
+
+/* Takes events as canwire_sim_take_events() does, but as columns, up to a number of rows. Returns
+ * the number of rows that it has written. *rules gets a text for the caller: names of rules, a line
+ * each; or NULL without any. CANWIRE_SIM_INVALID: data_size is wrong. */
+CANWIRE_SIM_API int64_t canwire_sim_take_columns(canwire_sim *sim,
+                                                 const canwire_sim_columns *columns, int64_t rows,
+                                                 char **rules);
+
+/* Returns a word of the columns, as events have it; 0 is "". NULL: there is no such word. */
+CANWIRE_SIM_API const char *canwire_sim_word(int number);
 
 /* The states of a node. */
 #define CANWIRE_SIM_ERROR_ACTIVE 0

@@ -17,19 +17,19 @@
 #include <stdarg.h>
 #include <stdio.h>
 
-/* An event that has been written as text. */
-typedef struct embed_line {
-    uint64_t tick;
-    size_t end; /* of its text */
-} embed_line;
+/* An event that is kept. The name of its rule is behind it, as a text. */
+typedef struct embed_kept {
+    size_t size;    /* of both, up to the next one */
+    cw_event event; /* of its frame the data that it has, as in cw_event_at() */
+} embed_kept;
 
-/* Events as text, in their order. */
-typedef struct embed_lines {
-    memo memo;
-    embed_line *list;
-    size_t count;
+/* Events in their order. */
+typedef struct embed_events {
+    unsigned char *bytes;
+    size_t first; /* byte of the first one that has not been taken */
+    size_t end;
     size_t room;
-} embed_lines;
+} embed_events;
 
 /* A frame for a node's host. */
 typedef struct embed_frame {
@@ -65,7 +65,7 @@ typedef struct embed_bus {
     sim_run run;
     inputs in;
     sim_until awaited;
-    embed_lines lines;
+    embed_events events;
     embed_node *nodes;
     embed_judge *judges; /* a list */
     losses lost;
@@ -101,6 +101,22 @@ bool embed_is_meant(const embed_bus *bus, unsigned node, int number);
 
 /* The sink of all events of a bus. */
 void embed_event(void *user, const cw_event *event);
+
+/* Turns a frame of the bus into one of a program, at time 0. */
+void embed_frame_from(canwire_sim_frame *out, const cw_frame *in);
+
+/* Keeps an event until it is taken. */
+void embed_keep(embed_bus *bus, const cw_event *event);
+
+/* Returns the next event of all buses up to now, with its bus, or NULL. It stays as it is until the
+ * next one is kept. */
+const embed_kept *embed_next_kept(const canwire_sim *sim, embed_bus **bus);
+
+/* Takes the event that embed_next_kept() has returned. */
+void embed_take_kept(embed_bus *bus);
+
+/* Returns the name of the rule of a CW_EVENT_FAULT. */
+const char *embed_rule_of(const embed_kept *kept);
 
 /* Sets the kinds of events that a bus has to tell about. */
 void embed_choose_events(embed_bus *bus);

@@ -70,7 +70,7 @@ int canwire_sim_room(const canwire_sim *sim, int node)
 
 /* ---- From the bus ---------------------------------------------------------------------------- */
 
-static void from_bus(canwire_sim_frame *out, const cw_frame *in)
+void embed_frame_from(canwire_sim_frame *out, const cw_frame *in)
 {
     const unsigned length = cw_frame_length(in);
     const bool fd = in->flags & CW_FRAME_FD;
@@ -146,7 +146,7 @@ static void hosts_deliver(embed_bus *b, unsigned node, const cw_event *event)
     if (!(listens & (own ? CANWIRE_SIM_LISTEN_OWN : CANWIRE_SIM_LISTEN_RX)))
         return;
     canwire_sim_frame frame;
-    from_bus(&frame, &event->frame);
+    embed_frame_from(&frame, &event->frame);
     frame.flags |= own ? CANWIRE_SIM_FRAME_OWN : 0;
     keep_frame(b, node, &frame, event->tick);
 }
@@ -179,31 +179,6 @@ int canwire_sim_receive(canwire_sim *sim, int node, canwire_sim_frame *out)
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
-/* Writes an event down. */
-static void keep_line(embed_bus *b, const cw_event *event)
-{
-    embed_lines *l = &b->lines;
-    if (l->count == l->room) {
-        const size_t room = l->room ? 2 * l->room : 256;
-        embed_line *list = realloc(l->list, room * sizeof *list);
-        if (!list) {
-            b->sim->no_memory = true;
-            return;
-        }
-        l->list = list;
-        l->room = room;
-    }
-    if (b->sim->rig)
-        output_event_of_bus(l->memo.out, b->config, event);
-    else
-        output_event(l->memo.out, b->config, event);
-    const off_t end = ftello(l->memo.out);
-    if (end < 0 || ferror(l->memo.out))
-        b->sim->no_memory = true;
-    else
-        l->list[l->count++] = (embed_line){.tick = event->tick, .end = (size_t)end};
-}
-
 void embed_event(void *user, const cw_event *event)
 {
     embed_bus *b = user;
@@ -215,7 +190,7 @@ void embed_event(void *user, const cw_event *event)
     for (const embed_judge *j = b->judges; j; j = j->next)
         expect_event(j->judge, event);
     if (kept)
-        keep_line(b, event);
+        embed_keep(b, event);
     if ((kept && sim->awaits_any) || (b->awaited.text && sim_until_is(&b->awaited, event))) {
         sim->happened = true;
         sim_pause(&b->run);

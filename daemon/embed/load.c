@@ -62,8 +62,7 @@ static bool load_open_bus(canwire_sim *sim, cfg *config, FILE *out)
     b->config = live_config(b->live);
     b->seed = b->config->seed;
     b->lost = (losses){.config = b->config, .fed = doubts_fed(sim->rig, b->index)};
-    if (!memo_begin(&b->lines.memo) || !keep_times(b) ||
-        !sim_open_roomy(&b->run, b->config, sim->told.out))
+    if (!keep_times(b) || !sim_open_roomy(&b->run, b->config, sim->told.out))
         return false;
     sim_add_sink(&b->run, &sink);
     inputs_init(&b->in, b->live, b->run.bus, load_drain, b);
@@ -77,8 +76,7 @@ static void close_bus(embed_bus *b)
     sim_close(&b->run);
     for (size_t i = 0; b->nodes && i < b->config->node_count; i++)
         free(b->nodes[i].frames);
-    memo_end(&b->lines.memo);
-    free(b->lines.list);
+    free(b->events.bytes);
     free(b->nodes);
     free(b->times);
     live_free(b->live);
@@ -188,8 +186,8 @@ static void load_forget(embed_bus *b, const uint64_t *seed)
         b->nodes[i].count = 0;
         b->nodes[i].limit = (errframe_limit){.used = 0};
     }
-    b->lines.count = 0;
-    (void)fseeko(b->lines.memo.out, 0, SEEK_SET);
+    b->events.first = 0;
+    b->events.end = 0;
 }
 
 int canwire_sim_reset(canwire_sim *sim, const uint64_t *seed)

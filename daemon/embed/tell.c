@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * tell.c - the results of buses in virtual time: events, statistics, expectations.
+ * tell.c - the results of buses in virtual time: statistics, expectations, losses.
  */
 #include "embed/embed.h"
 
@@ -16,129 +16,6 @@ static char *tell_text_of(json_t *value, size_t flags)
     char *text = embed_text_failed() ? NULL : json_dumps(value, flags | JSON_PRESERVE_ORDER);
     json_decref(value);
     return text;
-}
-
-/* ---- Events ---------------------------------------------------------------------------------- */
-
-static int tell_find_kind(const char *word, size_t length)
-{
-    for (unsigned kind = 0; kind < CW_EVENT_COUNT; kind++) {
-        const char *name = cw_event_name((cw_event_kind)kind);
-        if (kind != CW_EVENT_TOLERATED && strlen(name) == length &&
-            strncmp(name, word, length) == 0)
-            return (int)kind;
-    }
-    return -1;
-}
-
-/* Reads a list of kinds. Returns false after noting an error. */
-static bool read_kinds(canwire_sim *sim, uint32_t *kinds, const char *text)
-{
-    *kinds = 0;
-    while (*text) {
-        const size_t length = strcspn(text, ",");
-        const int kind = tell_find_kind(text, length);
-        if (kind < 0) {
-            (void)embed_fail(sim, CANWIRE_SIM_INVALID, "there is no event '%.*s'; expected all, "
-                             "none, or names with commas, such as error,state,fault",
-                             (int)length, text);
-            return false;
-        }
-        *kinds |= 1u << kind;
-        text += length;
-        text += *text == ',';
-    }
-    return true;
-}
-
-int canwire_sim_keep_events(canwire_sim *sim, const char *text)
-{
-    uint32_t kinds = 0;
-    if (strcmp(text, "all") == 0)
-        kinds = CW_EVENTS_USUAL;
-    else if (strcmp(text, "none") != 0 && !read_kinds(sim, &kinds, text))
-        return CANWIRE_SIM_INVALID;
-    sim->kinds = kinds;
-    for (size_t i = 0; i < sim->count; i++)
-        embed_choose_events(&sim->buses[i]);
-    return CANWIRE_SIM_OK;
-}
-
-/* The events of all buses that are taken. */
-typedef struct taking {
-    canwire_sim *sim;
-    size_t taken[RIG_BUSES_MAX]; /* events of each bus */
-    char *text;
-    size_t size;
-} taking;
-
-/* Returns the bus with the next event, or NULL when there is none up to now. */
-static const embed_bus *next_bus(const taking *t)
-{
-    const embed_bus *next = NULL;
-    uint64_t first = t->sim->reached;
-    for (size_t i = 0; i < t->sim->count; i++) {
-        const embed_bus *b = &t->sim->buses[i];
-        const embed_line *line = &b->lines.list[t->taken[i]];
-        if (t->taken[i] == b->lines.count || line->tick > first || (next && line->tick == first))
-            continue;
-        next = b;
-        first = line->tick;
-    }
-    return next;
-}
-
-static void take_next(taking *t, const embed_bus *b)
-{
-    const size_t i = t->taken[b->index]++;
-    const size_t begin = i > 0 ? b->lines.list[i - 1].end : 0;
-    const size_t length = b->lines.list[i].end - begin;
-    memcpy(t->text + t->size, b->lines.memo.text + begin, length);
-    t->size += length;
-}
-
-/* Moves the lines to the front that are not taken yet: those of a bit that goes beyond now. */
-static void keep_rest(embed_bus *b, size_t taken)
-{
-    embed_lines *l = &b->lines;
-    const size_t begin = taken > 0 ? l->list[taken - 1].end : 0;
-    const size_t size = l->count > 0 ? l->list[l->count - 1].end - begin : 0;
-    if (taken == 0)
-        return;
-    char *rest = size > 0 ? malloc(size) : NULL;
-    if (rest)
-        memcpy(rest, l->memo.text + begin, size);
-    else if (size > 0)
-        b->sim->no_memory = true;
-    (void)fseeko(l->memo.out, 0, SEEK_SET);
-    if (rest)
-        (void)fwrite(rest, 1, size, l->memo.out);
-    free(rest);
-    for (size_t i = taken; i < l->count; i++)
-        l->list[i - taken] = (embed_line){.tick = l->list[i].tick, .end = l->list[i].end - begin};
-    l->count -= taken;
-}
-
-char *canwire_sim_take_events(canwire_sim *sim, size_t *size)
-{
-    taking t = {.sim = sim};
-    size_t room = 1;
-    for (size_t i = 0; i < sim->count; i++) {
-        const embed_lines *l = &sim->buses[i].lines;
-        (void)fflush(l->memo.out);
-        room += l->count > 0 ? l->list[l->count - 1].end : 0;
-    }
-    t.text = sim->no_memory ? NULL : malloc(room);
-    if (!t.text)
-        return NULL;
-    for (const embed_bus *b; (b = next_bus(&t));)
-        take_next(&t, b);
-    t.text[t.size] = '\0';
-    for (size_t i = 0; i < sim->count; i++)
-        keep_rest(&sim->buses[i], t.taken[i]);
-    if (size)
-        *size = t.size;
-    return t.text;
 }
 
 /* ---- Statistics ------------------------------------------------------------------------------ */

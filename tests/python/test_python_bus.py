@@ -572,6 +572,17 @@ def test_kinds_of_events_are_chosen():
             bus.keep_events("rain")
 
 
+def test_events_have_the_names_that_rules_had():
+    """Another rule may have the number of one that was cleared."""
+    with Bus.from_yaml(EMPTY) as bus:
+        for name in ("first", "second"):
+            bus.inject(name=name, when={"frame": "123", "count": 1}, do={"flip": "crc[3]"})
+            bus.send("a", "123#11")
+            bus.run(duration="2ms")
+            bus.clear(name)
+        assert [e["rule"] for e in bus.events("fault")] == ["first", "second"]
+
+
 def test_wrong_names_are_explained():
     with Bus.from_yaml(EMPTY) as bus:
         with pytest.raises(Error, match="there is no node 'd'; there is a, b, c"):
@@ -592,7 +603,8 @@ def test_structures_are_those_of_the_header(tmp_path):
                   f"sizeof((({name} *)0)->{member}));" for member, _ in structure._fields_]
     constants = ["ABI", "NEVER", "NO_NODE", "ANY_NODE", "OK", "INVALID", "REFUSED", "NO_MEMORY",
                  "FAILED", "AT_TIME", "AT_FRAME", "AT_EVENT", "AT_END", "FRAME_FD", "FRAME_BRS",
-                 "FRAME_ESI", "FRAME_OWN", "LISTEN_RX", "LISTEN_OWN", "LISTEN_ERRORS"]
+                 "FRAME_ESI", "FRAME_OWN", "LISTEN_RX", "LISTEN_OWN", "LISTEN_ERRORS", "NO_FRAME",
+                 "MARK_TX", "MARK_STUFF", "MARK_DATA", "MARK_ACTIVE", "MARK_PASSIVE"]
     lines += [f'printf("{name} %lld\\n", (long long)CANWIRE_SIM_{name});' for name in constants]
     lines += [f'printf("{name} %d\\n", CANWIRE_SIM_{name.replace("-", "_").upper()});'
               for name in canwire.bus.STATES]
@@ -608,6 +620,8 @@ def test_structures_are_those_of_the_header(tmp_path):
     expected += [f"{name} {getattr(_library, name)}" for name in constants]
     expected += [f"{name} {i}" for i, name in enumerate(canwire.bus.STATES)]
     assert found.splitlines() == expected
+    for packed, name in (_library.FRAME, "frame"), (_library.WAITED, "waited"):
+        assert packed.size == ctypes.sizeof(_library.STRUCTURES[f"canwire_sim_{name}"])
     members = {member for member, _ in _library.STRUCTURES["canwire_sim_node"]._fields_}
     assert members == set(canwire.NodeStatus._fields)
 

@@ -8,11 +8,12 @@ first bus does.
 from .bus import (Bus, BusInfo, ConfigError, Error, ExpectationError, Node, NodeStatus, Stop,
                   Time)
 from .campaigns import CampaignError, CampaignResult, campaign
+from .columns import Columns
 from .frame import Frame
 from .rows import row
 from .scenario import Scenario
 from .virtualtime import Deadlock, VirtualTime
 
-__all__ = ["Bus", "BusInfo", "CampaignError", "CampaignResult", "ConfigError", "Deadlock", "Error",
+__all__ = ["Bus", "BusInfo", "CampaignError", "CampaignResult", "Columns", "ConfigError", "Deadlock", "Error",
            "ExpectationError", "Frame", "Node", "NodeStatus", "Scenario", "Stop", "Time",
            "VirtualTime", "campaign", "row"]

@@ -21,6 +21,7 @@ from typing import Any
 ABI = 1
 NEVER = 2**63 - 1
 NO_NODE, ANY_NODE = -1, -2
+NO_FRAME = 0x20000000  # in the place of an identifier
 TAKES_NONE = 4096  # the room of a node that drops all its frames
 
 OK, INVALID, REFUSED, NO_MEMORY, FAILED = 0, -1, -2, -3, -4
@@ -28,6 +29,7 @@ AT_TIME, AT_FRAME, AT_EVENT, AT_END = 0, 1, 2, 3
 
 FRAME_FD, FRAME_BRS, FRAME_ESI, FRAME_OWN = 0x1, 0x2, 0x4, 0x8
 LISTEN_RX, LISTEN_OWN, LISTEN_ERRORS = 0x1, 0x2, 0x4
+MARK_TX, MARK_STUFF, MARK_DATA, MARK_ACTIVE, MARK_PASSIVE = 0x1, 0x2, 0x4, 0x8, 0x10
 
 
 class CBus(Structure):
@@ -66,8 +68,20 @@ class CNode(Structure):
                 ("fd", c_uint8), ("listen_only", c_uint8)]
 
 
-STRUCTURES = {"canwire_sim_bus": CBus, "canwire_sim_frame": CFrame, "canwire_sim_node": CNode,
-              "canwire_sim_waited": CWaited}
+#: The columns of events with the format of their members, see struct.
+COLUMNS = {"t": "q", "bus": "h", "node": "h", "event": "B", "detail": "B", "field": "B",
+           "marks": "B", "number": "I", "rule": "H", "tec": "H", "rec": "H", "can_id": "I",
+           "flags": "B", "length": "B", "raw_dlc": "B", "data": "B"}
+
+
+class CColumns(Structure):
+    """canwire_sim_columns"""
+
+    _fields_ = [*[(name, c_void_p) for name in COLUMNS], ("data_size", c_int32)]
+
+
+STRUCTURES = {"canwire_sim_columns": CColumns, "canwire_sim_bus": CBus,
+              "canwire_sim_frame": CFrame, "canwire_sim_node": CNode, "canwire_sim_waited": CWaited}
 
 # Texts that the caller owns have a pointer as their type, since ctypes would lose it otherwise.
 _OWNED = c_void_p
@@ -106,6 +120,9 @@ FUNCTIONS = {
     "attach": (c_int, c_void_p, c_int, c_int),
     "keep_events": (c_int, c_void_p, c_char_p),
     "take_events": (_OWNED, c_void_p, POINTER(c_size_t)),
+    "count_events": (c_int64, c_void_p),
+    "take_columns": (c_int64, c_void_p, POINTER(CColumns), c_int64, _MESSAGES),
+    "word": (c_char_p, c_int),
     "get_node": (c_int, c_void_p, c_int, POINTER(CNode)),
     "stats": (_OWNED, c_void_p, c_int),
     "expect": (c_int, c_void_p, c_int, c_char_p, c_size_t, c_char_p, _MESSAGES),

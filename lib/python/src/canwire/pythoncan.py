@@ -412,7 +412,7 @@ class Inside:
         wire, part, rest = self.wire, SLICE_NS, 0
         if timeout is not None:
             rest = max(round(timeout * 1e9), 0)
-            if not wire.tasks:  # whose frames come in between
+            if not wire.tasks:  # their frames would come in between
                 message = self.go_on(_library.NEVER, min(rest, part))
                 if message is not None or rest <= part:
                     return message
