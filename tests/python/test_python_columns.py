@@ -10,7 +10,7 @@ from simtool import ROOT
 from test_python_bus import EMPTY, run_like_sim
 from test_scenarios import SCENARIOS, arguments_of
 
-# What the columns leave out.
+# The columns leave these out.
 REST = {"late_ns", "was", "pending", "pending_node", "local-time", "skipped_ns", "phase_error_tq",
         "phase_error_ps"}
 DETAILS = {"state": "state", "link": "state", "error": "type", "drop": "why", "wake": "by"}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a message costs a program with python-can, in calls: they do not depend on the machine.
+"""The cost of a message with python-can, in calls. They do not depend on the machine.
 
 `make bench` prints the times.
 """
@@ -70,7 +70,7 @@ def calls_of_a_message(**options):
                 for number in range(FRAMES)]
     calls = {"python": 0, "library": 0}
     before = sys.getprofile()
-    deliver(buses, messages)  # what is only done once
+    deliver(buses, messages)  # some things are done only once
     sys.setprofile(count)
     try:
         deliver(buses, messages)

@@ -65,7 +65,7 @@ class Columns(Mapping[str, memoryview]):
 
     def frame(self) -> Any:
         """Returns a pandas.DataFrame of them. It has names in place of their numbers, `t` in
-        seconds and the data of frames as bytes. Where an event has no such name it is empty."""
+        seconds and the data of frames as bytes. An event without such a name has none there."""
         # pylint: disable=import-outside-toplevel
         import numpy
         import pandas
