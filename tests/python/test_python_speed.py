@@ -11,7 +11,7 @@ import types
 import can
 import pytest
 
-from canwire import pythoncan
+from canwire import Bus, VirtualTime, _library, pythoncan
 
 NODES = 4
 FRAMES = 40
@@ -55,16 +55,14 @@ def deliver(buses, messages):
         assert [one.data for one in got] == [message.data] * (NODES - 1)
 
 
-def calls_of_a_message(**options):
+def calls_of_a_message(channels=("speed",) * NODES, **options):
     """Returns the calls of functions of Python, and of the library, for each message."""
     def count(frame, event, _):
         if event == "call":
             calls["python"] += 1
             calls["library"] += frame.f_code is library_call
-    buses = [can.Bus(channel="speed", **options) for _ in range(NODES)]
-    library_call = None
-    if options["interface"] == "canwire":
-        library_call = buses[0].simulation._library.offer.__code__
+    buses = [can.Bus(channel=channel, **options) for channel in channels]
+    library_call = _library.Guarded(_library.library(), RuntimeError).offer.__code__
     messages = [can.Message(arbitration_id=number * 37 % 0x800, is_extended_id=False,
                             data=bytes((number + i) % 256 for i in range(8)))
                 for number in range(FRAMES)]
@@ -86,6 +84,14 @@ def test_a_message_in_virtual_time_costs_less_than_with_virtual():
     assert calls["library"] <= 4  # one to send it, and one for each that receives it
     assert calls["python"] <= 51
     assert calls["python"] < calls_of_a_message(interface="virtual")["python"] / 2
+
+
+def test_a_message_between_nodes_in_the_time_of_their_bus_costs_little_more_than_with_virtual():
+    nodes = [{"name": name} for name in "abcd"]
+    with Bus.from_dict({"bus": {"bitrate": 500000}, "nodes": nodes}) as bus, VirtualTime(bus):
+        calls = calls_of_a_message(channels="abcd", interface="canwire")
+    assert calls["library"] <= 11
+    assert calls["python"] <= 140
 
 
 def test_a_message_in_real_time_costs_one_wait(clock):

@@ -150,10 +150,17 @@ class Node:
         if not isinstance(frame, Frame):
             raise TypeError(f"{frame!r} is no frame; expected a canwire.Frame or a text, such as "
                             "123#DEADBEEF")
-        when = 0 if at is None else self._bus._time_ns(at, self.number)
-        self._bus._check(self._bus._library.send(self._bus._sim, self.number, frame._to_c(),
-                                                 when))
-        self._bus._note("send", self.name, frame, when)
+        self._send_raw(frame._to_c(), 0 if at is None else self._bus._time_ns(at, self.number),
+                       frame)
+
+    def _send_raw(self, raw: _library.CFrame, at_ns: int, frame: Frame | None = None) -> None:
+        """Hands a frame of the library to the node."""
+        bus = self._bus
+        status = bus._library.send(bus._sim, self.number, raw, at_ns)
+        if status < 0:
+            bus._check(status)
+        if bus._observer is not None:
+            bus._note("send", self.name, frame or Frame._from_c(raw), at_ns)
 
     def listen(self, frames: bool = True, own: bool = False, errors: bool = False) -> None:
         """Says what is kept for recv(): frames of others, own ones that were sent successfully,
@@ -218,6 +225,7 @@ class Bus:
         self._handle = sim
         self._library: Any = _library.Guarded(self._library, _closed_error)
         self._events: list[dict[str, Any]] = []
+        self._known_ns, self._known_at = 0, -1  # the time after so many moves of it
         self._inboxes: dict[int, deque[Frame]] = defaultdict(deque)
         self._taking = _library.RLock()  # frames keep their order when several threads take them
         self._resets: list[Callable[[int], None]] = []  # called when time has gone back to 0
@@ -384,7 +392,10 @@ class Bus:
     @property
     def now_ns(self) -> int:
         """The bus time in nanoseconds."""
-        return self._library.now(self._sim)
+        moves = self._library.moves
+        if self._known_at != moves or self._closed:
+            self._known_ns, self._known_at = self._library.now(self._sim), moves
+        return self._known_ns
 
     @property
     def now(self) -> float:
@@ -477,6 +488,15 @@ class Bus:
         if self._check(self._library.receive(self._sim, number, raw)) == 0:
             return None
         return Frame._from_c(raw)
+
+    def _take_raw(self, number: int, raw: _library.CFrame) -> bool:
+        """Does what _take() does, without making a Frame. Returns False when there is none."""
+        if self._inboxes and (frame := self._take(number)):
+            ctypes.memmove(ctypes.byref(raw), ctypes.byref(frame._to_c()), ctypes.sizeof(raw))
+            raw.flags |= _library.FRAME_OWN if frame.own else 0
+            raw.t = frame.t_ns
+            return True
+        return self._check(self._library.receive(self._sim, number, raw)) != 0
 
     def _recv(self, number: int, timeout: Time | None) -> Frame | None:
         if self._clock is not None:

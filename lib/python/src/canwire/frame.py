@@ -100,13 +100,18 @@ class Frame:
         """Makes one of the library, which needs no look at its values."""
         t_ns, can_id, flags, length, raw_dlc, data = _library.FRAME.unpack_from(frame)
         remote = bool(can_id & RTR_FLAG)
-        self = object.__new__(cls)
-        self.__dict__.update(
+        return cls._of(
             id=can_id & 0x1FFFFFFF, data=b"" if remote else data[:length],
             extended=bool(can_id & EFF_FLAG), remote=remote, fd=bool(flags & _library.FRAME_FD),
             brs=bool(flags & _library.FRAME_BRS), esi=bool(flags & _library.FRAME_ESI),
             dlc=length if remote else raw_dlc or None, error=bool(can_id & ERR_FLAG),
             own=bool(flags & _library.FRAME_OWN), t_ns=t_ns)
+
+    @classmethod
+    def _of(cls, **values: Any) -> Frame:
+        """Makes one of values that need no look."""
+        self = object.__new__(cls)
+        self.__dict__.update(values)
         return self
 
 

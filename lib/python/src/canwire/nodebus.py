@@ -11,10 +11,8 @@ them, as programs at one interface do.
 
 from __future__ import annotations
 
+import logging
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any, NamedTuple, Tuple
 
 import can
@@ -24,6 +22,7 @@ from .bus import Error, Node
 from .frame import EFF_FLAG, ERR_FLAG, LENGTHS, RTR_FLAG, Frame
 from .virtualtime import VirtualTime, current
 
+BUS_LOG = logging.getLogger("can.bus")  # of python-can, for what all interfaces tell
 STATES = {"error-active": can.BusState.ACTIVE, "error-warning": can.BusState.ACTIVE,
           "error-passive": can.BusState.PASSIVE, "bus-off": can.BusState.ERROR,
           "sleeping": can.BusState.PASSIVE}
@@ -31,6 +30,9 @@ STATES = {"error-active": can.BusState.ACTIVE, "error-warning": can.BusState.ACT
 
 def to_message(frame: Frame, timestamp: float, channel: Any, own: bool) -> can.Message:
     """Turns a frame of a node into a message."""
+    if not (frame.remote or frame.error or frame.fd or own):  # most are so
+        return can.Message(timestamp=timestamp, arbitration_id=frame.id,
+                           is_extended_id=frame.extended, channel=channel, data=frame.data)
     return can.Message(timestamp=timestamp, arbitration_id=frame.id,
                        is_extended_id=frame.extended or frame.error,
                        is_remote_frame=frame.remote, is_error_frame=frame.error, is_fd=frame.fd,
@@ -95,40 +97,47 @@ def fields_of(message: can.Message, fd: bool) -> Fields:
 
 def to_frame(message: can.Message, fd: bool) -> Frame:
     """Turns a message into a frame for a node. Raises can.CanOperationError when it is none."""
-    problem = why_not(message, fd)
-    if problem:
-        raise can.CanOperationError(f"canwire: {problem}")
-    data = b"" if message.is_remote_frame else bytes(message.data or b"")
-    return Frame(message.arbitration_id, data, message.is_extended_id, message.is_remote_frame,
-                 message.is_fd, message.bitrate_switch, message.error_state_indicator,
-                 message.dlc if message.is_remote_frame else None)
+    can_id, flags, length, _, data = fields_of(message, fd)
+    remote = bool(message.is_remote_frame)
+    return Frame._of(id=can_id & 0x1FFFFFFF, data=data, extended=bool(message.is_extended_id),
+                     remote=remote, fd=bool(message.is_fd), brs=bool(flags & _library.FRAME_BRS),
+                     esi=bool(flags & _library.FRAME_ESI), dlc=length if remote else None,
+                     error=False, own=False, t_ns=0)
 
 
-@contextmanager
-def told() -> Iterator[None]:
+class Told:
     """Makes errors of canwire errors of python-can."""
-    try:
-        yield
-    except Error as problem:
-        raise can.CanOperationError(f"canwire: {problem}") from None
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, _: Any, problem: BaseException | None, *more: Any) -> None:
+        if isinstance(problem, Error):
+            raise can.CanOperationError(f"canwire: {problem}") from None
+
+
+told = Told()
 
 
 class Received(NamedTuple):
-    """A frame that waits for a program."""
+    """A frame that waits for a program, by members of a canwire_sim_frame."""
 
-    frame: Frame
+    can_id: int
+    flags: int
+    length: int
+    data: bytes
     timestamp: float
-    own: bool
 
 
-def _on_the_wire(frame: Frame) -> Frame:
-    """Returns what is left of a frame when it comes back: no raw DLC, and as many bytes as the next
-    DLC has. The controller chooses ESI."""
-    data = frame.data
-    if frame.fd:
-        data = data.ljust(next(length for length in LENGTHS if length >= len(data)), b"\0")
-    dlc = (frame.dlc or 0) if frame.remote else None
-    return replace(frame, data=data, esi=False, own=False, dlc=dlc, t_ns=0)
+def _on_the_wire(can_id: int, flags: int, length: int, data: bytes) -> tuple[Any, ...]:
+    """Returns what is left of a frame when it comes back. It has as many bytes as the next DLC has,
+    and the controller chooses ESI."""
+    if can_id & RTR_FLAG:
+        return can_id, length
+    data = data[:length]
+    if flags & _library.FRAME_FD:
+        data = data.ljust(next(one for one in LENGTHS if one >= length), b"\0")
+    return can_id, flags & (_library.FRAME_FD | _library.FRAME_BRS), data
 
 
 class Host:
@@ -137,7 +146,9 @@ class Host:
     def __init__(self, clock: VirtualTime, node: Node):
         self.clock, self.node = clock, node
         self.buses: list[NodeBus] = []
-        self.sent: deque[tuple[Frame, NodeBus]] = deque()
+        self.sent: deque[tuple[Any, NodeBus]] = deque()
+        self.raw = _library.CFrame()
+        self.moves = -1  # of the bus, when it was asked last
         node.listen(own=True, errors=True)
 
     def join(self, bus: NodeBus) -> None:
@@ -153,27 +164,56 @@ class Host:
             bus.inbox.clear()
 
     def pump(self) -> None:
-        """Passes on what the node has received."""
-        with self.clock._mutex:  # threads outside come here, too
-            while (frame := self.clock.bus._take(self.node.number)) is not None:
-                sender = self._sender(frame) if frame.own else None
-                for bus in self.buses:
-                    if bus.wants(frame, bus is sender):
-                        bus.inbox.append(Received(frame, self.clock.time_at(frame.t_ns),
-                                                  bus is sender))
+        """Passes on all that the node has received."""
+        while self.pump_one():
+            pass
 
-    def send(self, frame: Frame, bus: NodeBus) -> None:
+    def pump_one(self) -> bool:
+        """Passes on the next frame that the node has received. Returns False without one."""
+        bus = self.clock.bus
+        if self.moves == bus._library.moves and not bus._inboxes:
+            return False  # none can have come
+        with self.clock._mutex:  # threads outside come here, too
+            library = bus._library
+            moves = library.moves
+            if bus._inboxes:
+                found = bus._take_raw(self.node.number, self.raw)
+            else:
+                found = library.receive(bus._sim, self.node.number, self.raw)
+            if found > 0:
+                self._pass_on(*_library.FRAME.unpack_from(self.raw))
+                return True
+            if found < 0:
+                bus._check(found)
+            self.moves = moves
+            return False
+
+    def _pass_on(self, t_ns: int, can_id: int, flags: int, length: int, _: int,
+                 data: bytes) -> None:
+        own = flags & _library.FRAME_OWN
+        sender = self._sender(_on_the_wire(can_id, flags, length, data)) if own else None
+        flags &= ~_library.FRAME_OWN
+        for bus in self.buses:
+            mine = bus is sender
+            if bus.errors if can_id & ERR_FLAG else bus.own or not mine:
+                bus.inbox.append(Received(can_id, flags | (_library.FRAME_OWN if mine else 0),
+                                          length, data, self.clock.time_at(t_ns)))
+
+    def send(self, fields: Fields, bus: NodeBus) -> None:
         """Hands a frame to the node."""
         with self.clock._mutex:
-            status = self.node.status
-            if status.queue + status.inbox == 0:
+            if self.sent:
                 self.pump()
-                self.sent.clear()  # those that were dropped never come back
-            self.node.send(frame)
-            self.sent.append((_on_the_wire(frame), bus))
+            if self.sent:
+                status = self.node.status
+                if status.queue + status.inbox == 0:
+                    self.sent.clear()  # those that were dropped never come back
+            _library.FRAME.pack_into(self.raw, 0, 0, *fields)
+            self.node._send_raw(self.raw, 0)
+            can_id, flags, length, _, data = fields
+            self.sent.append((_on_the_wire(can_id, flags, length, data), bus))
 
-    def _sender(self, frame: Frame) -> NodeBus | None:
-        wire = _on_the_wire(frame)
+    def _sender(self, wire: tuple[Any, ...]) -> NodeBus | None:
         for number, (sent, sender) in enumerate(self.sent):
             if sent == wire:
                 del self.sent[number]
@@ -225,28 +265,40 @@ class NodeBus(can.BusABC):
         self._host = clock.hosts[self._node.number]
         self._host.join(self)
 
-    def wants(self, frame: Frame, own: bool) -> bool:
-        """Returns True for a frame that this program receives."""
-        return self.errors if frame.error else self.own or not own
-
     def _check_open(self) -> None:
         if getattr(self, "_is_shutdown", False):  # python-can has it since 4.2
             raise can.CanOperationError("the bus is closed")
-        if self.clock.is_over:
+        if self.clock._over:
             raise can.CanOperationError("the virtual time of the bus is over")
 
     def _next(self) -> can.Message | None:
-        self._check_open()  # it may be closed while a thread waits
-        self._host.pump()
-        while self.inbox:
-            frame, timestamp, own = self.inbox.popleft()
-            message = to_message(frame, timestamp, self.channel, own)
-            if frame.error or self._matches_filters(message):
+        if self.clock._over or getattr(self, "_is_shutdown", False):
+            self._check_open()  # it may be closed while a thread waits
+        while self.inbox or self._host.pump_one():
+            if not self.inbox:
+                continue  # it is for another program at the node
+            got = self.inbox.popleft()
+            message = message_of(*got, self.channel)
+            if not self.filters or message.is_error_frame or self._matches_filters(message):
                 return message
         return None
 
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        message = None
+        if self.inbox or self._host.moves != self.clock.bus._library.moves:
+            try:
+                with self.clock._mutex:
+                    message = self._next()
+            except Error as problem:
+                raise can.CanOperationError(f"canwire: {problem}") from None
+        if message is None:
+            return super().recv(timeout)
+        self.clock.looked()  # as the one above does
+        BUS_LOG.log(self.RECV_LOGGING_LEVEL, "Received: %s", message)
+        return message
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        with told():
+        with told:
             return self.clock.wait(self._next, timeout, self._node.number), True
 
     def _room(self) -> bool:
@@ -257,24 +309,25 @@ class NodeBus(can.BusABC):
         """Hands a frame to the node. When its queue is full, this waits; without a time-out it
         fails at once."""
         self._check_open()
-        frame = to_frame(msg, self._fd)
-        with told():
-            if not self.clock.wait(self._room, timeout or 0, self._node.number):
+        fields = fields_of(msg, self._fd)
+        with told:
+            if not self._node.room and not self.clock.wait(self._room, timeout or 0,
+                                                           self._node.number):
                 raise can.CanOperationError(f"the queue of {self._node.name} is full")
-            self._host.send(frame, self)
+            self._host.send(fields, self)
 
     @property
     def state(self) -> can.BusState:
         """ACTIVE, PASSIVE (error-passive) or ERROR (bus-off). To set it to PASSIVE makes the node
         listen-only, to ACTIVE ends that."""
         self._check_open()
-        with told():
+        with told:
             return STATES[self._node.state]
 
     @state.setter
     def state(self, new_state: can.BusState) -> None:
         self._check_open()
-        with told():
+        with told:
             self._node.set(listen_only=new_state is can.BusState.PASSIVE)
 
     def shutdown(self) -> None:

@@ -471,12 +471,12 @@ class Inside:
     # ---- state ------------------------------------------------------------------------------
 
     def state(self) -> can.BusState:
-        with told(), self.wire.turn():
+        with told, self.wire.turn():
             self.wire.advance()
             return STATES[self.node.state]
 
     def set_state(self, state: can.BusState) -> None:
-        with told(), self.wire.turn():
+        with told, self.wire.turn():
             self.wire.advance()
             self.node.set(listen_only=state is can.BusState.PASSIVE)
 

@@ -138,7 +138,8 @@ class VirtualTime:
     @property
     def _ns(self):
         """The time of programs, which goes on when the bus is reset."""
-        return self._earlier + self.now_ns
+        now, reached = self.bus.now_ns, self._reached
+        return self._earlier + (now if now > reached else reached)
 
     def receive(self, node, timeout=None):
         """Waits for a frame of a node, by its number."""
@@ -286,7 +287,10 @@ class VirtualTime:
         """Is called when a thread has looked at the clock. It may hold a lock of real time, for
         which another would wait in vain. So time goes on without others, for many looks."""
         me = self.mine()
-        if me is None or me is not self._running or self._spin(me) is None:
+        if me is None or me is not self._running:
+            return
+        me.spins += 1
+        if me.spins <= SPINS:
             return
         if me.spins > SPINS + CREEPS:
             self.wait(lambda: None, SPIN_NS / NS)
@@ -377,7 +381,7 @@ class VirtualTime:
             for me in self._threads.values():
                 me.spins = 0
             self._wake()
-            if stop == AT_FRAME:
+            if stop == AT_FRAME and (node == ANY_NODE or not self._ready):
                 self.bus._take_all()  # frames that nobody has taken would end the next run, too
         if not self._ready:
             self._wake()
