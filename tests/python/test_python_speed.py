@@ -91,7 +91,7 @@ def test_a_message_between_nodes_in_the_time_of_their_bus_costs_little_more_than
     with Bus.from_dict({"bus": {"bitrate": 500000}, "nodes": nodes}) as bus, VirtualTime(bus):
         calls = calls_of_a_message(channels="abcd", interface="canwire")
     assert calls["library"] <= 11
-    assert calls["python"] <= 140
+    assert calls["python"] <= 105
 
 
 def test_a_message_in_real_time_costs_one_wait(clock):

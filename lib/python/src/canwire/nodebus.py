@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from typing import Any, NamedTuple, Tuple
+from typing import Any, Tuple
 
 import can
 
@@ -119,14 +119,8 @@ class Told:
 told = Told()
 
 
-class Received(NamedTuple):
-    """A frame that waits for a program, by members of a canwire_sim_frame."""
-
-    can_id: int
-    flags: int
-    length: int
-    data: bytes
-    timestamp: float
+#: A frame that waits for a program, as the first arguments of message_of().
+Received = Tuple[int, int, int, bytes, float]
 
 
 def _on_the_wire(can_id: int, flags: int, length: int, data: bytes) -> tuple[Any, ...]:
@@ -190,14 +184,17 @@ class Host:
 
     def _pass_on(self, t_ns: int, can_id: int, flags: int, length: int, _: int,
                  data: bytes) -> None:
-        own = flags & _library.FRAME_OWN
-        sender = self._sender(_on_the_wire(can_id, flags, length, data)) if own else None
-        flags &= ~_library.FRAME_OWN
+        sender, timestamp = None, self.clock.time_at(t_ns)
+        if flags & _library.FRAME_OWN:
+            flags &= ~_library.FRAME_OWN
+            sender = self._sender(_on_the_wire(can_id, flags, length, data))
         for bus in self.buses:
-            mine = bus is sender
-            if bus.errors if can_id & ERR_FLAG else bus.own or not mine:
-                bus.inbox.append(Received(can_id, flags | (_library.FRAME_OWN if mine else 0),
-                                          length, data, self.clock.time_at(t_ns)))
+            if bus is sender:
+                if bus.own:
+                    own = flags | _library.FRAME_OWN
+                    bus.inbox.append((can_id, own, length, data, timestamp))
+            elif bus.errors or not can_id & ERR_FLAG:
+                bus.inbox.append((can_id, flags, length, data, timestamp))
 
     def send(self, fields: Fields, bus: NodeBus) -> None:
         """Hands a frame to the node."""

@@ -190,6 +190,8 @@ class VirtualTime:
                 timeout = self._spin(me)
                 if timeout is None:
                     return value
+            if timeout is not None and self._is_alone(me):
+                return self._wait_alone(me, wants, timeout, node)
             self._begin(me, timeout)
             me.wants, me.value, me.node = wants, value, node
             self._sleepers[me.ident] = me
@@ -199,6 +201,25 @@ class VirtualTime:
             rest = None if me.deadline is None else (me.deadline - self._end_ns) / NS
             return self._wait_outside(wants, rest)
         return me.value
+
+    def _is_alone(self, me):
+        """Returns True for the only thread, when nothing but its time-out ends its waits."""
+        return len(self._threads) == 1 and me is self._running and self._last_ns is None and \
+            not self._ready and not self._signals
+
+    def _wait_alone(self, me, wants, timeout, node):
+        """Does what wait() does, for the only thread. It gives way to nobody."""
+        node = NO_NODE if node is None else node
+        now = self._ns
+        end = now + math.ceil(round(timeout * NS, 3))
+        while True:
+            stop = self._run_bus(min(end, now + STEP_NS), node)
+            me.spins = 0
+            value, now = wants(), self._ns
+            if value or now >= end:
+                return value
+            if stop == AT_FRAME:
+                self.bus._take_all()  # a frame that nobody has taken would end the next run, too
 
     def _end_threads(self, last_ns):
         """Lets other threads end when it is left. At `last_ns` of the bus, None: never, the thread
@@ -286,7 +307,7 @@ class VirtualTime:
     def looked(self):
         """Is called when a thread has looked at the clock. It may hold a lock of real time, for
         which another would wait in vain. So time goes on without others, for many looks."""
-        me = self.mine()
+        me = self._threads.get(_REAL.get_ident())
         if me is None or me is not self._running:
             return
         me.spins += 1
