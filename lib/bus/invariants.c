@@ -52,6 +52,7 @@ static void assert_node(const cw_bus *bus, unsigned i)
     assert((n->queue.count > 0 && !(bus->asleep >> i & 1u)) == (bus->waiting >> i & 1u));
     assert(bus->node_due <= bus->sleeps[i].awake_at);
     assert(!(bus->waiting >> i & 1u) || !(bus->detached >> i & 1u));
+    assert(!(bus->unplugged >> i & 1u) || n->mac.phase == CW_MAC_OFF);
     assert(bus->node_due <= bus->restarts[i].at && bus->node_due <= cw_buffers_due(bus, i));
     assert(bus->node_due <= cw_tt_due(bus, i));
     (void)cw_node_get_stats(bus, i, &stats);

@@ -41,7 +41,7 @@ bool cw_bus_idle(const cw_bus *bus)
     if (bus->timed.clean.parked)
         return cw_clean_is_idle(bus);
     bool busy = bus->followers && cw_mac_is_busy(&bus->common);
-    for (uint64_t rest = bus->all & ~bus->followers; !busy && rest; rest &= rest - 1)
+    for (uint64_t rest = cw_single_nodes(bus); !busy && rest; rest &= rest - 1)
         busy = cw_mac_is_busy(&bus->nodes[cw_lowest_node(rest)].mac);
     return !busy;
 }
@@ -56,7 +56,7 @@ bool cw_bus_idle(const cw_bus *bus)
 static bool is_orphaned(const cw_bus *bus)
 {
     bool read = bus->followers && bus->common.phase == CW_MAC_FRAME;
-    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+    for (uint64_t rest = cw_single_nodes(bus); rest; rest &= rest - 1) {
         const cw_mac *m = &bus->nodes[cw_lowest_node(rest)].mac;
         bool sends = cw_mac_is_sending(m);
         if (sends && bus->group_count == 1 && !(m->modes & CW_MODE_LOOPBACK))
@@ -74,7 +74,7 @@ static uint64_t horizon(const cw_bus *bus)
         return cw_frame_step_horizon(bus);
     if (bus->followers)
         bits = cw_mac_horizon(&bus->common, (bus->waiting & bus->followers) != 0);
-    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+    for (uint64_t rest = cw_single_nodes(bus); rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         bool waits = bus->waiting >> i & 1u;
         bits = cw_least(bits, cw_mac_horizon(&bus->nodes[i].mac, waits));
@@ -93,7 +93,7 @@ static bool comes_to_rest(const cw_mac *m)
 static bool bus_comes_to_rest(const cw_bus *bus)
 {
     bool rests = !bus->followers || comes_to_rest(&bus->common);
-    for (uint64_t rest = bus->all & ~bus->followers; rests && rest; rest &= rest - 1)
+    for (uint64_t rest = cw_single_nodes(bus); rests && rest; rest &= rest - 1)
         rests = comes_to_rest(&bus->nodes[cw_lowest_node(rest)].mac);
     return rests || bus->frame_step.active;
 }

@@ -26,6 +26,7 @@ cw_mac *cw_own_mac(cw_bus *bus, unsigned i)
     cw_leave(bus, cw_node_bit(i));
     cw_timed_settle(&bus->timed, i);
     bus->timed.touched |= cw_node_bit(i);
+    bus->unplugged &= ~cw_node_bit(i);
     return &bus->nodes[i].mac;
 }
 

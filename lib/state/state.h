@@ -215,6 +215,7 @@ struct cw_bus {
     uint64_t listening; /* ... or for a frame */
     uint64_t detached;  /* nodes that their hosts have taken off the bus */
     uint64_t removed;   /* of these, the ones that never come back; they are flushed */
+    uint64_t unplugged; /* of detached, those whose controllers nobody has changed since: off */
     cw_mac common;
     cw_fd_part *fd_parts; /* of `common`, and of each node; NULL: no node knows FD frames */
     cw_outlook outlook;
@@ -256,6 +257,12 @@ static inline void cw_outlook_forget(cw_bus *bus)
 {
     bus->outlook.valid = false;
     bus->outlook.plain = 0;
+}
+
+/* Returns the nodes that go by controllers of their own. Those that are unplugged do nothing. */
+static inline uint64_t cw_single_nodes(const cw_bus *bus)
+{
+    return bus->all & ~(bus->followers | bus->unplugged);
 }
 
 /* Returns the present tick. */

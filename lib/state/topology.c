@@ -27,6 +27,15 @@ static void put_node(cw_bus *bus, unsigned i, const cw_topology *topology)
         cw_mac_reconnect(m);
 }
 
+/* Notes the nodes that hosts have taken off the bus, and that no rule has changed there. */
+static void find_unplugged(cw_bus *bus)
+{
+    bus->unplugged = 0;
+    for (uint64_t rest = bus->detached; rest; rest &= rest - 1)
+        if (bus->nodes[cw_lowest_node(rest)].mac.phase == CW_MAC_OFF)
+            bus->unplugged |= rest & (~rest + 1);
+}
+
 void cw_apply_topology(cw_bus *bus)
 {
     cw_topology topology;
@@ -41,6 +50,7 @@ void cw_apply_topology(cw_bus *bus)
     bus->rules.rewired = false;
     memcpy(bus->groups, topology.wires, topology.wire_count * sizeof bus->groups[0]);
     bus->group_count = topology.wire_count;
+    find_unplugged(bus);
     cw_outlook_forget(bus);
 }
 

@@ -326,8 +326,7 @@ bool cw_is_data_phase(const cw_bus *bus)
     if (bus->frame_step.active)
         return false;
     bool found = bus->followers && may_be_fast(&bus->common);
-    const uint64_t away = bus->outlook.valid ? bus->outlook.away : 0;
-    for (uint64_t rest = bus->all & ~(bus->followers | away); !found && rest; rest &= rest - 1)
+    for (uint64_t rest = cw_single_nodes(bus); !found && rest; rest &= rest - 1)
         found = may_be_fast(&bus->nodes[cw_lowest_node(rest)].mac);
     return found || cw_fast_nodes(bus);
 }

@@ -22,7 +22,7 @@ static bool can_start(const cw_bus *bus)
 bool cw_held_level(const cw_bus *bus)
 {
     bool held = bus->followers && cw_mac_holds_wire(&bus->common);
-    for (uint64_t rest = bus->all & ~bus->followers; !held && rest; rest &= rest - 1)
+    for (uint64_t rest = cw_single_nodes(bus); !held && rest; rest &= rest - 1)
         held = cw_mac_holds_wire(&bus->nodes[cw_lowest_node(rest)].mac);
     return held ? CW_DOMINANT : CW_RECESSIVE;
 }
@@ -35,7 +35,7 @@ static uint64_t steady_bits(const cw_bus *bus, bool level)
         return 0;
     if (bus->followers)
         bits = cw_mac_steady_bits(&bus->common, level);
-    for (uint64_t rest = bus->all & ~bus->followers; bits > 0 && rest; rest &= rest - 1)
+    for (uint64_t rest = cw_single_nodes(bus); bits > 0 && rest; rest &= rest - 1)
         bits = cw_least(bits, cw_mac_steady_bits(&bus->nodes[cw_lowest_node(rest)].mac, level));
     if (bus->dozing && level == CW_DOMINANT)
         bits = cw_least(bits, cw_doze_bits(bus));
@@ -86,7 +86,7 @@ void cw_run_go(cw_bus *bus, uint64_t bits, bool level)
         (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
     if (bus->followers)
         skip(bus, &bus->common, bits, level);
-    for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
+    for (uint64_t rest = cw_single_nodes(bus); rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         skip(bus, &bus->nodes[i].mac, bits, level);
         cw_join(bus, i);
