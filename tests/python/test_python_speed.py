@@ -82,7 +82,7 @@ def calls_of_a_message(channels=("speed",) * NODES, **options):
 def test_a_message_in_virtual_time_costs_less_than_with_virtual():
     calls = calls_of_a_message(interface="canwire", virtual_time=True)
     assert calls["library"] <= 4  # one to send it, and one for each that receives it
-    assert calls["python"] <= 51
+    assert calls["python"] <= 48
     assert calls["python"] < calls_of_a_message(interface="virtual")["python"] / 2
 
 
@@ -97,5 +97,5 @@ def test_a_message_between_nodes_in_the_time_of_their_bus_costs_little_more_than
 def test_a_message_in_real_time_costs_one_wait(clock):
     calls = calls_of_a_message(interface="canwire")
     assert calls["library"] <= 5  # the first receiver waits once
-    assert calls["python"] <= 76  # with 8 looks at the clock
+    assert calls["python"] <= 70  # with 8 looks at the clock
     assert clock.ns > 2 * FRAMES * 200_000

@@ -33,8 +33,8 @@ from can.broadcastmanager import (LimitedDurationCyclicSendTaskABC, ModifiableCy
 from . import _library
 from .bus import Bus, Error
 from .frame import EFF_FLAG, ERR_FLAG, RTR_FLAG, Frame
-from .nodebus import (STATES, Fields, NodeBus, channels, fields_of, message_of, to_frame, to_message,
-                      told)
+from .nodebus import (BUS_LOG, STATES, Fields, NodeBus, channels, fields_of, message_of, to_frame,
+                      to_message, told)
 from .virtualtime import current
 
 LOG = logging.getLogger("can.canwire")
@@ -893,9 +893,13 @@ class CanwireBus(can.BusABC):
             raise can.CanOperationError("canwire: the bus is closed")
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        if not self._virtual:
+        message, matches = self._recv_internal(timeout)
+        if self._virtual or message is None:
+            return message  # the clock of python-can does not know the time of the bus
+        if not matches and not self._matches_filters(message):  # of a class derived from this one
             return super().recv(timeout)
-        return self._recv_internal(timeout)[0]  # the clock of python-can does not know its time
+        BUS_LOG.log(self.RECV_LOGGING_LEVEL, "Received: %s", message)
+        return message
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         """Returns the next message that the filters let pass. Error frames always do, as they do
