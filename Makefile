@@ -173,7 +173,7 @@ bench: ## measure the cost of canwire, in ns and instructions, beside others; bu
 GATES := --no-print-directory LTO=yes VARIANT=release CFLAGS= BUILD=build/gates
 gates: ## no kind of work takes 1 % more instructions than ever; WRITE=yes keeps what is better
 	@scripts/install-deps build bench
-	@$(MAKE) $(GATES) build/gates/bench build/gates/canwire
+	@$(MAKE) $(GATES) build/gates/bench build/gates/bench_sim build/gates/canwire
 	@scripts/gates $(if $(WRITE),--write)
 
 # SCOPE=changed: clang-tidy and the analyzer look at files that changed, and at some others.
@@ -547,6 +547,10 @@ $(WORLD): $(call objects,$(wildcard tests/world/*.c)) $(BUILD)/canwired.o $(BUIL
 
 $(BUILD)/bench: $(call objects,$(wildcard tests/bench/speed/*.c)) $(LIB)
 	$(call link,$(LINK_LTO))
+
+# The library is the one that programs get.
+$(BUILD)/bench_sim: $(call objects,$(wildcard tests/bench/embed/*.c)) $(SIM)
+	$(call link,) -Wl,-rpath,'$$ORIGIN'
 
 REALTIME_OBJECTS := $(call objects,$(wildcard tests/bench/realtime/*.c))
 $(BUILD)/bench_realtime: $(REALTIME_OBJECTS) $(PARTS) $(LCM_OBJECTS) $(LIB)

@@ -32,6 +32,12 @@ WORKS = [
     ("timed-clean-4", "clean frame, clocks within 100 ppm, 4 nodes", 1000),
     ("timed-100-4", "bit, clocks within 100 ppm, saturated, 4 nodes", 5000),
 ]
+# The same of the program bench_sim.
+EMBEDDED = [
+    ("virtual", "frame in a program in virtual time, one of 4 nodes sends it, 3 wait for it", 2000),
+    ("real", "... in real time", 2000),
+    ("events", "event of a bus in a program, taken as columns", 4000),
+]
 OUTPUTS = [
     ("stats", "frame of a car in `canwire sim --stats`"),
     ("events", "frame of a car in `canwire sim --events`"),
@@ -44,6 +50,8 @@ def count_all(build):
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
         counts = {name: pool.submit(instructions.of_work, bench, name, units)
                   for name, _, units in WORKS}
+        counts |= {f"embed-{name}": pool.submit(instructions.of_work, build / "bench_sim", name,
+                                                units) for name, _, units in EMBEDDED}
         counts |= {f"sim-{output}": pool.submit(instructions.of_sim, tool, output)
                    for output, _ in OUTPUTS}
         counts["campaign-row"] = pool.submit(instructions.of_campaign, tool, Path(folder), "seed")
@@ -55,6 +63,7 @@ def count_all(build):
 def texts():
     """Returns what each value is, in the order of the table."""
     return {name: text for name, text, _ in WORKS} | \
+        {f"embed-{name}": text for name, text, _ in EMBEDDED} | \
         {f"sim-{output}": text for output, text in OUTPUTS} | \
         {"campaign-row": "row of a campaign: 0.1 s of bus time, 3 nodes, 17 frames",
          "node-bytes": "bytes of a node besides its queue and statistics"}
