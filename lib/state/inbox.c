@@ -61,11 +61,20 @@ static bool comes_after(const cw_inbox_entry *a, uint64_t at_tick, unsigned node
 
 /* Returns true when nothing comes before a frame for now: no other frame, and nothing that rules
  * and nodes do at this tick. Mailboxes may take it out of the queue. */
-static bool is_next(const cw_bus *bus)
+static inline bool is_next(const cw_bus *bus)
 {
-    return bus->inbox.count == 0 && !bus->buffers && bus->rules.next_due > cw_now(bus) &&
-           bus->node_due > cw_now(bus) && !bus->pending && bus->rules.hand_in_rules == 0 &&
-           bus->rules.traffic_rules == 0 && bus->rules.held_count == 0;
+    return bus->inbox.count == 0 && cw_least(bus->rules.next_due, bus->node_due) > cw_now(bus) &&
+           !bus->buffers && !bus->pending &&
+           (bus->rules.hand_in_rules | bus->rules.traffic_rules | bus->rules.held_count) == 0;
+}
+
+/* Returns true when a node takes a frame that is next. A sender that is plain (cw_outlook) lacks
+ * nothing but room. */
+static inline bool takes_next(const cw_bus *bus, unsigned i)
+{
+    const cw_bus_node *n = &bus->nodes[i];
+    return bus->outlook.plain >> i & 1u ? n->queue.count < n->queue_limit
+                                        : cw_refusal(bus, i) == CW_DROP_COUNT;
 }
 
 /* Queues a frame for now that needs no place in the inbox. Returns false, with nothing done, when
@@ -74,7 +83,7 @@ static bool is_next(const cw_bus *bus)
 __attribute__((flatten)) static bool hand_in_now(cw_bus *bus, unsigned i,
                                                  const cw_frame *frame)
 {
-    if (!is_next(bus) || !cw_knows_frame(bus, i, frame) || cw_refusal(bus, i) != CW_DROP_COUNT)
+    if (!is_next(bus) || !cw_knows_frame(bus, i, frame) || !takes_next(bus, i))
         return false;
     cw_share_lost(bus, i);
     bus->nodes[i].stats.handed_in++;

@@ -9,6 +9,8 @@
 
 #include <string.h>
 
+#define STEPS 4u /* places that are looked at one by one */
+
 void cw_queue_init(cw_queue *q, void *slots, cw_queue_place *order, uint16_t capacity,
                    cw_order mode, bool fd)
 {
@@ -34,12 +36,12 @@ static uint32_t place_key(const cw_queue *q, const cw_frame *frame)
     return q->mode == CW_ORDER_PRIORITY ? cw_queue_priority(frame) : 0;
 }
 
-/* Finds the place of a new frame: after all that wait and are at least as urgent. In this binary
- * search only the number of frames decides on branches, since the processor cannot foresee keys. */
-static unsigned queue_find_place(const cw_queue *q, uint32_t key)
+/* Finds the place of a new frame among so many that wait: after all that are at least as urgent. In
+ * this binary search only the number of frames decides on branches, since the processor cannot
+ * foresee keys. */
+static unsigned search_place(const cw_queue *q, uint32_t key, unsigned rest)
 {
     unsigned place = 0;
-    unsigned rest = q->count - q->boxed;
     if (rest == 0 || q->order[0].key <= key)
         return 0;
     while (rest > 1) {
@@ -48,6 +50,24 @@ static unsigned queue_find_place(const cw_queue *q, uint32_t key)
         rest -= half;
     }
     return place + 1;
+}
+
+/* Makes room for a new frame at its place, which it returns. A full queue keeps frames that are not
+ * urgent, and others are short. So the place is mostly near those that go first. */
+static inline unsigned open_place(cw_queue *q, uint32_t key)
+{
+    cw_queue_place *order = q->order;
+    unsigned place = q->count;
+    if (!q->boxed) {
+        const unsigned near = place > STEPS ? place - STEPS : 0;
+        for (; place > near && order[place - 1].key <= key; place--)
+            order[place] = order[place - 1];
+        if (place > near || place == 0)
+            return place;
+    }
+    const unsigned found = search_place(q, key, place - q->boxed);
+    memmove(&order[found + 1], &order[found], (place - found) * sizeof order[0]);
+    return found;
 }
 
 __attribute__((noinline)) static void put_fd(cw_queue_slot *slot, const cw_frame *frame,
@@ -77,9 +97,8 @@ bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in, cw_len
     if (q->count == q->capacity)
         return false;
     uint32_t key = place_key(q, frame);
-    unsigned place = queue_find_place(q, key);
     uint16_t slot = q->order[q->count].slot;
-    memmove(&q->order[place + 1], &q->order[place], (q->count - place) * sizeof q->order[0]);
+    unsigned place = open_place(q, key);
     q->order[place] = (cw_queue_place){.key = key, .slot = slot};
     q->count++;
     q->newest = slot;

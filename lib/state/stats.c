@@ -9,6 +9,7 @@
 /* ---- Delays: four buckets an octave, from 1024 ticks (12.8 us) on ---------------------------- */
 
 #define DELAY_SHIFT 10u /* the first octave begins at 1 << DELAY_SHIFT ticks; below is bucket 0 */
+#define DELAY_END (DELAY_SHIFT + CW_DELAY_BUCKETS / 4) /* the last one ends at 1 << DELAY_END */
 
 uint64_t cw_delay_bucket_ticks(unsigned bucket)
 {
@@ -22,13 +23,12 @@ uint64_t cw_delay_bucket_ticks(unsigned bucket)
  * end. */
 static unsigned bucket_of(uint64_t ticks)
 {
-    const unsigned last = CW_DELAY_BUCKETS / 4 - 1;
     if (ticks >> DELAY_SHIFT == 0)
         return 0;
-    unsigned octave = 63u - (unsigned)__builtin_clzll(ticks) - DELAY_SHIFT;
-    octave = octave < last ? octave : last;
-    uint64_t quarter = ticks >> (octave + DELAY_SHIFT - 2);
-    return octave * 4 + (quarter < 8 ? (unsigned)quarter - 4 : 3);
+    if (ticks >> DELAY_END != 0)
+        return CW_DELAY_BUCKETS - 1;
+    const unsigned octave = 63u - (unsigned)__builtin_clzll(ticks) - DELAY_SHIFT;
+    return octave * 4 + ((unsigned)(ticks >> (octave + DELAY_SHIFT - 2)) & 3u);
 }
 
 void cw_delay_add(cw_delay *delay, uint64_t ticks)
