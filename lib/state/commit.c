@@ -4,6 +4,8 @@
  */
 #include "state/state.h"
 
+#include "mac/confinement.h"
+
 #define PASSIVE_BITS 16u /* see sends_now() */
 
 void cw_count_clean_bits_now(cw_bus *bus)
@@ -20,8 +22,10 @@ static const cw_queue_slot *offered_slot(const cw_bus_node *n)
     return cw_queue_at(&n->queue, n->offered_slot);
 }
 
-/* Counts a frame for its transmitter, and for the bus if it was on the wire (M15). */
-static void count_sent(cw_bus *bus, cw_bus_node *n, const cw_queue_slot *slot, unsigned wire_bits)
+/* Counts a frame for its transmitter, which has sent it at a tick, and for the bus if it was on the
+ * wire (M15). */
+static inline void count_sent(cw_bus *bus, cw_bus_node *n, const cw_queue_slot *slot,
+                              unsigned wire_bits, uint64_t tick)
 {
     n->stats.tx_frames++;
     n->stats.tx_bytes += slot->bytes;
@@ -31,7 +35,7 @@ static void count_sent(cw_bus *bus, cw_bus_node *n, const cw_queue_slot *slot, u
         bus->stats.fd_frames += cw_frame_is_fd(slot->frame);
         bus->stats.frame_bits += wire_bits;
     }
-    cw_delay_add(&n->stats.delay, cw_now(bus) - slot->handed_in);
+    cw_delay_add(&n->stats.delay, tick - slot->handed_in);
 }
 
 /* Adds what time-triggered operation knows of a frame that has been sent. */
@@ -46,7 +50,7 @@ void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
 {
     cw_bus_node *n = &bus->nodes[i];
     const cw_queue_slot *slot = offered_slot(n);
-    count_sent(bus, n, slot, wire_bits);
+    count_sent(bus, n, slot, wire_bits, cw_now(bus));
     cw_note_end(bus, i, cw_now(bus));
     cw_remove_slot(bus, i, n->offered_slot);
     cw_event *e = cw_push_node_event(bus, CW_EVENT_TX, i);
@@ -55,6 +59,30 @@ void cw_commit_sent(cw_bus *bus, unsigned i, unsigned wire_bits)
     e->handed_in = slot->handed_in;
     if (bus->tt)
         commit_time(bus, i, slot, e);
+}
+
+void cw_commit_rx_tx(cw_bus *bus, const cw_rx_tx *pair)
+{
+    const unsigned i = pair->sender;
+    const uint64_t self = cw_node_bit(i);
+    cw_bus_node *n = &bus->nodes[i];
+    const cw_queue_slot *slot = offered_slot(n);
+    cw_set_listeners(bus, pair->receivers | self);
+    cw_count_received(bus, i, slot->bytes);
+    cw_queue_copy_received(&pair->rx->frame, slot);
+    cw_frame_copy(&pair->tx->frame, slot->frame);
+    pair->rx->from = pair->tx->from = self;
+    pair->rx->handed_in = pair->tx->handed_in = slot->handed_in;
+    count_sent(bus, n, slot, slot->wire_bits, pair->ended);
+    bus->starts[i].stopped = pair->ended;
+    bus->starts[i].handed_in = slot->handed_in;
+    cw_remove_sent(bus, i);
+    if (n->mac.confinement.tec == 0)
+        return;
+    cw_confinement_tx_success(&n->mac.confinement);
+    n->mac.reported_state = n->mac.confinement.state;
+    pair->tx->tec = n->mac.confinement.tec;
+    cw_report_state(bus, i);
 }
 
 /* Commits that a one-shot node has given up its frame. */

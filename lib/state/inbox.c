@@ -124,7 +124,7 @@ static void inbox_add(cw_bus *bus, unsigned i, const cw_frame *frame, uint64_t a
 /* Returns the frames of hosts for which there is room. */
 static unsigned room(const cw_inbox *box)
 {
-    const unsigned of_hosts = box->count - cw_count_bits(box->triggered);
+    const unsigned of_hosts = box->count - (box->triggered ? cw_count_bits(box->triggered) : 0);
     return box->capacity - box->kept_free - of_hosts;
 }
 

@@ -54,19 +54,19 @@ static unsigned search_place(const cw_queue *q, uint32_t key, unsigned rest)
 
 /* Makes room for a new frame at its place, which it returns. A full queue keeps frames that are not
  * urgent, and others are short. So the place is mostly near those that go first. */
-static inline unsigned open_place(cw_queue *q, uint32_t key)
+static inline cw_queue_place *open_place(cw_queue *q, uint32_t key)
 {
-    cw_queue_place *order = q->order;
-    unsigned place = q->count;
+    cw_queue_place *place = q->order + q->count;
     if (!q->boxed) {
-        const unsigned near = place > STEPS ? place - STEPS : 0;
-        for (; place > near && order[place - 1].key <= key; place--)
-            order[place] = order[place - 1];
-        if (place > near || place == 0)
+        const cw_queue_place *near = q->count > STEPS ? place - STEPS : q->order;
+        for (; place > near && place[-1].key <= key; place--)
+            *place = place[-1];
+        if (place > near || near == q->order)
             return place;
     }
-    const unsigned found = search_place(q, key, place - q->boxed);
-    memmove(&order[found + 1], &order[found], (place - found) * sizeof order[0]);
+    const unsigned rest = (unsigned)(place - q->order) - q->boxed;
+    cw_queue_place *found = q->order + search_place(q, key, rest);
+    memmove(found + 1, found, (size_t)(place - found) * sizeof *found);
     return found;
 }
 
@@ -98,8 +98,7 @@ bool cw_queue_put(cw_queue *q, const cw_frame *frame, uint64_t handed_in, cw_len
         return false;
     uint32_t key = place_key(q, frame);
     uint16_t slot = q->order[q->count].slot;
-    unsigned place = open_place(q, key);
-    q->order[place] = (cw_queue_place){.key = key, .slot = slot};
+    *open_place(q, key) = (cw_queue_place){.key = key, .slot = slot};
     q->count++;
     q->newest = slot;
     cw_queue_slot *put = cw_queue_at(q, slot);

@@ -8,6 +8,7 @@
 #ifndef CANWIRE_QUEUE_H
 #define CANWIRE_QUEUE_H
 
+#include "format/checked.h"
 #include "format/lengths.h"
 
 #include <assert.h>
@@ -57,6 +58,14 @@ static inline cw_queue_slot *cw_queue_at(const cw_queue *q, unsigned slot)
     return (cw_queue_slot *)(void *)&q->slots[slot];
 }
 
+/* Copies a frame as a receiver decodes it: bytes that are not on the wire are 0. */
+static inline void cw_queue_copy_received(cw_frame *to, const cw_queue_slot *slot)
+{
+    cw_frame_copy(to, slot->frame);
+    for (unsigned i = slot->bytes; i < CW_CLASSICAL_DATA_MAX; i++)
+        to->data[i] = 0;
+}
+
 /* slots: of cw_queue_slot_size(fd) bytes each. */
 void cw_queue_init(cw_queue *q, void *slots, cw_queue_place *order, uint16_t capacity,
                    cw_order mode, bool fd);
@@ -70,7 +79,8 @@ void cw_queue_set_order(cw_queue *q, cw_order mode);
 /* Returns the slot that goes n-th, from 0; n < count. */
 static inline uint16_t cw_queue_nth(const cw_queue *q, unsigned n)
 {
-    assert(n < q->count);
+    if (CW_CHECKED)
+        assert(n < q->count);
     return q->order[q->count - 1u - n].slot;
 }
 
@@ -89,6 +99,14 @@ void cw_queue_put_into_box(cw_queue *q, uint16_t slot, unsigned box, uint32_t ke
 
 /* Gives a frame that is not on the wire other content. */
 void cw_queue_change(cw_queue *q, uint16_t slot, const cw_frame *frame, cw_lengths *lengths);
+
+/* Does the same as cw_queue_remove() for the slot that goes first, where no frame is in a
+ * mailbox. */
+static inline void cw_queue_remove_first(cw_queue *q)
+{
+    assert(q->count > 0 && !q->boxed);
+    q->count--;
+}
 
 /* Takes a slot in use out of the queue; its contents stay readable until the next put. */
 void cw_queue_remove(cw_queue *q, uint16_t slot);

@@ -134,13 +134,16 @@ static cw_event *ring_insert(cw_bus *bus, const cw_event *added)
     return event_at(ring, place);
 }
 
-/* Clears an event, but for most data of its frame. In two halves: compilers clear that much with a
- * few wide stores, and more in a slow way. */
-static inline void ring_clear(cw_event *event)
+/* Begins a new event. Clears it, but for most data of its frame. In two halves: compilers clear
+ * that much with a few wide stores, and more in a slow way. */
+static inline void begin_event(cw_event *event, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
     const size_t size = offsetof(cw_event, frame) + sizeof(cw_short_frame), half = size / 2;
     memset(event, 0, half);
     memset((unsigned char *)event + half, 0, size - half);
+    event->tick = tick;
+    event->kind = kind;
+    event->nodes = nodes;
 }
 
 /* Returns true when the newest event comes after a new one that is not a fault. */
@@ -151,20 +154,16 @@ static bool newest_comes_behind(cw_event_ring *ring, cw_event_kind kind, uint64_
            (ring->newest_tick == tick && nodes_behind(newest_event(ring), kind, nodes)));
 }
 
-/* Adds an event after all others, which is the usual case. Returns NULL when it does not belong
- * there. */
+/* Adds a wanted event after all others, which is the usual case. Returns NULL when it does not
+ * belong there. */
 static cw_event *append(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
     cw_event_ring *ring = &bus->ring;
-    if (newest_comes_behind(ring, kind, tick, nodes) || ring->count == ring->capacity ||
-        !cw_wants_event(bus, kind))
+    if (newest_comes_behind(ring, kind, tick, nodes) || ring->count == ring->capacity)
         return NULL;
     cw_event *added = event_at(ring, ring->count++);
     ring->newest_tick = tick;
-    ring_clear(added);
-    added->tick = tick;
-    added->kind = kind;
-    added->nodes = nodes;
+    begin_event(added, kind, tick, nodes);
     return added;
 }
 
@@ -179,16 +178,48 @@ static __attribute__((noinline)) cw_event *insert_new(cw_bus *bus, cw_event_kind
 
 cw_event *cw_push_event(cw_bus *bus, cw_event_kind kind, uint64_t tick, uint64_t nodes)
 {
+    if (!cw_wants_event(bus, kind)) {
+        begin_event(&bus->unwanted_event, kind, tick, nodes);
+        return &bus->unwanted_event;
+    }
     cw_event *added = append(bus, kind, tick, nodes);
     return added ? added : insert_new(bus, kind, tick, nodes);
 }
 
+/* Gives the event of a node its counters. */
+static inline void count_errors(cw_event *e, const cw_bus *bus, unsigned i)
+{
+    e->tec = bus->nodes[i].mac.confinement.tec;
+    e->rec = bus->nodes[i].mac.confinement.rec;
+}
+
+bool cw_push_rx_tx(cw_bus *bus, cw_rx_tx *pair)
+{
+    const uint32_t both = 1u << CW_EVENT_RX | 1u << CW_EVENT_TX;
+    cw_event_ring *ring = &bus->ring;
+    const unsigned place = ring->first + ring->count;
+    if ((bus->wanted & both) == 0) {
+        pair->rx = pair->tx = &bus->unwanted_event;
+        return true;
+    }
+    if ((bus->wanted & both) != both || place + 2 > ring->capacity ||
+        (ring->count > 0 && ring->newest_tick >= pair->accepted))
+        return false;
+    pair->rx = cw_ring_at(ring, place);
+    pair->tx = (cw_event *)(void *)((unsigned char *)pair->rx + ring->event_size);
+    begin_event(pair->rx, CW_EVENT_RX, pair->accepted, pair->receivers);
+    begin_event(pair->tx, CW_EVENT_TX, pair->ended, cw_node_bit(pair->sender));
+    count_errors(pair->rx, bus, cw_lowest_node(pair->receivers));
+    count_errors(pair->tx, bus, pair->sender);
+    ring->count += 2;
+    ring->newest_tick = pair->ended;
+    return true;
+}
+
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)
 {
-    const cw_confinement *c = &bus->nodes[i].mac.confinement;
     cw_event *e = cw_push_event(bus, kind, cw_now(bus), cw_node_bit(i));
-    e->tec = c->tec;
-    e->rec = c->rec;
+    count_errors(e, bus, i);
     return e;
 }
 

@@ -309,6 +309,23 @@ void cw_pin_first(cw_bus_node *node);
 /* Takes a slot out of a node's queue. The frame that goes first may then be another one. */
 void cw_remove_slot(cw_bus *bus, unsigned node, uint16_t slot);
 
+/* Takes out the frame of the offered slot of a node that is plain (cw_outlook), all of whose lost
+ * arbitrations have been shared out. */
+static inline void cw_remove_sent(cw_bus *bus, unsigned node)
+{
+    cw_queue *q = &bus->nodes[node].queue;
+    const uint16_t slot = bus->nodes[node].offered_slot;
+    cw_rules_count_gone(&bus->rules, cw_queue_at(q, slot)->source);
+    if (slot == cw_queue_first(q))
+        cw_queue_remove_first(q);
+    else
+        cw_queue_remove(q, slot);
+    bus->queued--;
+    bus->waiting &= ~((uint64_t)(q->count == 0) << node);
+    cw_rules_forget_frame(&bus->rules, node);
+    bus->arbiter.stale |= cw_node_bit(node);
+}
+
 /* Drops all frames of a node's queue. */
 void cw_flush_queue(cw_bus *bus, unsigned node, cw_drop why);
 
@@ -626,6 +643,21 @@ static inline bool cw_wants_event(const cw_bus *bus, cw_event_kind kind)
     return bus->wanted >> kind & 1u;
 }
 
+/* A frame that some nodes, at least one, receive at a tick, before its sender has sent it. */
+typedef struct cw_rx_tx {
+    unsigned sender;
+    uint64_t receivers;
+    uint64_t accepted; /* tick */
+    uint64_t ended;    /* tick */
+    cw_event *rx;
+    cw_event *tx;
+} cw_rx_tx;
+
+/* Adds both events, without the frame and its origin, behind all others. Events that are not wanted
+ * go to a place of their own. Returns false, with nothing done, when their place is another one or
+ * only one of them is wanted. The ring must have room for them in a row, too. */
+bool cw_push_rx_tx(cw_bus *bus, cw_rx_tx *pair);
+
 /* Adds an event at the present tick, with the node's counters. */
 cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned node);
 
@@ -801,6 +833,10 @@ void cw_commit_sent(cw_bus *bus, unsigned node, unsigned wire_bits);
 
 /* Commits that the node has received a frame. */
 void cw_receive(cw_bus *bus, unsigned node, const cw_frame *frame);
+
+/* Commits that receivers have received the frame of their sender's offered slot, which has then
+ * been sent. cw_push_rx_tx() has added the events, and the present tick is the end of the frame. */
+void cw_commit_rx_tx(cw_bus *bus, const cw_rx_tx *pair);
 
 /* Commits that some nodes, at least one, have received the frame of a sender as it was sent, with
  * that many bytes of data. No rule acts on it on the host side. The caller fills the frame into the

@@ -118,6 +118,9 @@ static inline bool cw_frame_step_is_broken(const cw_bus *bus)
 /* Returns the next bit at whose end something happens: that many bits have passed then. */
 unsigned cw_frame_step_next_moment(const cw_bus *bus);
 
+/* Lowers the receivers' REC at the ACK slot (R8). */
+void cw_frame_step_lower_counters(cw_bus *bus);
+
 /* Carries out the moment at the end of the bit that has just passed. */
 void cw_frame_step_run_moment(cw_bus *bus);
 

@@ -7,8 +7,7 @@
 
 #include "mac/confinement.h"
 
-/* Lowers the receivers' REC at the ACK slot (R8). */
-static void lower_counters(cw_bus *bus)
+void cw_frame_step_lower_counters(cw_bus *bus)
 {
     uint64_t nodes = bus->outlook.counting & ~cw_node_bit(bus->frame_step.node);
     for (uint64_t rest = nodes; rest; rest &= rest - 1) {
@@ -22,14 +21,6 @@ static void lower_counters(cw_bus *bus)
     }
 }
 
-/* Copies a frame as a receiver decodes it: bytes that are not on the wire are 0. */
-static void copy_received(cw_frame *to, const cw_frame *from, unsigned length)
-{
-    cw_frame_copy(to, from);
-    for (unsigned i = length; i < CW_CLASSICAL_DATA_MAX; i++)
-        to->data[i] = 0;
-}
-
 /* Lets all listeners receive in one event, as no rule may treat them differently. */
 static inline void receive_at_once(cw_bus *bus)
 {
@@ -38,7 +29,7 @@ static inline void receive_at_once(cw_bus *bus)
     const cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
     cw_event *e = cw_receive_together(bus, step->node, step->listeners & ~cw_node_bit(step->node),
                                       slot->bytes);
-    copy_received(&e->frame, slot->frame, slot->bytes);
+    cw_queue_copy_received(&e->frame, slot);
 }
 
 /* The frame becomes valid for receivers, at the end of the last but one bit of EOF (M7). */
@@ -52,7 +43,7 @@ static void frame_moment_receive(cw_bus *bus)
         receive_at_once(bus);
         return;
     }
-    copy_received(&frame, slot->frame, slot->bytes);
+    cw_queue_copy_received(&frame, slot);
     for (uint64_t rest = step->listeners & ~cw_node_bit(step->node); rest; rest &= rest - 1)
         cw_receive(bus, cw_lowest_node(rest), &frame);
 }
@@ -80,7 +71,7 @@ void cw_frame_step_run_moment(cw_bus *bus)
         cw_order_check(bus, step->node);
     }
     if (step->at == cw_frame_step_acknowledged(step))
-        lower_counters(bus);
+        cw_frame_step_lower_counters(bus);
     else if (step->at == step->length - CW_AFTER_ACCEPT_BITS)
         frame_moment_receive(bus);
     else if (step->at == step->length)
@@ -116,7 +107,7 @@ void cw_frame_step_go_to_end(cw_bus *bus, unsigned at)
     const unsigned length = bus->frame_step.length;
     if (bus->outlook.counting && at < cw_frame_step_acknowledged(&bus->frame_step)) {
         at = cw_frame_step_pass_to(bus, at, cw_frame_step_acknowledged(&bus->frame_step));
-        lower_counters(bus);
+        cw_frame_step_lower_counters(bus);
     }
     if (at < length - CW_AFTER_ACCEPT_BITS) {
         at = cw_frame_step_pass_to(bus, at, length - CW_AFTER_ACCEPT_BITS);
