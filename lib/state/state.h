@@ -142,10 +142,12 @@ typedef struct cw_outlook {
 } cw_outlook;
 
 /* The tournament of the frames that wait, see step/arbiter.c. */
+#define CW_ARBITER_HASHES 1024u
 typedef struct cw_arbiter {
-    uint64_t entries[2 * CW_NODES_MAX]; /* a heap: 1 is the root, leaves are nodes */
-    unsigned leaves;
+    uint64_t entries[1 + 4 + 16 + 64]; /* a heap of four: 0 is the root, the last ones are nodes */
+    unsigned leaves; /* place of the first node */
     uint64_t stale; /* nodes whose first frame may differ from the one in their leaf */
+    uint8_t hashes[CW_ARBITER_HASHES]; /* of the nodes' entries: how many have each */
 } cw_arbiter;
 
 /* Statistics that many nodes count alike, see shares.c. */

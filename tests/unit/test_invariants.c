@@ -99,7 +99,7 @@ static void outlook(cw_bus *bus)
 }
 static void arbiter(cw_bus *bus)
 {
-    bus->arbiter.entries[1] = 0;
+    bus->arbiter.entries[0] = 0;
 }
 static void ring(cw_bus *bus)
 {
