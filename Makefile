@@ -46,6 +46,8 @@ OPTIMISE_cover := -O0 -g --coverage
 OPTIMISE_world := -O1 -g -fno-omit-frame-pointer -U_FORTIFY_SOURCE -Wno-format-truncation
 OPTIMISE_worldsan := $(OPTIMISE_world) -fsanitize=address,undefined \
   -fno-sanitize-recover=undefined
+# ... and counts what a training does, for PGO=1.
+OPTIMISE_train := $(OPTIMISE_release)
 OPTIMISE_fuzz := -O1 -g $(CHECKED) -fsanitize=fuzzer-no-link,address,undefined \
   -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 ifeq ($(OPTIMISE_$(VARIANT)),)
@@ -163,14 +165,14 @@ demo: ## three ECUs on real vcan, with canwired between them; under a minute
 	@$(MAKE) --no-print-directory build
 	@scripts/demo
 
+# The build is that of the package, whatever CFLAGS say.
+GATES := --no-print-directory LTO=yes PGO=1 VARIANT=release CFLAGS= BUILD=build/gates
 bench: ## measure the cost of canwire, in ns and instructions, beside others; build/bench.json
 	@scripts/install-deps build bench
 	@scripts/venv
-	@$(MAKE) --no-print-directory LTO=yes build $(BUILD)/bench $(BUILD)/bench_realtime
-	@scripts/bench --build $(BUILD)
+	@$(MAKE) $(GATES) build/gates/bench build/gates/bench_realtime build/gates/canwire
+	@scripts/bench --build build/gates
 
-# The build is that of the package, whatever CFLAGS say.
-GATES := --no-print-directory LTO=yes VARIANT=release CFLAGS= BUILD=build/gates
 gates: ## no kind of work takes 1 % more instructions than ever; WRITE=yes keeps what is better
 	@scripts/install-deps build bench
 	@$(MAKE) $(GATES) build/gates/bench build/gates/bench_sim build/gates/canwire
@@ -266,7 +268,7 @@ deb: ## a Debian package in build/deb; ARCH=arm64 makes one for that architectur
 wheel: ## the Python package as a wheel and as sources, in build; with ARCH=arm64 for that one
 	@scripts/install-deps build $(CROSS_GROUP)
 	$(PREPARE_CROSS)
-	@$(MAKE) --no-print-directory LTO=yes $(WHEEL_SIM)
+	@$(MAKE) --no-print-directory LTO=yes $(if $(IS_GCC),PGO=1) $(WHEEL_SIM)
 	@CC='$(CC)' scripts/wheel $(WHEEL_SIM) build
 
 # TWICE=yes builds all again elsewhere, and compares.
@@ -287,7 +289,7 @@ help: ## this list
 	@echo "canwire $(VERSION). Targets:"
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1\t\2/p' $(MAKEFILE_LIST) | expand -t 14
 	@echo "Variables: V=1 (show commands), VARIANT=release|debug|san, CC=gcc|clang, ARCH=arm64," \
-	  "PREFIX, DESTDIR, SYSCONFDIR, UNITDIR, EXTCAPDIR"
+	  "PGO=1 (a faster engine, by a training), PREFIX, DESTDIR, SYSCONFDIR, UNITDIR, EXTCAPDIR"
 
 # scripts/test runs these targets: unit tests of one variant and compiler. The differential test
 # takes fewer bits where each costs more; `make test` takes one in FEWER of them.
@@ -580,14 +582,46 @@ LIB_FLAGS := -O3 -fno-tree-slp-vectorize
 IS_GCC := $(shell $(CC) -v 2>&1 | grep -q '^gcc version' && echo yes)
 # An installation is linked as a whole; other targets leave a folder as it is.
 LTO ?= $(or $(if $(filter install,$(MAKECMDGOALS)),yes),$(file <$(BUILD)/lto),yes)
-$(LIB_OBJECTS) $(SIM_OBJECTS): $(BUILD)/lto
-$(BUILD)/lto: always
+PGO ?= $(file <$(BUILD)/pgo)
+$(LIB_OBJECTS) $(SIM_OBJECTS): $(BUILD)/lto $(BUILD)/pgo
+$(BUILD)/lto: MODE = $(LTO)
+$(BUILD)/pgo: MODE = $(PGO)
+$(BUILD)/lto $(BUILD)/pgo: always
 	@mkdir -p $(@D)
-	@[ "$$(cat $@ 2>/dev/null)" = '$(LTO)' ] || echo '$(LTO)' >$@
+	@[ "$$(cat $@ 2>/dev/null)" = '$(MODE)' ] || echo '$(MODE)' >$@
 always:
 endif
-ifeq ($(IS_GCC)$(LTO),yesyes)
 INLINING := --param max-inline-insns-auto=200 --param inline-unit-growth=300
+
+# PGO=1: gcc compiles the engine by what it has counted in a build of its own. So it knows what is
+# rare, and a clean frame takes a tenth fewer instructions. The training is a bit of all works of
+# the bench, and more of what users simulate most. The same training, compiler and sources give the
+# same programs. The counts lie beside the objects.
+TRAINING := --check "mix 30" "faulted-10 20000" "begin 5000"
+PROFILE = -dumpdir $(PROFILES)/$(<D)/ -dumpbase $(<F) -dumpbase-ext .c -MF $(@:.o=.d)
+ifeq ($(VARIANT),train)
+LIB_FLAGS = -O3 -fno-tree-slp-vectorize $(INLINING) -fprofile-generate $(PROFILE)
+LINK_LTO := -fprofile-generate
+endif
+ifeq ($(VARIANT)$(PGO),release1)
+ifneq ($(IS_GCC),yes)
+$(error PGO=1 needs gcc)
+endif
+TRAINED := $(BUILD)/trained
+PROFILES := $(BUILD)
+LIB_FLAGS += -fprofile-use -Wno-missing-profile
+$(filter $(BUILD)/pic/lib/%,$(SIM_OBJECTS)): PIC += $(PROFILE)
+$(LIB_OBJECTS) $(SIM_OBJECTS): $(TRAINED)
+$(TRAINED): $(LIB_SOURCES) $(wildcard lib/*.h lib/*/*.h tests/bench/speed/*) | $(LAYOUT)
+	@$(MAKE) --no-print-directory VARIANT=train BUILD=$(BUILD)/train PROFILES=$(BUILD) PGO= \
+	  $(BUILD)/train/bench
+	@find $(BUILD) -name '*.gcda' -delete
+	$(call tell,RUN,$(BUILD)/train/bench) for work in $(TRAINING); do \
+	  $(RUN) $(BUILD)/train/bench $$work >/dev/null || exit 1; done
+	@touch $@
+endif
+
+ifeq ($(IS_GCC)$(LTO),yesyes)
 # gcc does not tell the assembler of -ffile-prefix-map for these objects: packages would not be the
 # same from everywhere.
 LIB_FLAGS += -flto -ffat-lto-objects $(INLINING) -Wa,--debug-prefix-map=$(CURDIR)=.

@@ -87,6 +87,8 @@ const bench_work bench_works[] = {
     BITS("timed-3000-16", .nodes = 16, .senders = 16, .ppm = 3000),
     BITS("timed-3000-64", .nodes = 64, .senders = 64, .ppm = 3000),
     BITS("timed-light-4", .nodes = 4, .senders = 4, .ppm = 100, .load = 10),
+    {.name = "begin", .unit = "bus", .units = 100, .start = bench_mix_start,
+     .run = bench_begin_run, .end = bench_mix_end},
     {.name = "mix", .unit = "bus second", .units = 1, .start = bench_mix_start,
      .run = bench_mix_run, .end = bench_mix_end},
 };

@@ -80,6 +80,9 @@ void bench_bus_end(void *state);
 /* Starts the periodic traffic of a car. A unit is a second of bus time. */
 void *bench_mix_start(const void *options);
 uint64_t bench_mix_run(void *state, uint64_t units);
+
+/* Begins with such a bus so many times. */
+uint64_t bench_begin_run(void *state, uint64_t units);
 void bench_mix_end(void *state);
 
 /* Its load on the bus after some run. */
