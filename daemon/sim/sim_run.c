@@ -44,6 +44,7 @@ static void sim_run_describe(cw_bus_config *out, cw_node_config nodes[CW_NODES_M
     cfg_bus_config(out, nodes, s->config);
     out->inbox = INBOX_FRAMES;
     out->events = EVENT_RING;
+    out->settled = !s->roomy;
     if (!s->roomy)
         return;
     for (unsigned i = 0; i < out->node_count; i++)

@@ -179,7 +179,7 @@ void cw_bus_set_stepping(cw_bus *bus, bool stepping)
 
 void cw_bus_set_own_clocks(cw_bus *bus, bool own)
 {
-    bus->timed.requested = own;
+    bus->timed.requested = own && !bus->lean;
     cw_outlook_forget(bus);
 }
 

@@ -176,7 +176,8 @@ bool cw_settings_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
     bool timing = !(s->which & (CW_SET_TIMING | CW_SET_DATA)) ||
                   cw_new_timing_valid(bus, i, &next, new_data(s));
     const bool changes_way = s->which & (CW_SET_WAY | CW_SET_RINGING);
-    const bool wake = !(s->which & CW_SET_WAKE) || cw_sleep_valid(&s->sleep);
+    const bool wakes = s->which & (CW_SET_WAKE | CW_SET_SLEEP);
+    const bool wake = !wakes || (!bus->lean && cw_sleep_valid(&s->sleep));
     const bool unit = !(s->which & CW_SET_UNIT) ||
                       ((s->which & CW_SET_QUANTUM) && s->unit >= CW_TICK / 2 &&
                        s->unit <= 2 * CW_LOCAL_UNIT_MAX);
@@ -293,9 +294,11 @@ cw_status cw_node_get_settings(const cw_bus *bus, unsigned i, cw_settings *s)
         .restart_ticks = bus->restarts[i].ticks,
         .timing = cw_timing_now(bus, i),
         .data = cw_data_timing_now(bus, i),
-        .sleeps = cw_sleep_wanted(bus, i),
-        .sleep = bus->sleeps[i].settings,
     };
+    if (!bus->lean) {
+        s->sleeps = cw_sleep_wanted(bus, i);
+        s->sleep = bus->sleeps[i].settings;
+    }
     cw_get_way(bus, i, s);
     return CW_OK;
 }

@@ -277,11 +277,10 @@ static unsigned mark_room(const cw_bus_config *c)
 }
 
 /* Lays out what nodes with clocks of their own need: delays, edges, disturbances, marks. */
-static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
+static void carve_clocks(arena *a, cw_timed *t, const cw_bus_config *c)
 {
     const size_t pairs = (size_t)c->node_count * c->node_count;
     const unsigned room = room_for_disturbances(c);
-    cw_timed_node *nodes = carve(a, c->node_count, sizeof *nodes);
     cw_bit_timing *next_timings = carve(a, c->node_count, sizeof *next_timings);
     cw_timed_rates *rates = cw_has_data_rate(c) ? carve(a, c->node_count, sizeof *rates) : NULL;
     cw_span *delays = carve(a, 2 * pairs, sizeof *delays);
@@ -294,16 +293,28 @@ static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
     cw_mark *marks = carve_room(a, mark_room(c), sizeof *marks);
     if (!t)
         return;
-    memset(nodes, 0, c->node_count * sizeof *nodes);
     if (rates)
         memset(rates, 0, c->node_count * sizeof *rates);
-    *t = (cw_timed){.nodes = nodes, .next_timings = next_timings, .rates = rates,
+    *t = (cw_timed){.nodes = t->nodes, .next_timings = next_timings, .rates = rates,
                     .ringing = ringing, .clean = {.nodes = clean, .along = along},
-                    .steady_at = CW_NEVER,
                     .cable = {.edges = edges, .capacity = edges_looked_at(c),
                               .delays = delays, .way = way, .node_count = c->node_count},
                     .disturbances = {.list = list, .capacity = room},
                     .marks = marks, .mark_room = mark_room(c)};
+}
+
+/* Lays out the bit timings of the nodes, and unless the bus is lean what goes with them. */
+static void carve_timed(arena *a, cw_timed *t, const cw_bus_config *c)
+{
+    cw_timed_node *nodes = carve(a, c->node_count, sizeof *nodes);
+    if (t) {
+        memset(nodes, 0, c->node_count * sizeof *nodes);
+        t->nodes = nodes;
+    }
+    if (!cw_is_lean(c))
+        carve_clocks(a, t, c);
+    if (t)
+        t->steady_at = CW_NEVER;
 }
 
 /* Lays out a bus and all of its parts. Without memory it counts the bytes and returns NULL. */
@@ -315,7 +326,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     cw_lengths *lengths = carve_room(a, 1, sizeof *lengths);
     cw_restart_times *restarts = carve(a, c->node_count, sizeof *restarts);
     cw_start *starts = carve(a, c->node_count, sizeof *starts);
-    cw_sleep *sleeps = carve(a, c->node_count, sizeof *sleeps);
+    cw_sleep *sleeps = cw_is_lean(c) ? NULL : carve(a, c->node_count, sizeof *sleeps);
     const size_t entry_size = cw_inbox_entry_size(has_fd(c));
     const size_t event_size = cw_ring_event_size(has_fd(c));
     const unsigned inbox_room = c->inbox + nodes_with_triggers(c);
@@ -332,6 +343,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
         bus->restarts = restarts;
         bus->starts = starts;
         bus->sleeps = sleeps;
+        bus->lean = cw_is_lean(c);
         bus->fd = has_fd(c);
         bus->fd_parts = fd_parts;
         bus->inbox = (cw_inbox){.entries = entries,
@@ -376,7 +388,8 @@ static void init_node(cw_bus *bus, unsigned i, const cw_node_config *c)
     bus->silent |= c->variants & CW_VARIANT_SILENT_PASSIVE ? cw_node_bit(i) : 0;
     bus->formats_differ = bus->fd || bus->old || bus->strict;
     bus->restarts[i] = (cw_restart_times){.ticks = c->restart_ticks, .at = CW_NEVER};
-    bus->sleeps[i] = (cw_sleep){.settings = c->sleep, .awake_at = CW_NEVER};
+    if (!bus->lean)
+        bus->sleeps[i] = (cw_sleep){.settings = c->sleep, .awake_at = CW_NEVER};
 }
 
 cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)

@@ -315,7 +315,7 @@ static bool takeover_fits(const cw_bus *bus, const cw_bus *old, const uint8_t *f
         taken |= cw_node_bit(from[i]);
     }
     const bool one_rate = cw_rate_equal(cw_wire_rate(&bus->time), cw_wire_rate(&old->time));
-    return one_rate && cw_now(bus) == 0 &&
+    return one_rate && cw_now(bus) == 0 && !bus->lean && !old->lean &&
            bus->inbox.capacity - bus->inbox.kept_free >= old->inbox.count;
 }
 

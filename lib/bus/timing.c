@@ -84,6 +84,24 @@ static cw_span longest_of(const cw_way *ways, unsigned count)
     return longest;
 }
 
+/* Returns true when a node has no clock, no delay and no ringing of its own. */
+static bool is_like_bus(const cw_node_timing *t)
+{
+    const cw_way way = way_of(t);
+    return t->bit.quantum == 0 && t->ringing == 0 && cw_way_delay(&way, &way, CW_DOMINANT) == 0 &&
+           cw_way_delay(&way, &way, CW_RECESSIVE) == 0 && way.place == 0 && way.stub == 0;
+}
+
+bool cw_is_lean(const cw_bus_config *c)
+{
+    bool lean = c->settled && !c->marks && !cw_has_data_rate(c);
+    for (unsigned i = 0; i < c->node_count; i++)
+        lean = lean && is_like_bus(&c->nodes[i].timing) && !c->nodes[i].sleeps;
+    for (unsigned i = 0; i < c->rule_count; i++)
+        lean = lean && cw_rule_keeps_grid(&c->rules[i]);
+    return lean;
+}
+
 static void find_ways(cw_way ways[CW_NODES_MAX], const cw_bus_config *c)
 {
     for (unsigned i = 0; i < c->node_count; i++)
@@ -131,7 +149,8 @@ static bool is_uniform(cw_bus *bus)
     const cw_timed *t = &bus->timed;
     bool uniform = t->longest == 0;
     for (unsigned i = 0; i < bus->node_count; i++)
-        uniform = uniform && t->ringing[i].now == 0 && same_timing(coming(t, 0), coming(t, i));
+        uniform = uniform && (bus->lean || t->ringing[i].now == 0) &&
+                  same_timing(coming(t, 0), coming(t, i));
     return uniform && bit_length(coming(t, 0)) == t->bit_time &&
            (!t->rates || cw_rates_agree(bus, coming(t, 0)));
 }
@@ -231,19 +250,27 @@ static void find_uniform(cw_bus *bus)
     cw_outlook_forget(bus);
 }
 
+/* Sets up delays and ringing. */
+static void init_ways(cw_timed *t, const cw_bus_config *c)
+{
+    find_ways(cw_cable_ways(&t->cable), c);
+    t->longest = cw_cable_find_delays(&t->cable);
+    for (unsigned i = 0; i < c->node_count; i++)
+        t->ringing[i] = (cw_ringing){.now = c->nodes[i].timing.ringing};
+    cw_timed_begin_ringing(t);
+}
+
 void cw_init_timing(cw_bus *bus, const cw_bus_config *c)
 {
     cw_timed *t = &bus->timed;
-    find_ways(cw_cable_ways(&t->cable), c);
-    t->longest = cw_cable_find_delays(&t->cable);
     for (unsigned i = 0; i < c->node_count; i++) {
         const cw_bit_timing timing = cw_bit_timing_of(c, i);
         cw_timed_set_timing(&t->nodes[i], &timing);
         if (t->rates)
             cw_init_rates(bus, i, &c->nodes[i].timing.data, &timing);
-        t->ringing[i] = (cw_ringing){.now = c->nodes[i].timing.ringing};
     }
-    cw_timed_begin_ringing(t);
+    if (!bus->lean)
+        init_ways(t, c);
     t->bit_time = bit_time_of(c);
     t->divides = divides_bits(c);
     t->bits_of_bit_time = cw_bits_of_bit_time(c);
@@ -277,7 +304,7 @@ bool cw_new_timing_valid(const cw_bus *bus, unsigned i, const cw_bit_timing *tim
                          const cw_data_timing *data)
 {
     const cw_timed *t = &bus->timed;
-    if (data && (!t->rates || !cw_data_timing_valid(data)))
+    if (bus->lean || (data && (!t->rates || !cw_data_timing_valid(data))))
         return false;
     const cw_bit_timing fast = t->rates ? cw_new_data_bit(bus, i, timing, data) : *timing;
     return t->divides && change_fits(&fast, t->bit_time, t->bits_of_bit_time, t->longest) &&
@@ -384,6 +411,8 @@ bool cw_new_way_valid(const cw_bus *bus, unsigned i, const cw_settings *s)
 {
     const cw_timed *t = &bus->timed;
     cw_span longest;
+    if (bus->lean)
+        return false;
     const cw_span shortest = shortest_coming(t, &longest);
     const cw_span back = 2 * longest + longest_former_ringing(t);
     return t->divides &&
@@ -414,8 +443,10 @@ void cw_set_way(cw_bus *bus, unsigned i, const cw_settings *s)
 
 void cw_get_way(const cw_bus *bus, unsigned i, cw_settings *s)
 {
-    const cw_way *way = &cw_cable_ways(&bus->timed.cable)[i];
     s->which |= CW_SET_WAY | CW_SET_RINGING;
+    if (bus->lean)
+        return;
+    const cw_way *way = &cw_cable_ways(&bus->timed.cable)[i];
     change_delay(s->tx_delay, way->tx_delay, true);
     change_delay(s->rx_delay, way->rx_delay, true);
     s->place = way->place;

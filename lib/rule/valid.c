@@ -98,3 +98,10 @@ bool cw_rule_valid(const cw_rule_set *set, const cw_rule *r)
            (!r->has_after || r->after < set->capacity) &&
            (r->again_ticks == 0 || r->trigger == CW_TRIGGER_TIME);
 }
+
+bool cw_rule_keeps_grid(const cw_rule *r)
+{
+    const uint32_t leaving = CW_SET_CLOCKS | CW_SET_SLEEP | CW_SET_WAKE;
+    return !(cw_actions[r->action].traits & (CW_IN_TIME | CW_ON_LINE)) &&
+           !(r->action == CW_ACTION_SET && (r->settings.which & leaving));
+}

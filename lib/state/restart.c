@@ -25,6 +25,7 @@ void cw_find_node_due(cw_bus *bus)
         bus->node_due = cw_least(bus->node_due,
                                  cw_least(cw_tt_due(bus, i),
                                           cw_least(bus->restarts[i].at, cw_buffers_due(bus, i))));
-        bus->node_due = cw_least(bus->node_due, bus->sleeps[i].awake_at);
+        if (!bus->lean)
+            bus->node_due = cw_least(bus->node_due, bus->sleeps[i].awake_at);
     }
 }

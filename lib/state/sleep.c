@@ -24,9 +24,8 @@ bool cw_sleep_valid(const cw_sleep_settings *s)
 
 bool cw_sleep_wanted(const cw_bus *bus, unsigned i)
 {
-    const cw_sleep *s = &bus->sleeps[i];
     if (bus->asleep >> i & 1u)
-        return s->awake_at == CW_NEVER && !s->called;
+        return bus->sleeps[i].awake_at == CW_NEVER && !bus->sleeps[i].called;
     return bus->nodes[i].mac.sleeps;
 }
 
@@ -77,10 +76,10 @@ static void stop_listening(cw_bus *bus, unsigned i)
 
 void cw_sleep_wait(cw_bus *bus, unsigned i)
 {
-    cw_sleep *s = sleep_of(bus, i);
     const uint64_t self = cw_node_bit(i);
-    if (!(bus->asleep & self) || s->awake_at != CW_NEVER)
+    if (!(bus->asleep & self) || sleep_of(bus, i)->awake_at != CW_NEVER)
         return;
+    cw_sleep *s = sleep_of(bus, i);
     cw_outlook_forget(bus);
     s->filter.length = s->settings.filter_ticks * (uint64_t)CW_TICK;
     if (s->settings.frame_count) {
@@ -174,8 +173,10 @@ void cw_sleep_wake(cw_bus *bus, unsigned i, cw_wake why)
 
 void cw_sleep_run(cw_bus *bus, unsigned i)
 {
+    if (!(bus->asleep >> i & 1u))
+        return;
     const cw_sleep *s = sleep_of(bus, i);
-    if (!(bus->asleep >> i & 1u) || (!s->called && s->awake_at > cw_now(bus)))
+    if (!s->called && s->awake_at > cw_now(bus))
         return;
     (void)cw_own_mac(bus, i);
     if (s->called)

@@ -235,6 +235,7 @@ struct cw_bus {
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped, nothing shared */
     bool watching; /* nothing is skipped */
+    bool lean; /* there is no memory for clocks, delays and sleep: see `settled` of cw_bus_config */
     bool pending; /* pending: a rule or a setting has changed something at a controller */
     cw_event unwanted_event; /* written to when the kind is not wanted */
     cw_event lost_event; /* written to when the ring is full */
@@ -242,7 +243,7 @@ struct cw_bus {
     cw_bus_node *nodes;
     cw_restart_times *restarts; /* one for each node */
     cw_start *starts;        /* likewise: of the last transmission */
-    cw_sleep *sleeps;        /* likewise */
+    cw_sleep *sleeps;        /* likewise; NULL on a lean bus */
     cw_buffers *buffers;     /* ... or NULL: no node has filters, buffers or mailboxes */
     uint64_t replying;       /* nodes with replies of mailboxes in their queues */
     uint32_t stored;         /* frames in all receive buffers now ... */

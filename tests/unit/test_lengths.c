@@ -19,7 +19,7 @@ static cw_frame any_frame(rig_random *random)
     return f;
 }
 
-TEST(test_remembered_lengths_are_those_that_are_measured)
+TEST(remembered_lengths_are_those_that_are_measured)
 {
     static cw_frame frames[FRAMES];
     static cw_lengths lengths;
@@ -33,7 +33,7 @@ TEST(test_remembered_lengths_are_those_that_are_measured)
     }
 }
 
-TEST(test_frames_that_differ_in_one_part_are_not_mixed_up)
+TEST(frames_that_differ_in_one_part_are_not_mixed_up)
 {
     static cw_lengths lengths;
     const cw_frame frames[] = {
@@ -49,7 +49,7 @@ TEST(test_frames_that_differ_in_one_part_are_not_mixed_up)
 }
 
 /* A frame that comes again is found, though others have been in its place meanwhile. */
-TEST(test_a_frame_stays_until_two_others_take_its_place)
+TEST(a_frame_stays_until_two_others_take_its_place)
 {
     static cw_lengths lengths;
     const cw_frame frame = {.id = 0x123, .dlc = 2, .data = {1, 2}};
