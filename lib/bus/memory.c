@@ -287,7 +287,7 @@ static void carve_clocks(arena *a, cw_timed *t, const cw_bus_config *c)
     cw_way *way = carve(a, (size_t)CW_WAYS_KEPT * c->node_count, sizeof *way);
     cw_ringing *ringing = carve(a, c->node_count, sizeof *ringing);
     cw_clean_node *clean = carve(a, c->node_count, sizeof *clean);
-    uint8_t *along = carve(a, c->node_count, sizeof *along);
+    uint8_t *at = carve(a, c->node_count, sizeof *at);
     cw_edge *edges = carve_room(a, edges_looked_at(c), sizeof *edges);
     cw_disturbance *list = carve_room(a, room, sizeof *list);
     cw_mark *marks = carve_room(a, mark_room(c), sizeof *marks);
@@ -296,7 +296,7 @@ static void carve_clocks(arena *a, cw_timed *t, const cw_bus_config *c)
     if (rates)
         memset(rates, 0, c->node_count * sizeof *rates);
     *t = (cw_timed){.nodes = t->nodes, .next_timings = next_timings, .rates = rates,
-                    .ringing = ringing, .clean = {.nodes = clean, .along = along},
+                    .ringing = ringing, .clean = {.nodes = clean, .at = at},
                     .cable = {.edges = edges, .capacity = edges_looked_at(c),
                               .delays = delays, .way = way, .node_count = c->node_count},
                     .disturbances = {.list = list, .capacity = room},

@@ -297,5 +297,6 @@ cw_status cw_node_get_sync_stats(const cw_bus *bus, unsigned i, cw_sync_stats *s
     if (!bus->timed.records)
         return CW_REFUSED;
     *stats = bus->timed.records[i].stats;
+    cw_clean_add_counts(bus, i, stats);
     return CW_OK;
 }

@@ -34,6 +34,10 @@ bool cw_frame_find(const cw_frame *frame, unsigned *n, cw_field field, unsigned 
 /* Does the same as cw_frame_wire_bits(), for a classical frame that is valid. */
 unsigned cw_bits_measure_classical(const cw_frame *frame);
 
+/* Returns the last wire bit before the ACK slot that begins with an edge to dominant, and finds the
+ * length of such a frame. */
+unsigned cw_bits_last_edge(const cw_frame *frame, unsigned *length);
+
 /* Returns true when a frame has these bits, and they can deviate: CW_DEVIATES_*. */
 bool cw_frame_can_deviate(const cw_frame *frame, unsigned deviations);
 

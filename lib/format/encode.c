@@ -209,6 +209,23 @@ unsigned cw_bits_measure_classical(const cw_frame *frame)
     return (unsigned)(all.lengths & LENGTHS_MASK) - plain.pad_bits + CW_TAIL_BITS;
 }
 
+/* In the last two bytes are at least 16 wire bits. Rows of equal bits have at most five, so that an
+ * edge to dominant is among the last eleven. */
+unsigned cw_bits_last_edge(const cw_frame *frame, unsigned *length)
+{
+    plain_bytes plain;
+    cw_stuffed all = {.state = CW_STUFF_FIRST};
+    const content c = content_of(frame);
+    (void)lay_out(&plain, &c, 0);
+    for (unsigned n = 0; n + 2 < plain.count; n++)
+        cw_measure_byte(&all, plain.first[n]);
+    cw_stuff_byte(&all, plain.first[plain.count - 2]);
+    cw_stuff_byte(&all, plain.first[plain.count - 1]);
+    const unsigned stuffed = (unsigned)(all.lengths & LENGTHS_MASK) - plain.pad_bits;
+    *length = stuffed + CW_TAIL_BITS;
+    return stuffed - 1 - (unsigned)__builtin_clzll(~all.level & all.level << 1);
+}
+
 unsigned cw_frame_wire_bits(const cw_frame *frame)
 {
     if (!cw_frame_valid(frame))

@@ -76,25 +76,33 @@ typedef struct cw_wires {
     unsigned count; /* 1: all nodes are on one wire */
 } cw_wires;
 
-/* A node in clean frames. Spans are by its bit timing and its way, levels are indices. */
+/* A node in clean frames. Spans are by its bit timing and its way, levels are indices. Keys are
+ * moments at which edges would come to place 0 of the line, or are part of one. */
 typedef struct cw_clean_node {
     cw_span quantum;
     cw_span bit;
-    cw_span to_sample;     /* from the start of a bit */
+    cw_span delimiter;    /* the start of the ACK delimiter of the last frame */
+    cw_span ack;          /* the start of the ACK slot, if nobody acknowledged */
+    cw_span down;         /* ack + down: key of the acknowledgement that goes up the line, */
+    cw_span up;           /* ... and of the one that goes down; later than any for those that do not
+                             acknowledge */
+    cw_span from_below;   /* key + from_below: the arrival of an edge that goes up, */
+    cw_span from_above;   /* ... and of one that goes down */
+    cw_span arrival;      /* of the first acknowledgement, if edges go along a line */
+    cw_span quiet;        /* an acknowledgement that far behind `ack` is nothing new to count */
+    uint64_t turns;       /* quanta by which edges have moved its bits up to there, without sign */
+    uint64_t resyncs;     /* resynchronisations that its record does not have yet */
+    uint64_t unheard;     /* frames of cw_clean at whose SOF it did not synchronise */
+    unsigned node;
+    cw_span place;
+    cw_span out[2];       /* the delay of its edges up to the line, its stub included */
+    cw_span in[2];        /* ... from there to it */
+    cw_span own[2];       /* ... from it to itself */
+    cw_span to_sample;    /* from the start of a bit */
     cw_span to_first_look; /* ... to the first of three looks for a sample (T7) */
     cw_span sjw;
-    cw_span out[2];  /* the delay of its edges up to the line, its stub included */
-    cw_span in[2];   /* ... from the line to it */
-    cw_span own[2];  /* ... from it to itself */
-    cw_span place;
     cw_span last_arrival; /* the longest delay of a recessive edge from it */
     uint64_t harmless;    /* nodes that read it right, or not at all, see step/quantum_proof.c */
-    bool acknowledges;
-    cw_span delimiter[2]; /* starts of the ACK delimiters of the last frame and of the next one */
-    cw_span phase;   /* from the start of the quantum of SOF to the edge */
-    cw_span ack;     /* the start of the ACK slot, if nobody acknowledged */
-    cw_span arrival; /* of the first acknowledgement of another node */
-    int32_t turns;   /* quanta by which edges have moved its bits up to there */
 } cw_clean_node;
 
 /* All nodes in clean frames, and between them. */
@@ -102,18 +110,28 @@ typedef struct cw_clean {
     bool valid;          /* the nodes are by the present bit timings and ways */
     bool at_one_place;   /* no edge has to go along a line */
     cw_span least_delay; /* of a dominant edge from a node to another one */
+    cw_span most_skew;   /* by which edges to recessive are under way for longer, or shorter */
+    cw_span most_out;    /* of dominant edges */
+    cw_span least_in;
+    cw_span least_quantum;
+    cw_span most_quantum;
     cw_span least_bit;
     cw_span most_bit;
+    cw_span least_behind; /* from a sample point to the end of the bit */
+    cw_span most_behind;
     cw_span least_look;  /* to_first_look */
-    cw_clean_node *nodes;
-    uint8_t *along;      /* the nodes in the order of their places */
+    cw_clean_node *nodes; /* in the order of their places on the line */
+    uint8_t *at;         /* index of each node there */
     bool parked;         /* all nodes are between two frames, and their places are here */
-    unsigned last;       /* of `delimiter`: that of the last frame */
+    cw_span least_end;   /* limits of the last delimiters */
+    cw_span most_end;
     uint64_t away;       /* nodes that are off, in bus-off or asleep */
+    uint64_t drivers;    /* nodes that acknowledge */
     uint64_t senders;    /* nodes that have been the transmitters of the last frame */
-    cw_span busy;        /* the last of them samples the third bit of intermission */
-    cw_span open;        /* ... and the second one: then all take an edge for SOF */
+    uint64_t heard;      /* frames whose hard synchronisations the records do not have yet */
 } cw_clean;
+
+#define CW_NO_KEY (CW_SPAN_MAX / 4) /* later than any key */
 
 /* The swing of the wire at a node, after edges to recessive that come after a moment. */
 typedef struct cw_ringing {
@@ -244,6 +262,12 @@ static inline void cw_agenda_take(cw_agenda *agenda, cw_doing what)
         agenda->looks.first++;
     else
         agenda->others.first++;
+}
+
+/* Returns a node in clean frames. */
+static inline cw_clean_node *cw_clean_at(const cw_clean *clean, unsigned node)
+{
+    return &clean->nodes[clean->at[node]];
 }
 
 /* Moves the epoch forward. */

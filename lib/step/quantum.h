@@ -11,9 +11,7 @@
  *   quantum_wires.c wires that rules cut and join
  *   quantum_ringing.c  the wire swings after edges to recessive
  *   quantum_rest.c  bit times in which all nodes rest
- *   quantum_frame.c clean frames at once; quantum_proof.c: nodes that read them right;
- *                   quantum_park.c: where nodes are between them; quantum_edge.c: the
- *                   acknowledgement; quantum_count.c: synchronisations
+ *   quantum_frame.c clean frames at once, see quantum_clean.h
  */
 #ifndef CANWIRE_STEP_QUANTUM_H
 #define CANWIRE_STEP_QUANTUM_H
@@ -283,67 +281,16 @@ void cw_sync_count_sample(cw_bus *bus, unsigned node, bool level, cw_span moment
  * has not sampled. Returns how many of them it has sampled by then. */
 unsigned cw_timed_place(cw_bus *bus, unsigned node, cw_span first, cw_span moment);
 
-/* ---- quantum_proof.c ------------------------------------------------------------------------- */
-
-/* Finds what clean frames need to know of nodes, by the present bit timings and ways. */
-void cw_clean_prove(cw_bus *bus);
-
-/* ---- quantum_park.c, where a proof has been found -------------------------------------------- */
-
-/* Parks all nodes, if they are not parked. Returns false when a node has more to do than to wait
- * for a frame. */
-bool cw_clean_park(cw_bus *bus);
-
-/* Ends this where the bus could go back to the grid, or may have bits of two rates. */
-void cw_clean_settle(cw_bus *bus);
-
-/* Returns the moment up to which the bus is busy with the last frame. All nodes are parked. */
-cw_span cw_clean_busy_until(const cw_bus *bus);
-
-/* Returns the first start of a bit of a parked node at which it can begin a frame, at or after a
- * moment. */
-cw_span cw_clean_ready(const cw_bus *bus, unsigned node, cw_span moment);
-
-/* Returns true when all nodes, which are parked, take an edge at a moment for SOF. */
-bool cw_clean_takes_sof(const cw_bus *bus, cw_span moment);
+/* ---- quantum_park.c -------------------------------------------------------------------------- */
 
 /* Moves the epoch forward, which has been done for the bus. */
 void cw_clean_rebase(cw_bus *bus, cw_span by);
 
-/* ---- quantum_frame.c ------------------------------------------------------------------------- */
+/* Ends parking where the bus could go back to the grid, or may have bits of two rates. */
+void cw_clean_settle(cw_bus *bus);
 
 /* Counts bit times for load and statistics, in which nodes are parked and no frame begins. */
 void cw_clean_count_rest(cw_bus *bus, uint64_t bits);
-
-/* A frame on its way. Bits are counted from SOF. */
-typedef struct cw_clean_frame {
-    unsigned sender;
-    const cw_frame *frame;
-    uint64_t due;        /* tick at which it comes out of the inbox; 0: it waits */
-    unsigned length;     /* bits, SOF to EOF */
-    unsigned edge;       /* the last bit before the ACK slot that begins with an edge to dominant */
-    unsigned slot;       /* the ACK slot */
-    cw_span now;         /* the start of the step */
-    cw_span begin;       /* of SOF */
-    cw_span until;       /* the end of the step */
-    uint64_t bit_times;  /* of the step */
-    cw_span least_end;   /* of the ACK slots of all nodes */
-    cw_span most_end;
-    cw_span first_end;   /* the first one of those that acknowledge */
-    cw_span released;    /* the wire is recessive everywhere behind it */
-} cw_clean_frame;
-
-/* ---- quantum_edge.c -------------------------------------------------------------------------- */
-
-/* Finds where the ACK slot of each node ends, and who acknowledges whom (T4 to T6, T12). Returns
- * false when an edge may come too early or too late for a node. Then a sample of the slot, or of a
- * bit beside it, may go wrong. */
-bool cw_clean_acknowledge(cw_bus *bus, cw_clean_frame *frame);
-
-/* ---- quantum_count.c ------------------------------------------------------------------------- */
-
-/* Counts the synchronisations and margins of a frame for all nodes. */
-void cw_clean_count_syncs(cw_bus *bus, const cw_clean_frame *frame);
 
 /* ---- quantum_grid.c -------------------------------------------------------------------------- */
 

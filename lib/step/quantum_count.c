@@ -2,60 +2,39 @@
  *
  * quantum_count.c - counts the synchronisations and margins of clean frames (T3 to T5).
  *
- * The offset of an edge is the time from the start of a receiver's bit to it. It rises or falls from
- * bit to bit, by the difference of the clocks. An edge to dominant in another quantum than Sync_Seg
- * moves the bits of the node by these quanta: they turn. Between two turns offsets go evenly. So
- * of all edges the first and the last ones have the margins.
+ * The offset of an edge is the time from the start of a receiver's bit to it. It rises or falls
+ * from bit to bit, by the difference of the clocks. An edge to dominant in another quantum than
+ * Sync_Seg moves the bits of the node by these quanta: they turn. Between two turns offsets go
+ * evenly. So of all edges the first and the last ones have the margins.
  */
-#include "step/quantum.h"
+#include "step/quantum_clean.h"
 
 #include "format/bits.h"
 
-#define EDGE_WORDS 3u /* of the longest classical frame */
 #define NO_KEY (INT64_MIN / 2) /* no edge comes so early */
-
-/* The edges of a frame from SOF to the CRC delimiter, as sets of the bits that begin with them. */
-typedef struct frame_edges {
-    uint64_t to[2][EDGE_WORDS]; /* by their level */
-} frame_edges;
-
-/* The offsets of edges of each level to a receiver. */
-typedef struct offsets {
-    cw_span least;
-    cw_span most;
-} offsets;
-
-/* The last recessive edge behind ACK slots, for each end of the line: when it would come to place 0
- * if it went on so far. Then its node, and the last edge of others. */
-typedef struct last_release {
-    cw_span key[2];
-    cw_span other[2];
-    unsigned node[2];
-} last_release;
 
 /* ---- Edges of the frame ---------------------------------------------------------------------- */
 
-/* Returns the edges of a frame, without the one of SOF, at which receivers synchronise hard. */
-static frame_edges find_edges(const cw_frame *frame)
+/* Finds the edges, without the one of SOF, at which receivers synchronise hard. */
+static void find_edges(cw_frame_edges *e, const cw_frame *frame)
 {
     cw_bits bits;
-    frame_edges e;
     uint64_t before = 1; /* SOF follows on recessive */
     (void)cw_bits_encode(&bits, frame);
-    for (unsigned w = 0; w < EDGE_WORDS; w++) {
+    for (unsigned w = 0; w < CW_EDGE_WORDS; w++) {
         const uint64_t level = bits.level[w], shifted = level << 1 | before;
-        e.to[CW_DOMINANT][w] = ~level & shifted;
-        e.to[CW_RECESSIVE][w] = level & ~shifted;
+        e->to[CW_DOMINANT][w] = ~level & shifted;
+        e->to[CW_RECESSIVE][w] = level & ~shifted;
         before = level >> 63;
     }
-    e.to[CW_DOMINANT][0] &= ~UINT64_C(1);
-    for (unsigned n = bits.length; n < EDGE_WORDS * 64; n++)
-        e.to[CW_DOMINANT][n / 64] &= ~(UINT64_C(1) << n % 64);
-    return e;
+    e->to[CW_DOMINANT][0] &= ~UINT64_C(1);
+    for (unsigned n = bits.length; n < CW_EDGE_WORDS * 64; n++)
+        e->to[CW_DOMINANT][n / 64] &= ~(UINT64_C(1) << n % 64);
+    e->found = true;
 }
 
 /* Returns the first edge from a bit on. There must be one. */
-static unsigned next_edge(const uint64_t set[EDGE_WORDS], unsigned n)
+static unsigned next_edge(const uint64_t set[CW_EDGE_WORDS], unsigned n)
 {
     unsigned w = n / 64;
     uint64_t word = set[w] & UINT64_MAX << n % 64;
@@ -65,7 +44,7 @@ static unsigned next_edge(const uint64_t set[EDGE_WORDS], unsigned n)
 }
 
 /* Returns the last edge up to a bit; 0: there is none. */
-static unsigned last_edge(const uint64_t set[EDGE_WORDS], unsigned n)
+static unsigned last_edge(const uint64_t set[CW_EDGE_WORDS], unsigned n)
 {
     unsigned w = n / 64;
     uint64_t word = set[w] & UINT64_MAX >> (63 - n % 64);
@@ -99,32 +78,32 @@ static void quantum_count_margin(cw_sync_stats *s, cw_span margin)
         s->margin = margin;
 }
 
-static void widen(offsets *o, cw_span offset)
+static void widen(cw_offsets *o, cw_span offset)
 {
     o->least = offset < o->least ? offset : o->least;
     o->most = offset > o->most ? offset : o->most;
 }
 
-/* Returns the first edge at which a receiver turns that has turned before; 0: there is none. */
-static unsigned next_turn(const frame_edges *e, const cw_clean_node *c, cw_span drift,
-                          cw_span turns, unsigned from, unsigned last)
+/* Returns the first edge at which a receiver turns; 0: there is none. at_sof: the offset of SOF by
+ * the turns up to now. */
+static unsigned next_turn(const cw_frame_edges *e, cw_span at_sof, cw_span drift, cw_span quantum,
+                          unsigned from, unsigned last)
 {
-    const cw_span here = c->phase - turns * c->quantum; /* offset at SOF by the present turns */
     cw_span bit;
     if (drift == 0)
         return 0;
     if (drift > 0)
-        bit = (c->quantum - here + drift - 1) / drift;
+        bit = (quantum - at_sof + drift - 1) / drift;
     else
-        bit = here / -drift + 1;
+        bit = at_sof / -drift + 1;
     if (bit > last)
         return 0;
     return next_edge(e->to[CW_DOMINANT], bit > from ? (unsigned)bit : from + 1);
 }
 
 /* Takes the first and the last one of the edges to a level, behind a bit and up to another one. */
-static void take_edges(offsets *o, const uint64_t set[EDGE_WORDS], cw_span at_sof, cw_span drift,
-                       unsigned from, unsigned to)
+static void take_edges(cw_offsets *o, const uint64_t set[CW_EDGE_WORDS], cw_span at_sof,
+                       cw_span drift, unsigned from, unsigned to)
 {
     const unsigned last = last_edge(set, to);
     if (last <= from)
@@ -134,14 +113,15 @@ static void take_edges(offsets *o, const uint64_t set[EDGE_WORDS], cw_span at_so
 }
 
 /* Counts the turns of a receiver in a frame, and finds the offsets of all edges. */
-static offsets follow_frame(const cw_clean_frame *f, const frame_edges *e, const cw_clean_node *c,
-                            cw_span drift, cw_span skew, cw_sync_stats *s)
+static cw_offsets follow_frame(const cw_clean_frame *f, const cw_frame_edges *e,
+                               const cw_clean_node *c, cw_span phase, cw_span skew,
+                               cw_sync_stats *s)
 {
-    offsets o = {.least = CW_SPAN_MAX, .most = INT64_MIN};
-    cw_span turns = 0;
+    const cw_span drift = f->bit - c->bit;
+    cw_offsets o = {.least = CW_SPAN_MAX, .most = INT64_MIN};
+    cw_span at_sof = phase;
     for (unsigned from = 0;;) {
-        const cw_span at_sof = c->phase - turns * c->quantum;
-        const unsigned turn = next_turn(e, c, drift, turns, from, f->edge);
+        const unsigned turn = next_turn(e, at_sof, drift, c->quantum, from, f->edge);
         const unsigned to = turn ? turn - 1 : f->slot;
         take_edges(&o, e->to[CW_DOMINANT], at_sof, drift, from, to);
         take_edges(&o, e->to[CW_RECESSIVE], at_sof + skew, drift, from, to);
@@ -151,7 +131,7 @@ static offsets follow_frame(const cw_clean_frame *f, const frame_edges *e, const
         count_turn(s, by, c->quantum);
         o.least = before < o.least ? before : o.least;
         o.most = before - by * c->quantum > o.most ? before - by * c->quantum : o.most;
-        turns += by;
+        at_sof -= by * c->quantum;
         from = turn;
     }
 }
@@ -159,7 +139,7 @@ static offsets follow_frame(const cw_clean_frame *f, const frame_edges *e, const
 /* ---- The acknowledgement --------------------------------------------------------------------- */
 
 /* Takes an edge for the last one that goes to an end of the line, if it is. */
-static void take_release(last_release *r, unsigned end, cw_span key, unsigned node)
+static void take_release(cw_last_release *r, unsigned end, cw_span key, unsigned node)
 {
     if (key > r->key[end]) {
         r->other[end] = r->key[end];
@@ -170,50 +150,48 @@ static void take_release(last_release *r, unsigned end, cw_span key, unsigned no
     }
 }
 
-/* Finds the last edges behind the ACK slots of all nodes that acknowledge. */
-static last_release find_release(const cw_bus *bus, unsigned sender)
+/* Finds the last edges behind the ACK slots of all drivers. */
+static void find_release(cw_last_release *r, const cw_clean *clean, const cw_clean_frame *f)
 {
-    const cw_clean *clean = &bus->timed.clean;
-    last_release r = {.key = {NO_KEY, NO_KEY}, .other = {NO_KEY, NO_KEY}};
-    for (unsigned i = 0; i < bus->node_count; i++) {
-        const cw_clean_node *c = &clean->nodes[i];
-        if (!c->acknowledges || i == sender)
-            continue;
-        const cw_span key = c->delimiter[!clean->last] + c->out[CW_RECESSIVE];
-        take_release(&r, 0, key - c->place, i);
-        take_release(&r, 1, key + c->place, i);
+    *r = (cw_last_release){.found = true, .key = {NO_KEY, NO_KEY}, .other = {NO_KEY, NO_KEY}};
+    for (uint64_t rest = f->drivers; rest; rest &= rest - 1) {
+        const cw_clean_node *c = cw_clean_at(clean, cw_lowest_node(rest));
+        const cw_span key = cw_clean_end_of_slot(clean, f, c) + c->out[CW_RECESSIVE];
+        take_release(r, 0, key - c->place, c->node);
+        take_release(r, 1, key + c->place, c->node);
     }
-    return r;
 }
 
 /* Returns the arrival of the last recessive edge behind the ACK slot at a node. */
-static cw_span release_at(const last_release *r, const cw_clean_node *c, unsigned i, bool drives,
-                          cw_span end)
+static cw_span release_at(const cw_last_release *r, const cw_clean_node *c, bool drives)
 {
-    const cw_span up = (r->node[0] == i ? r->other[0] : r->key[0]) + c->place;
-    const cw_span down = (r->node[1] == i ? r->other[1] : r->key[1]) - c->place;
+    const cw_span up = (r->node[0] == c->node ? r->other[0] : r->key[0]) + c->place;
+    const cw_span down = (r->node[1] == c->node ? r->other[1] : r->key[1]) - c->place;
     const cw_span others = (up > down ? up : down) + c->in[CW_RECESSIVE];
-    const cw_span own = drives ? end + c->own[CW_RECESSIVE] : INT64_MIN;
+    const cw_span own = drives ? c->delimiter + c->own[CW_RECESSIVE] : INT64_MIN;
     return own > others ? own : others;
 }
 
 /* Counts what the acknowledgement brings to a node. */
-static void count_acknowledgement(const cw_clean_node *c, bool drives, cw_span end,
-                                  cw_span released, cw_sync_stats *s)
+static void count_acknowledgement(const cw_clean *clean, const cw_frame_count *count,
+                                  const cw_clean_node *c, cw_sync_stats *s)
 {
-    const cw_span turn = floor_of(c->arrival - c->ack, c->quantum);
+    const bool drives = count->frame->drivers >> c->node & 1u;
+    const cw_span arrival = cw_clean_arrival(clean, count->frame, c);
+    const cw_span turn = floor_of(arrival - c->ack, c->quantum);
     const cw_span own = drives ? c->ack + c->own[CW_DOMINANT] : CW_SPAN_MAX;
-    const cw_span comes = own < c->arrival ? own : c->arrival;
-    const cw_span sample = end - c->bit + c->to_sample;
+    const cw_span comes = own < arrival ? own : arrival;
+    const cw_span sample = c->delimiter - c->bit + c->to_sample;
+    const cw_span released = release_at(&count->release, c, drives);
     if (turn < 0 || (turn > 0 && !drives))
         count_turn(s, turn, c->quantum);
     quantum_count_margin(s, comes - (c->ack - c->bit + c->to_sample));
     quantum_count_margin(s, sample - comes);
     quantum_count_margin(s, released - sample);
-    quantum_count_margin(s, end + c->to_sample - released);
+    quantum_count_margin(s, c->delimiter + c->to_sample - released);
 }
 
-/* ---- All nodes ------------------------------------------------------------------------------- */
+/* ---- One node -------------------------------------------------------------------------------- */
 
 /* Counts the margins of a sender, which sees its own edges. */
 static void count_sent(const cw_clean_node *c, cw_sync_stats *s)
@@ -224,47 +202,53 @@ static void count_sent(const cw_clean_node *c, cw_sync_stats *s)
     }
 }
 
-/* Counts what a frame brings to a receiver, up to the ACK slot. */
-static void count_received(const cw_clean_frame *f, const frame_edges *e, const cw_clean_node *c,
-                           const cw_clean_node *sender, cw_sync_stats *s)
+cw_span cw_clean_phase(const cw_bus *bus, const cw_clean_frame *f, const cw_clean_node *c)
 {
-    const cw_span skew = sender->out[CW_RECESSIVE] + c->in[CW_RECESSIVE] -
-                         sender->out[CW_DOMINANT] - c->in[CW_DOMINANT];
-    const offsets o = follow_frame(f, e, c, sender->bit - c->bit, skew, s);
-    s->hard_syncs++;
+    const cw_span delay = cw_cable_delay(&bus->timed.cable, f->sender, c->node, CW_DOMINANT);
+    const cw_span turns = f->bit < c->bit ? -(cw_span)c->turns : (cw_span)c->turns;
+    return f->begin + delay + f->slot * c->bit + turns * c->quantum - c->ack;
+}
+
+/* Counts what a frame brings to a receiver, up to the ACK slot. */
+static void count_received(const cw_bus *bus, const cw_frame_count *count, const cw_clean_node *c,
+                           cw_sync_stats *s)
+{
+    const cw_clean_frame *f = count->frame;
+    const cw_cable *cable = &bus->timed.cable;
+    const cw_span skew = cw_cable_delay(cable, f->sender, c->node, CW_RECESSIVE) -
+                         cw_cable_delay(cable, f->sender, c->node, CW_DOMINANT);
+    const cw_offsets o = follow_frame(f, &count->edges, c, cw_clean_phase(bus, f, c), skew, s);
     quantum_count_margin(s, c->bit - c->to_sample + o.least);
     quantum_count_margin(s, c->to_sample - o.most);
 }
 
-/* Nodes in bus-off synchronise hard at each edge. */
-static void count_away(const cw_bus *bus, const frame_edges *e, unsigned i)
+/* Nodes in bus-off synchronise hard at each edge: at SOF, in the frame, and at the
+ * acknowledgement. */
+static void count_away(const cw_frame_edges *e, cw_sync_stats *s)
 {
-    if (bus->nodes[i].mac.phase != CW_MAC_BUS_OFF)
-        return;
-    unsigned count = 2; /* SOF and the acknowledgement */
-    for (unsigned w = 0; w < EDGE_WORDS; w++)
-        count += cw_count_bits(e->to[CW_DOMINANT][w]);
-    bus->timed.records[i].stats.hard_syncs += count;
+    s->hard_syncs += 2;
+    for (unsigned w = 0; w < CW_EDGE_WORDS; w++)
+        s->hard_syncs += cw_count_bits(e->to[CW_DOMINANT][w]);
 }
 
-void cw_clean_count_syncs(cw_bus *bus, const cw_clean_frame *f)
+void cw_clean_count(const cw_bus *bus, cw_frame_count *count, const cw_clean_node *c)
 {
     const cw_clean *clean = &bus->timed.clean;
-    const frame_edges edges = find_edges(f->frame);
-    const last_release release = find_release(bus, f->sender);
-    for (unsigned i = 0; i < bus->node_count; i++) {
-        const cw_clean_node *c = &clean->nodes[i];
-        cw_sync_stats *s = &bus->timed.records[i].stats;
-        const cw_span end = c->delimiter[!clean->last];
-        const bool drives = c->acknowledges && i != f->sender;
-        if (clean->away >> i & 1u) {
-            count_away(bus, &edges, i);
-            continue;
-        }
-        if (i == f->sender)
-            count_sent(c, s);
-        else
-            count_received(f, &edges, c, &clean->nodes[f->sender], s);
-        count_acknowledgement(c, drives, end, release_at(&release, c, i, drives, end), s);
+    const cw_clean_frame *f = count->frame;
+    const bool sends = c->node == f->sender;
+    cw_sync_stats *s = &bus->timed.records[c->node].stats;
+    if (!count->edges.found && !sends)
+        find_edges(&count->edges, f->frame);
+    if (clean->away >> c->node & 1u) {
+        if (bus->nodes[c->node].mac.phase == CW_MAC_BUS_OFF)
+            count_away(&count->edges, s);
+        return;
     }
+    if (!count->release.found)
+        find_release(&count->release, clean, f);
+    if (sends)
+        count_sent(c, s);
+    else
+        count_received(bus, count, c, s);
+    count_acknowledgement(clean, count, c, s);
 }

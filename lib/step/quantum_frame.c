@@ -13,11 +13,13 @@
  * It has the events of single bits, at the same ticks.
  */
 #include "step/frame.h"
-#include "step/quantum.h"
+#include "step/quantum_clean.h"
 
 #include "format/bits.h"
 #include "mac/confinement.h"
 #include "mac/mac.h"
+
+#include <string.h>
 
 #define BITS_TO_RX 7  /* from the ACK delimiter to the end of the last but one bit of EOF */
 #define BITS_TO_EOF 8 /* ... to the end of EOF */
@@ -106,38 +108,18 @@ static bool may_send(const cw_bus *bus, const cw_clean_frame *f)
     const unsigned silent = m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED);
     return !silent && !cw_confinement_passive(&m->confinement) &&
            !(bus->rules.error_rules && m->confinement.tec > 0) &&
-           (bus->timed.clean.nodes[f->sender].harmless & bus->all) == bus->all;
+           (cw_clean_at(&bus->timed.clean, f->sender)->harmless & bus->all) == bus->all;
 }
 
 /* ---- The course of the frame ----------------------------------------------------------------- */
 
-/* Returns the wire bit in which the last dominant row before the ACK slot begins. */
-static unsigned last_edge(const cw_bits *bits)
-{
-    unsigned n = bits->length - CW_AFTER_ACK_BITS - 2u;
-    while (cw_bits_level(bits, n))
-        n--;
-    while (n > 0 && !cw_bits_level(bits, n - 1))
-        n--;
-    return n;
-}
-
 /* Finds the length of the frame and the course of its acknowledgement. */
 static bool find_course(cw_clean_frame *f, cw_bus *bus)
 {
-    cw_bits bits;
-    (void)cw_bits_encode(&bits, f->frame);
-    f->length = bits.length;
-    f->edge = last_edge(&bits);
+    f->edge = cw_bits_last_edge(f->frame, &f->length);
     f->slot = f->length - CW_AFTER_ACK_BITS - 1u;
+    f->bit = cw_clean_at(&bus->timed.clean, f->sender)->bit;
     return cw_clean_acknowledge(bus, f);
-}
-
-/* Returns the start of the ACK delimiter of a node. */
-static cw_span delimiter_of(const cw_bus *bus, unsigned i)
-{
-    const cw_clean *clean = &bus->timed.clean;
-    return clean->nodes[i].delimiter[!clean->last];
 }
 
 /* The step ends between two bit times, behind the frame at all nodes, and before the first node can
@@ -148,8 +130,8 @@ static bool find_end(cw_clean_frame *f, const cw_bus *bus)
     const cw_span first = f->least_end + BITS_AFTER_EOF * clean->least_bit;
     const cw_span last_eof = f->most_end + BITS_TO_EOF * clean->most_bit;
     const cw_span last_rx = f->most_end + BITS_TO_RX * clean->most_bit;
-    const cw_span sent = delimiter_of(bus, f->sender) +
-                         BITS_TO_EOF * clean->nodes[f->sender].bit;
+    const cw_span sent = cw_clean_end_of_slot(clean, f, cw_clean_at(clean, f->sender)) +
+                         BITS_TO_EOF * f->bit;
     f->bit_times = (uint64_t)((first - f->now) / bus->timed.bit_time);
     f->until = f->now + (cw_span)f->bit_times * bus->timed.bit_time;
     return last_eof < f->until && last_rx < sent &&
@@ -208,7 +190,7 @@ static uint64_t bit_times_before(const cw_bus *bus, cw_span moment, uint64_t mos
 
 void cw_clean_count_rest(cw_bus *bus, uint64_t bits)
 {
-    const uint64_t busy = bit_times_before(bus, cw_clean_busy_until(bus), bits);
+    const uint64_t busy = cw_least(cw_clean_busy_bits(bus), bits);
     cw_count_clean_bits(bus);
     count_bits(bus, busy, true);
     count_bits(bus, bits - busy, false);
@@ -219,13 +201,39 @@ void cw_clean_count_rest(cw_bus *bus, uint64_t bits)
 static void count_load(cw_bus *bus, const cw_clean_frame *f)
 {
     const uint64_t before = bit_times_before(bus, f->begin, f->bit_times);
-    const uint64_t busy = bit_times_before(bus, cw_clean_busy_until(bus), f->bit_times);
+    const uint64_t busy = cw_least(cw_clean_busy_bits(bus), f->bit_times);
     const uint64_t idle = before > busy ? before - busy : 0;
     cw_count_clean_bits(bus);
     count_bits(bus, busy, true);
     count_bits(bus, idle, false);
     count_bits(bus, f->bit_times - busy - idle, true);
     bus->stats.bits += f->bit_times;
+}
+
+/* Returns the moment from which on the wire is recessive everywhere. The slots have been ended. Not
+ * inlined, since it is not always needed. */
+__attribute__((noinline)) static cw_span find_released(const cw_bus *bus, const cw_clean_frame *f)
+{
+    cw_span released = 0;
+    for (uint64_t rest = f->drivers; rest; rest &= rest - 1) {
+        const cw_clean_node *c = cw_clean_at(&bus->timed.clean, cw_lowest_node(rest));
+        const cw_span gone = c->delimiter + c->last_arrival;
+        released = gone > released ? gone : released;
+    }
+    return released;
+}
+
+/* Returns the recessive bit times up to the end of the step. All nodes see the ACK slot dominant from
+ * one moment on, and some do up to another one. Mostly the end of a bit time is between them. */
+static uint64_t recessive_bits(const cw_bus *bus, const cw_clean_frame *f)
+{
+    const cw_span bit = bus->timed.bit_time, begun = f->first + bus->timed.longest;
+    cw_span last = (f->released - f->now) / bit;
+    if ((f->last_end - f->now) / bit != last)
+        last = (find_released(bus, f) - f->now) / bit;
+    if (begun < f->now + last * bit)
+        return f->bit_times - (uint64_t)last;
+    return cw_clean_recessive_bits(bus, f, f->bit_times);
 }
 
 /* Begins to send the first frame of the queue: a retransmission if it has been tried before. */
@@ -242,8 +250,27 @@ static void begin_attempt(cw_bus *bus, unsigned i)
     bus->overload_flag = (cw_flag_watch){.now = false};
 }
 
+/* Returns the end of that many bits of a node, its ACK delimiter being the first one. */
+static cw_span end_of_bits(const cw_clean_node *c, cw_span bits)
+{
+    return c->delimiter + bits * c->bit;
+}
+
+/* Returns the place of a number among others, which are sorted. */
+static unsigned place_of(const uint64_t *numbers, unsigned count, uint64_t number)
+{
+    unsigned place = 0;
+    while (count > 0) {
+        const unsigned half = count / 2;
+        const bool behind = numbers[place + half] < number;
+        place += behind ? half + 1 : 0;
+        count = behind ? count - half - 1 : half;
+    }
+    return place;
+}
+
 /* Sorts the receivers by the ends of their frames. A number is the end, from a moment on, and the
- * node. Not inlined, since often no host wants to know. */
+ * node. */
 static unsigned sort_receivers(const cw_bus *bus, const cw_clean_frame *f,
                                uint64_t order[CW_NODES_MAX])
 {
@@ -252,19 +279,20 @@ static unsigned sort_receivers(const cw_bus *bus, const cw_clean_frame *f,
     unsigned count = 0;
     for (uint64_t rest = bus->all & ~clean->away & ~cw_node_bit(f->sender); rest;
          rest &= rest - 1) {
-        const unsigned i = cw_lowest_node(rest);
-        const cw_span end = delimiter_of(bus, i) + BITS_TO_RX * clean->nodes[i].bit;
-        const uint64_t number = (uint64_t)(end - from) * CW_NODES_MAX + i;
-        unsigned place = count++;
-        for (; place > 0 && number < order[place - 1]; place--)
-            order[place] = order[place - 1];
+        const cw_clean_node *c = cw_clean_at(clean, cw_lowest_node(rest));
+        const cw_span end = end_of_bits(c, BITS_TO_RX);
+        const uint64_t number = (uint64_t)(end - from) * CW_NODES_MAX + c->node;
+        const unsigned place = place_of(order, count, number);
+        memmove(&order[place + 1], &order[place], (count - place) * sizeof order[0]);
         order[place] = number;
+        count++;
     }
     return count;
 }
 
-/* Hands the frame to the receivers, each at its own tick, in the order of time. */
-static void quantum_frame_receive(cw_bus *bus, const cw_clean_frame *f)
+/* Hands the frame to the receivers, each at its own tick, in the order of time. Not inlined, since
+ * often no host wants to know. */
+__attribute__((noinline)) static void hand_out(cw_bus *bus, const cw_clean_frame *f)
 {
     const cw_bus_node *n = &bus->nodes[f->sender];
     const cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
@@ -277,11 +305,23 @@ static void quantum_frame_receive(cw_bus *bus, const cw_clean_frame *f)
     const unsigned count = sort_receivers(bus, f, order);
     for (unsigned k = 0; k < count; k++) {
         const unsigned i = (unsigned)(order[k] % CW_NODES_MAX);
-        const cw_span end = delimiter_of(bus, i) + BITS_TO_RX * bus->timed.clean.nodes[i].bit;
+        const cw_span end = end_of_bits(cw_clean_at(&bus->timed.clean, i), BITS_TO_RX);
         cw_wire_go_to(&bus->time, cw_tick_of(bus, end));
         bus->nodes[i].stats.rx_accepted++;
         cw_push_rx(bus, i, &frame, &origin);
     }
+}
+
+/* Counts the frame for all receivers, or hands it to each. */
+static void quantum_frame_receive(cw_bus *bus, const cw_clean_frame *f)
+{
+    const cw_bus_node *n = &bus->nodes[f->sender];
+    if (cw_wants_event(bus, CW_EVENT_RX)) {
+        hand_out(bus, f);
+        return;
+    }
+    cw_set_listeners(bus, bus->all & ~bus->timed.clean.away);
+    cw_count_received(bus, f->sender, cw_queue_at(&n->queue, n->offered_slot)->bytes);
 }
 
 /* The frame becomes valid for its transmitter, at the tick of its end of EOF (M7). */
@@ -289,7 +329,7 @@ static void finish_transmission(cw_bus *bus, const cw_clean_frame *f)
 {
     const unsigned i = f->sender;
     cw_mac *m = &bus->nodes[i].mac;
-    const cw_span end = delimiter_of(bus, i) + BITS_TO_EOF * bus->timed.clean.nodes[i].bit;
+    const cw_span end = end_of_bits(cw_clean_at(&bus->timed.clean, i), BITS_TO_EOF);
     cw_wire_go_to(&bus->time, cw_tick_of(bus, end));
     cw_take_inbox_before(bus, cw_now(bus)); /* it waits while the other frame ends */
     cw_confinement_tx_success(&m->confinement);
@@ -303,11 +343,9 @@ static void go_to_end(cw_bus *bus, const cw_clean_frame *f)
 {
     const uint64_t now = cw_now(bus);
     cw_clean *clean = &bus->timed.clean;
-    if (bus->timed.records && !bus->timed.uniform) {
-        bus->timed.counts = true;
-        cw_clean_count_syncs(bus, f);
-    }
     count_load(bus, f);
+    cw_clean_pass(bus, f);
+    bus->recessive_bits = recessive_bits(bus, f);
     if (f->due)
         cw_take_inbox(bus, f->due + 1);
     begin_attempt(bus, f->sender);
@@ -315,9 +353,9 @@ static void go_to_end(cw_bus *bus, const cw_clean_frame *f)
     finish_transmission(bus, f);
     cw_wire_go_to(&bus->time, now);
     cw_wire_pass(&bus->time, f->bit_times);
-    clean->last = !clean->last;
     clean->senders = cw_node_bit(f->sender);
-    bus->recessive_bits = f->bit_times - (uint64_t)((f->released - f->now) / bus->timed.bit_time);
+    clean->least_end = f->least_end;
+    clean->most_end = f->most_end;
     bus->wire = CW_RECESSIVE;
     cw_outlook_forget(bus);
     cw_take_inbox_before(bus, cw_now(bus));

@@ -3,11 +3,10 @@
  * quantum_park.c - nodes with clocks of their own between two frames, without their bits.
  *
  * A node that is idle, away, or in the intermission goes on by whole bits. So one moment says where
- * it is: the start of the ACK delimiter of the last frame. Where there was none, it is that of an
- * earlier bit. All nodes are parked like this from one clean frame to the next one, and their
+ * it is: the start of the ACK delimiter of the last frame, or of another bit before. All nodes are parked like this from one clean frame to the next one, and their
  * controllers look idle. When anybody else needs the nodes, each gets its present place.
  */
-#include "step/quantum.h"
+#include "step/quantum_clean.h"
 
 #include "mac/confinement.h"
 #include "mac/mac.h"
@@ -17,6 +16,16 @@
 #define BITS_KEPT 16 /* a node that is parked for longer is idle in any case */
 
 /* ---- Parking --------------------------------------------------------------------------------- */
+
+static cw_span lesser(cw_span a, cw_span b)
+{
+    return a < b ? a : b;
+}
+
+static cw_span greater(cw_span a, cw_span b)
+{
+    return a > b ? a : b;
+}
 
 static bool quantum_park_is_away(const cw_mac *m)
 {
@@ -57,14 +66,21 @@ static bool can_park(const cw_bus *bus, unsigned i)
 static void park_node(cw_bus *bus, unsigned i)
 {
     cw_clean *clean = &bus->timed.clean;
-    cw_clean_node *c = &clean->nodes[i];
+    cw_clean_node *c = cw_clean_at(clean, i);
     const cw_timed_node *n = &bus->timed.nodes[i];
     cw_mac *m = &bus->nodes[i].mac;
     const cw_span passed = m->phase == CW_MAC_INTERMISSION ? DELIMITER_BITS + m->count
                                                            : BITS_TO_IDLE;
     const bool sends = m->phase == CW_MAC_INTERMISSION && m->role == CW_ROLE_TRANSMITTER;
-    c->delimiter[clean->last] = (n->pcs.sampled ? n->next_begin : n->begin) - passed * c->bit;
-    c->acknowledges = !quantum_park_is_away(m) && !(m->modes & CW_MODE_LISTEN_ONLY) && !m->no_ack;
+    const bool acknowledges = !quantum_park_is_away(m) && !(m->modes & CW_MODE_LISTEN_ONLY) &&
+                              !m->no_ack;
+    c->delimiter = (n->pcs.sampled ? n->next_begin : n->begin) - passed * c->bit;
+    clean->least_end = lesser(clean->least_end, c->delimiter);
+    clean->most_end = greater(clean->most_end, c->delimiter);
+    clean->drivers |= acknowledges ? cw_node_bit(i) : 0;
+    c->down = acknowledges ? c->out[CW_DOMINANT] - c->place : CW_NO_KEY;
+    c->up = acknowledges ? c->out[CW_DOMINANT] + c->place : CW_NO_KEY;
+    c->quiet = cw_clean_quiet(bus, c);
     clean->senders |= sends ? cw_node_bit(i) : 0;
     clean->away |= quantum_park_is_away(m) ? cw_node_bit(i) : 0;
     if (m->phase == CW_MAC_INTERMISSION)
@@ -81,7 +97,9 @@ bool cw_clean_park(cw_bus *bus)
         if (!can_park(bus, i))
             return false;
     }
-    clean->away = clean->senders = 0;
+    clean->away = clean->senders = clean->drivers = 0;
+    clean->least_end = CW_SPAN_MAX;
+    clean->most_end = INT64_MIN;
     for (unsigned i = 0; i < bus->node_count; i++)
         park_node(bus, i);
     clean->parked = true;
@@ -96,10 +114,10 @@ bool cw_clean_park(cw_bus *bus)
 static void resume_counting(cw_bus *bus, unsigned i, unsigned sampled)
 {
     const cw_clean *clean = &bus->timed.clean;
-    const cw_clean_node *c = &clean->nodes[i];
+    const cw_clean_node *c = cw_clean_at(clean, i);
     cw_sync_record *r = &bus->timed.records[i];
     r->measures = sampled == DELIMITER_BITS && !(clean->away >> i & 1u);
-    r->sampled_at = c->delimiter[clean->last] + (DELIMITER_BITS - 1) * c->bit + c->to_sample;
+    r->sampled_at = c->delimiter + (DELIMITER_BITS - 1) * c->bit + c->to_sample;
 }
 
 /* Puts a node into the bit in which it is now. */
@@ -107,7 +125,7 @@ static void resume_node(cw_bus *bus, unsigned i)
 {
     const cw_clean *clean = &bus->timed.clean;
     const cw_span now = cw_moment_of(bus, cw_now(bus));
-    const unsigned sampled = cw_timed_place(bus, i, clean->nodes[i].delimiter[clean->last], now);
+    const unsigned sampled = cw_timed_place(bus, i, cw_clean_at(clean, i)->delimiter, now);
     const cw_role role = clean->senders >> i & 1u ? CW_ROLE_TRANSMITTER : CW_ROLE_RECEIVER;
     bus->timed.nodes[i].ahead = false;
     assert(sampled >= DELIMITER_BITS);
@@ -121,6 +139,7 @@ void cw_clean_resume(cw_bus *bus)
 {
     if (!bus->timed.clean.parked)
         return;
+    cw_clean_take_counts(bus);
     cw_agenda_clear(&bus->timed.agenda);
     for (unsigned i = 0; i < bus->node_count; i++)
         resume_node(bus, i);
@@ -140,41 +159,61 @@ void cw_clean_settle(cw_bus *bus)
 
 /* ---- While nodes are parked ------------------------------------------------------------------ */
 
+/* Returns how many bit times to come begin before a moment. */
+static uint64_t bits_before(const cw_bus *bus, cw_span moment)
+{
+    const cw_span left = moment - cw_moment_of(bus, cw_now(bus)), bit = bus->timed.bit_time;
+    return left > 0 ? (uint64_t)((left + bit - 1) / bit) : 0;
+}
+
 /* Returns the moment at which a node samples the third bit of intermission. */
 static cw_span end_of_busy(const cw_clean *clean, unsigned i)
 {
-    const cw_clean_node *c = &clean->nodes[i];
-    return c->delimiter[clean->last] + (BITS_TO_IDLE - 1) * c->bit + c->to_sample;
+    const cw_clean_node *c = cw_clean_at(clean, i);
+    return c->delimiter + (BITS_TO_IDLE - 1) * c->bit + c->to_sample;
 }
 
-cw_span cw_clean_busy_until(const cw_bus *bus)
+/* Returns this for the last node. Not inlined, since it is rare. */
+__attribute__((noinline)) static cw_span find_end_of_busy(const cw_bus *bus)
 {
     const cw_clean *clean = &bus->timed.clean;
     cw_span last = INT64_MIN;
-    for (uint64_t rest = bus->all & ~clean->away; rest; rest &= rest - 1) {
-        const cw_span end = end_of_busy(clean, cw_lowest_node(rest));
-        last = end > last ? end : last;
-    }
+    for (uint64_t rest = bus->all & ~clean->away; rest; rest &= rest - 1)
+        last = greater(last, end_of_busy(clean, cw_lowest_node(rest)));
     return last;
+}
+
+/* All nodes are near each other, so that the limits of all mostly say it. */
+uint64_t cw_clean_busy_bits(const cw_bus *bus)
+{
+    const cw_clean *clean = &bus->timed.clean;
+    const cw_span least = clean->least_end + BITS_TO_IDLE * clean->least_bit - clean->most_behind;
+    const cw_span most = clean->most_end + BITS_TO_IDLE * clean->most_bit - clean->least_behind;
+    const uint64_t bits = bits_before(bus, most);
+    if (bits == 0 || (bits == bits_before(bus, least) && !clean->away))
+        return bits;
+    return bits_before(bus, find_end_of_busy(bus));
 }
 
 bool cw_clean_is_idle(const cw_bus *bus)
 {
-    return cw_clean_busy_until(bus) <= cw_moment_of(bus, cw_now(bus));
+    return cw_clean_busy_bits(bus) == 0;
 }
 
 cw_span cw_clean_ready(const cw_bus *bus, unsigned i, cw_span moment)
 {
-    const cw_clean_node *c = &bus->timed.clean.nodes[i];
-    const cw_span idle = c->delimiter[bus->timed.clean.last] + BITS_TO_IDLE * c->bit;
+    const cw_clean_node *c = cw_clean_at(&bus->timed.clean, i);
+    const cw_span idle = c->delimiter + BITS_TO_IDLE * c->bit;
     return idle >= moment ? idle : idle + (moment - idle + c->bit - 1) / c->bit * c->bit;
 }
 
 bool cw_clean_takes_sof(const cw_bus *bus, cw_span moment)
 {
     const cw_clean *clean = &bus->timed.clean;
+    if (clean->most_end + (BITS_TO_IDLE - 1) * clean->most_bit - clean->least_behind <= moment)
+        return true;
     for (unsigned i = 0; i < bus->node_count; i++)
-        if (end_of_busy(clean, i) - clean->nodes[i].bit > moment)
+        if (end_of_busy(clean, i) - cw_clean_at(clean, i)->bit > moment)
             return false;
     return true;
 }
@@ -183,11 +222,15 @@ void cw_clean_rebase(cw_bus *bus, cw_span by)
 {
     cw_clean *clean = &bus->timed.clean;
     const cw_span now = cw_moment_of(bus, cw_now(bus));
+    clean->least_end = CW_SPAN_MAX;
+    clean->most_end = INT64_MIN;
     for (unsigned i = 0; clean->parked && i < bus->node_count; i++) {
-        cw_clean_node *c = &clean->nodes[i];
-        cw_span *begin = &c->delimiter[clean->last];
+        cw_clean_node *c = cw_clean_at(clean, i);
+        cw_span *begin = &c->delimiter;
         *begin -= by;
         const cw_span bits = (now - *begin) / c->bit;
         *begin += bits > BITS_KEPT ? (bits - BITS_KEPT) * c->bit : 0;
+        clean->least_end = lesser(clean->least_end, *begin);
+        clean->most_end = greater(clean->most_end, *begin);
     }
 }

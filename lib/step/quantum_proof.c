@@ -8,7 +8,7 @@
  * expected place than sjw, at most ten bits after the edge before it. Then nothing is left of
  * edges before, and each sample of the ten bits lies in its bit.
  */
-#include "step/quantum.h"
+#include "step/quantum_clean.h"
 
 #define BITS 10 /* between two falling edges, at most, and from the last one to the ACK slot */
 
@@ -35,8 +35,8 @@ static cw_span delay(const cw_bus *bus, unsigned from, unsigned to, bool level)
  * `early` are what the sender's bits may come later or earlier than those of the receiver. */
 static bool reads_right(const cw_bus *bus, unsigned sender, unsigned receiver)
 {
-    const cw_clean_node *r = &bus->timed.clean.nodes[receiver];
-    const cw_span bit = r->bit, others = bus->timed.clean.nodes[sender].bit;
+    const cw_clean_node *r = cw_clean_at(&bus->timed.clean, receiver);
+    const cw_span bit = r->bit, others = cw_clean_at(&bus->timed.clean, sender)->bit;
     const cw_span late = greater(BITS * (others - bit), 0);
     const cw_span early = greater(BITS * (bit - others), 0);
     const cw_span skew = delay(bus, sender, receiver, CW_RECESSIVE) -
@@ -67,11 +67,21 @@ static void find_spans(cw_clean_node *n, const cw_bit_timing *t)
 static void find_ways(cw_clean_node *n, const cw_way *way)
 {
     n->place = way->place;
+    n->resyncs = n->unheard = n->harmless = 0;
     for (unsigned level = 0; level < 2; level++) {
         n->out[level] = way->tx_delay[level] + way->stub;
         n->in[level] = way->rx_delay[level] + way->stub;
         n->own[level] = way->tx_delay[level] + way->rx_delay[level];
     }
+    n->from_below = n->in[CW_DOMINANT] + n->place;
+    n->from_above = n->in[CW_DOMINANT] - n->place;
+}
+
+/* Returns by how much edges to recessive are under way for longer than others, or shorter. */
+static cw_span skew_of(const cw_bus *bus, unsigned from, unsigned to)
+{
+    const cw_span skew = delay(bus, from, to, CW_RECESSIVE) - delay(bus, from, to, CW_DOMINANT);
+    return skew < 0 ? -skew : skew;
 }
 
 /* Finds who reads the sender right for sure, and how long its edges are under way. */
@@ -81,30 +91,31 @@ static void find_harmless(cw_bus *bus, unsigned sender)
     uint64_t harmless = 0;
     cw_span last = 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const bool right = i == sender ? reads_itself(&clean->nodes[i])
+        const bool right = i == sender ? reads_itself(cw_clean_at(clean, i))
                                        : reads_right(bus, sender, i);
         harmless |= right ? cw_node_bit(i) : 0;
         last = greater(last, delay(bus, sender, i, CW_RECESSIVE));
+        clean->most_skew = greater(clean->most_skew, skew_of(bus, sender, i));
         if (i != sender)
             clean->least_delay = lesser(clean->least_delay, delay(bus, sender, i, CW_DOMINANT));
     }
-    clean->nodes[sender].harmless = harmless;
-    clean->nodes[sender].last_arrival = last;
+    cw_clean_at(clean, sender)->harmless = harmless;
+    cw_clean_at(clean, sender)->last_arrival = last;
 }
 
-/* Sorts the nodes by their places on the line. */
-static void sort_places(cw_bus *bus)
+/* Gives the nodes the order of their places on the line. */
+static void sort_places(cw_clean *clean, const cw_way *ways, unsigned count)
 {
-    cw_clean *clean = &bus->timed.clean;
     clean->at_one_place = true;
-    for (unsigned i = 0; i < bus->node_count; i++) {
+    for (unsigned i = 0; i < count; i++) {
         unsigned k = i;
-        for (; k > 0 && clean->nodes[clean->along[k - 1]].place > clean->nodes[i].place; k--)
-            clean->along[k] = clean->along[k - 1];
-        clean->along[k] = (uint8_t)i;
-        if (clean->nodes[i].place != clean->nodes[0].place)
-            clean->at_one_place = false;
+        for (; k > 0 && ways[clean->nodes[k - 1].node].place > ways[i].place; k--)
+            clean->nodes[k].node = clean->nodes[k - 1].node;
+        clean->nodes[k].node = i;
+        clean->at_one_place = clean->at_one_place && ways[i].place == ways[0].place;
     }
+    for (unsigned k = 0; k < count; k++)
+        clean->at[clean->nodes[k].node] = (uint8_t)k;
 }
 
 /* Finds the limits of all nodes together. */
@@ -112,12 +123,21 @@ static void find_limits(cw_bus *bus)
 {
     cw_clean *clean = &bus->timed.clean;
     clean->least_delay = bus->node_count > 1 ? CW_SPAN_MAX : 0;
-    clean->least_bit = clean->least_look = CW_SPAN_MAX;
-    clean->most_bit = 0;
+    clean->least_bit = clean->least_look = clean->least_in = clean->least_behind = CW_SPAN_MAX;
+    clean->least_quantum = CW_SPAN_MAX;
+    clean->most_bit = clean->most_behind = clean->most_out = 0;
+    clean->most_quantum = clean->most_skew = 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        clean->least_bit = lesser(clean->least_bit, clean->nodes[i].bit);
-        clean->most_bit = greater(clean->most_bit, clean->nodes[i].bit);
-        clean->least_look = lesser(clean->least_look, clean->nodes[i].to_first_look);
+        const cw_clean_node *n = &clean->nodes[i];
+        clean->least_bit = lesser(clean->least_bit, n->bit);
+        clean->most_bit = greater(clean->most_bit, n->bit);
+        clean->least_look = lesser(clean->least_look, n->to_first_look);
+        clean->least_behind = lesser(clean->least_behind, n->bit - n->to_sample);
+        clean->most_behind = greater(clean->most_behind, n->bit - n->to_sample);
+        clean->least_in = lesser(clean->least_in, n->in[CW_DOMINANT]);
+        clean->least_quantum = lesser(clean->least_quantum, n->quantum);
+        clean->most_out = greater(clean->most_out, n->out[CW_DOMINANT]);
+        clean->most_quantum = greater(clean->most_quantum, n->quantum);
     }
 }
 
@@ -128,14 +148,13 @@ void cw_clean_prove(cw_bus *bus)
     bool retimed = false;
     if (clean->valid)
         return;
+    sort_places(clean, ways, bus->node_count);
     for (unsigned i = 0; i < bus->node_count; i++) {
-        find_spans(&clean->nodes[i], &bus->timed.nodes[i].timing);
-        find_ways(&clean->nodes[i], &ways[i]);
+        find_spans(cw_clean_at(clean, i), &bus->timed.nodes[i].timing);
+        find_ways(cw_clean_at(clean, i), &ways[i]);
         retimed = retimed || bus->timed.nodes[i].retimed;
-        clean->nodes[i].harmless = 0;
     }
     find_limits(bus);
-    sort_places(bus);
     for (unsigned i = 0; i < bus->node_count && clean->most_bit <= LONGEST_BIT; i++)
         find_harmless(bus, i);
     clean->valid = !retimed;

@@ -77,19 +77,19 @@ static cw_span bit_of(const cw_timed_node *n)
 /* Returns the bit times that the longest bit of a node takes part in. */
 static uint64_t bit_times_of_longest(const cw_bus *bus)
 {
-    const cw_clean *clean = &bus->timed.clean;
-    cw_span longest = clean->parked ? clean->most_bit : bus->timed.bit_time;
-    for (unsigned i = 0; !clean->parked && i < bus->node_count; i++)
+    cw_span longest = bus->timed.bit_time;
+    for (unsigned i = 0; i < bus->node_count; i++)
         if (bit_of(&bus->timed.nodes[i]) > longest)
             longest = bit_of(&bus->timed.nodes[i]);
     return (uint64_t)(longest / bus->timed.bit_time) + 2;
 }
 
 /* Returns the bit times up to a tick before which nothing comes in. All nodes sample once more
- * before a frame comes, since a sample takes the frames up to the end of the bit. */
+ * before a frame comes, since a sample takes the frames up to the end of the bit. Those that are
+ * parked get their places when they sample. */
 static uint64_t reach(const cw_bus *bus, uint64_t tick)
 {
-    const uint64_t left = bit_times_of_longest(bus);
+    const uint64_t left = bus->timed.clean.parked ? 0 : bit_times_of_longest(bus);
     uint64_t bits = cw_wire_bits_before(&bus->time, cw_inbox_first(bus));
     bits = bits > left ? bits - left : 0;
     bits = cw_least(bits, cw_wire_bits_to(&bus->time, tick));

@@ -87,6 +87,9 @@ void cw_clean_resume(cw_bus *bus);
 /* Returns true when such nodes are idle. */
 bool cw_clean_is_idle(const cw_bus *bus);
 
+/* Adds the synchronisations of a node that its record does not have yet. */
+void cw_clean_add_counts(const cw_bus *bus, unsigned node, cw_sync_stats *stats);
+
 /* Returns the bit times up to a tick in which all nodes rest; 0: not all do. */
 uint64_t cw_timed_rest_reach(const cw_bus *bus, uint64_t tick);
 

@@ -642,6 +642,7 @@ static void add_data(quanta *all, const cw_node_config *node)
 static unsigned changes_taken;
 static quanta q;
 static cw_sync_record records[QUANTA_NODES_MAX];
+static cw_sync_stats syncs_of_bus[QUANTA_NODES_MAX];
 
 static void run_quanta(const scenario *s)
 {
@@ -714,6 +715,8 @@ static void run_bus(scenario *s)
     advance(bus, (uint64_t)BIT_TIMES * BIT_TICKS);
     while (cw_bus_poll(bus, &e))
         note_event(&e);
+    for (unsigned i = 0; s->counts && i < s->node_count; i++)
+        assert_int_equal(cw_node_get_sync_stats(bus, i, &syncs_of_bus[i]), CW_OK);
 }
 
 static void write_event(const char *of, const event *e)
@@ -744,7 +747,7 @@ static unsigned compare_syncs(uint64_t seed, const scenario *s)
 {
     unsigned resyncs = 0;
     for (unsigned i = 0; i < s->node_count; i++) {
-        const cw_sync_stats *a = &q.nodes[i].sync, *b = &records[i].stats;
+        const cw_sync_stats *a = &q.nodes[i].sync, *b = &syncs_of_bus[i];
         const uint64_t by_quanta = a->hard_syncs + a->resyncs;
         const uint64_t of_it = b->hard_syncs + b->resyncs;
         if (of_it != by_quanta && of_it + 1 != by_quanta)
