@@ -76,21 +76,31 @@ typedef struct cw_wires {
     unsigned count; /* 1: all nodes are on one wire */
 } cw_wires;
 
+/* The ACK slot of a node in a clean frame. */
+typedef struct cw_clean_slot {
+    cw_span ack;     /* its start, if nobody acknowledged */
+    cw_span arrival; /* of the first acknowledgement, if edges go along a line */
+} cw_clean_slot;
+
+/* What the ACK slots of a frame have in common. */
+typedef struct cw_clean_slots {
+    uint64_t drivers;
+    cw_span seen; /* the key of the first acknowledgement, if all nodes are at one place */
+} cw_clean_slots;
+
 /* A node in clean frames. Spans are by its bit timing and its way, levels are indices. Keys are
  * moments at which edges would come to place 0 of the line, or are part of one. */
 typedef struct cw_clean_node {
     cw_span quantum;
     cw_span bit;
-    cw_span delimiter;    /* the start of the ACK delimiter of the last frame */
-    cw_span ack;          /* the start of the ACK slot, if nobody acknowledged */
+    cw_span origin;       /* the start of some quantum: these never move */
+    cw_clean_slot slot[2]; /* of the last frame, and of the next one: see `last` of cw_clean */
     cw_span down;         /* ack + down: key of the acknowledgement that goes up the line, */
     cw_span up;           /* ... and of the one that goes down; later than any for those that do not
                              acknowledge */
     cw_span from_below;   /* key + from_below: the arrival of an edge that goes up, */
     cw_span from_above;   /* ... and of one that goes down */
-    cw_span arrival;      /* of the first acknowledgement, if edges go along a line */
     cw_span quiet;        /* an acknowledgement that far behind `ack` is nothing new to count */
-    uint64_t turns;       /* quanta by which edges have moved its bits up to there, without sign */
     uint64_t resyncs;     /* resynchronisations that its record does not have yet */
     uint64_t unheard;     /* frames of cw_clean at whose SOF it did not synchronise */
     unsigned node;
@@ -102,6 +112,10 @@ typedef struct cw_clean_node {
     cw_span to_first_look; /* ... to the first of three looks for a sample (T7) */
     cw_span sjw;
     cw_span last_arrival; /* the longest delay of a recessive edge from it */
+    cw_span near;         /* the shortest delay of a dominant edge to another node, */
+    cw_span far;          /* ... and the longest one */
+    cw_span round;        /* the longest delay of such an edge and a recessive one that follows it */
+    bool sure;            /* all who acknowledge read its ACK slots right */
     uint64_t harmless;    /* nodes that read it right, or not at all, see step/quantum_proof.c */
 } cw_clean_node;
 
@@ -111,19 +125,21 @@ typedef struct cw_clean {
     bool at_one_place;   /* no edge has to go along a line */
     cw_span least_delay; /* of a dominant edge from a node to another one */
     cw_span most_skew;   /* by which edges to recessive are under way for longer, or shorter */
-    cw_span most_out;    /* of dominant edges */
-    cw_span least_in;
     cw_span least_quantum;
     cw_span most_quantum;
+    cw_span most_out;    /* of dominant edges */
     cw_span least_bit;
     cw_span most_bit;
+    cw_span drift;       /* most difference of two nodes from an edge to the ACK slot */
     cw_span least_behind; /* from a sample point to the end of the bit */
     cw_span most_behind;
     cw_span least_look;  /* to_first_look */
     cw_clean_node *nodes; /* in the order of their places on the line */
     uint8_t *at;         /* index of each node there */
     bool parked;         /* all nodes are between two frames, and their places are here */
-    cw_span least_end;   /* limits of the last delimiters */
+    unsigned last;       /* index of the slots of the last frame */
+    cw_clean_slots slots[2];
+    cw_span late_end;    /* limits of the last end of these slots */
     cw_span most_end;
     uint64_t away;       /* nodes that are off, in bus-off or asleep */
     uint64_t drivers;    /* nodes that acknowledge */

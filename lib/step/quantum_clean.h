@@ -28,15 +28,14 @@ typedef struct cw_clean_frame {
     cw_span begin;       /* of SOF */
     cw_span until;       /* the end of the step */
     uint64_t bit_times;  /* of the step */
-    uint64_t drivers;    /* of the ACK slot */
-    cw_span first;       /* the first planned edge of a driver comes to the line, */
-    cw_span seen;        /* ... and its key, where all nodes are at one place */
-    cw_span most_ack;    /* no slot is planned to begin later */
-    cw_span least_end;   /* limits of the ends of all slots, */
-    cw_span most_end;
-    cw_span first_end;   /* ... and of the first one of a driver, */
-    cw_span last_end;    /* ... and of the last one: it is not before */
-    cw_span released;    /* the wire is recessive everywhere from then on */
+    unsigned slots;      /* index of its ACK slots in cw_clean */
+    uint64_t drivers;    /* ... and their drivers */
+    cw_span least_end;   /* no slot ends before, */
+    cw_span late_end;    /* ... and not all of them before that; away nodes do not count, */
+    cw_span most_end;    /* ... and none behind that */
+    cw_span begun;       /* the node that sees the slot last sees it from then on, if not before, */
+    cw_span leaves;      /* ... still does then, */
+    cw_span released;    /* ... and does not from then on */
 } cw_clean_frame;
 
 /* ---- quantum_proof.c ------------------------------------------------------------------------- */
@@ -67,18 +66,49 @@ bool cw_clean_takes_sof(const cw_bus *bus, cw_span moment);
  * node. Then a sample of the slot, or of a bit beside it, may go wrong. */
 bool cw_clean_acknowledge(cw_bus *bus, cw_clean_frame *frame);
 
-/* Returns the moment at which the first acknowledgement comes to a node, its own one included. */
-static inline cw_span cw_clean_arrival(const cw_clean *clean, const cw_clean_frame *frame,
-                                       const cw_clean_node *node)
+/* Returns how far behind the planned start of its ACK slot the first acknowledgement comes to a node,
+ * its own one included. slots: index of the slots. */
+static inline cw_span cw_clean_behind(const cw_clean *clean, unsigned slots,
+                                      const cw_clean_node *node)
 {
-    return clean->at_one_place ? frame->seen + node->from_below : node->arrival;
+    const cw_clean_slot *slot = &node->slot[slots];
+    return (clean->at_one_place ? clean->slots[slots].seen + node->from_below : slot->arrival) -
+           slot->ack;
 }
 
-/* Returns the end of its ACK slot (T4 to T6, T12). */
-cw_span cw_clean_end_of_slot(const cw_clean *clean, const cw_clean_frame *frame,
-                             const cw_clean_node *node);
+/* Returns a moment from which on a node sees the slot for sure, if not before, that sees it up to
+ * another one. A driver is dominant for a bit, but for the quantum that an early edge may take. */
+static inline cw_span cw_clean_begun(const cw_clean *clean, cw_span released)
+{
+    return released - clean->least_bit + clean->most_quantum + clean->most_skew;
+}
+
+/* Returns the end of its ACK slot (T4 to T6, T12), which is the start of the ACK delimiter. */
+cw_span cw_clean_end_of_slot(const cw_clean *clean, unsigned slots, const cw_clean_node *node);
+
+/* Returns that of the last frame. All nodes are parked. */
+static inline cw_span cw_clean_delimiter(const cw_clean *clean, unsigned node)
+{
+    return cw_clean_end_of_slot(clean, clean->last, cw_clean_at(clean, node));
+}
 
 /* ---- quantum_level.c ------------------------------------------------------------------------- */
+
+/* The last recessive edge behind ACK slots, for each end of the line. */
+typedef struct cw_last_release {
+    bool found;
+    cw_span key[2];   /* when it would come to place 0 if it went on so far */
+    cw_span other[2]; /* the same of the last edge of another node ... */
+    unsigned node[2]; /* ... than this one */
+} cw_last_release;
+
+/* Finds the last edges behind the ACK slots of all drivers of a frame. */
+void cw_clean_find_release(cw_last_release *release, const cw_clean *clean,
+                           const cw_clean_frame *frame);
+
+/* Returns the arrival of the last of them at a node. slots: index of the slots. */
+cw_span cw_clean_released_at(const cw_clean *clean, const cw_last_release *release, unsigned slots,
+                             const cw_clean_node *node);
 
 /* Returns the recessive bit times at the end of that many ones of the step. Not for each frame: it
  * looks at all nodes at the end of each bit time. */
@@ -103,14 +133,6 @@ typedef struct cw_offsets {
     cw_span most;
 } cw_offsets;
 
-/* The last recessive edge behind ACK slots, for each end of the line. */
-typedef struct cw_last_release {
-    bool found;
-    cw_span key[2];   /* when it would come to place 0 if it went on so far */
-    cw_span other[2]; /* the same of the last edge of another node ... */
-    unsigned node[2]; /* ... than this one */
-} cw_last_release;
-
 /* A frame that is counted. */
 typedef struct cw_frame_count {
     const cw_clean_frame *frame;
@@ -122,16 +144,17 @@ typedef struct cw_frame_count {
  * synchronisation to SOF is left to the caller. */
 void cw_clean_count(const cw_bus *bus, cw_frame_count *count, const cw_clean_node *node);
 
-/* Returns how far behind the start of its quantum the edge of SOF comes to a receiver. Its slot has
- * been planned by that. */
-cw_span cw_clean_phase(const cw_bus *bus, const cw_clean_frame *frame, const cw_clean_node *node);
+/* Returns how far behind the start of its quantum the edge of SOF comes to a receiver, if its bits
+ * were as they are in the ACK slot. The difference to one quantum is that by which they turn. */
+cw_span cw_clean_offset_at_sof(const cw_bus *bus, const cw_clean_frame *frame,
+                               const cw_clean_node *node);
 
 /* ---- quantum_pass.c -------------------------------------------------------------------------- */
 
 /* Returns the `quiet` of a node. */
 cw_span cw_clean_quiet(const cw_bus *bus, const cw_clean_node *node);
 
-/* Ends the ACK slots of all nodes, and counts the synchronisations and margins of the frame. */
+/* Counts the synchronisations and margins of a frame for all nodes. */
 void cw_clean_pass(cw_bus *bus, const cw_clean_frame *frame);
 
 /* Gives the records what they do not have yet. */

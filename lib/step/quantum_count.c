@@ -11,8 +11,6 @@
 
 #include "format/bits.h"
 
-#define NO_KEY (INT64_MIN / 2) /* no edge comes so early */
-
 /* ---- Edges of the frame ---------------------------------------------------------------------- */
 
 /* Finds the edges, without the one of SOF, at which receivers synchronise hard. */
@@ -138,57 +136,25 @@ static cw_offsets follow_frame(const cw_clean_frame *f, const cw_frame_edges *e,
 
 /* ---- The acknowledgement --------------------------------------------------------------------- */
 
-/* Takes an edge for the last one that goes to an end of the line, if it is. */
-static void take_release(cw_last_release *r, unsigned end, cw_span key, unsigned node)
-{
-    if (key > r->key[end]) {
-        r->other[end] = r->key[end];
-        r->key[end] = key;
-        r->node[end] = node;
-    } else if (key > r->other[end]) {
-        r->other[end] = key;
-    }
-}
-
-/* Finds the last edges behind the ACK slots of all drivers. */
-static void find_release(cw_last_release *r, const cw_clean *clean, const cw_clean_frame *f)
-{
-    *r = (cw_last_release){.found = true, .key = {NO_KEY, NO_KEY}, .other = {NO_KEY, NO_KEY}};
-    for (uint64_t rest = f->drivers; rest; rest &= rest - 1) {
-        const cw_clean_node *c = cw_clean_at(clean, cw_lowest_node(rest));
-        const cw_span key = cw_clean_end_of_slot(clean, f, c) + c->out[CW_RECESSIVE];
-        take_release(r, 0, key - c->place, c->node);
-        take_release(r, 1, key + c->place, c->node);
-    }
-}
-
-/* Returns the arrival of the last recessive edge behind the ACK slot at a node. */
-static cw_span release_at(const cw_last_release *r, const cw_clean_node *c, bool drives)
-{
-    const cw_span up = (r->node[0] == c->node ? r->other[0] : r->key[0]) + c->place;
-    const cw_span down = (r->node[1] == c->node ? r->other[1] : r->key[1]) - c->place;
-    const cw_span others = (up > down ? up : down) + c->in[CW_RECESSIVE];
-    const cw_span own = drives ? c->delimiter + c->own[CW_RECESSIVE] : INT64_MIN;
-    return own > others ? own : others;
-}
-
-/* Counts what the acknowledgement brings to a node. */
+/* Counts what the acknowledgement brings to a node. Moments count from the planned start of its
+ * slot. */
 static void count_acknowledgement(const cw_clean *clean, const cw_frame_count *count,
                                   const cw_clean_node *c, cw_sync_stats *s)
 {
+    const unsigned slots = count->frame->slots;
     const bool drives = count->frame->drivers >> c->node & 1u;
-    const cw_span arrival = cw_clean_arrival(clean, count->frame, c);
-    const cw_span turn = floor_of(arrival - c->ack, c->quantum);
-    const cw_span own = drives ? c->ack + c->own[CW_DOMINANT] : CW_SPAN_MAX;
-    const cw_span comes = own < arrival ? own : arrival;
-    const cw_span sample = c->delimiter - c->bit + c->to_sample;
-    const cw_span released = release_at(&count->release, c, drives);
+    const cw_span ack = c->slot[slots].ack, end = cw_clean_end_of_slot(clean, slots, c);
+    const cw_span behind = cw_clean_behind(clean, slots, c);
+    const cw_span turn = floor_of(behind, c->quantum);
+    const cw_span comes = drives && c->own[CW_DOMINANT] < behind ? c->own[CW_DOMINANT] : behind;
+    const cw_span sample = end - ack - c->bit + c->to_sample;
+    const cw_span released = cw_clean_released_at(clean, &count->release, slots, c) - ack;
     if (turn < 0 || (turn > 0 && !drives))
         count_turn(s, turn, c->quantum);
-    quantum_count_margin(s, comes - (c->ack - c->bit + c->to_sample));
+    quantum_count_margin(s, comes + c->bit - c->to_sample);
     quantum_count_margin(s, sample - comes);
     quantum_count_margin(s, released - sample);
-    quantum_count_margin(s, c->delimiter + c->to_sample - released);
+    quantum_count_margin(s, sample + c->bit - released);
 }
 
 /* ---- One node -------------------------------------------------------------------------------- */
@@ -202,11 +168,10 @@ static void count_sent(const cw_clean_node *c, cw_sync_stats *s)
     }
 }
 
-cw_span cw_clean_phase(const cw_bus *bus, const cw_clean_frame *f, const cw_clean_node *c)
+cw_span cw_clean_offset_at_sof(const cw_bus *bus, const cw_clean_frame *f, const cw_clean_node *c)
 {
     const cw_span delay = cw_cable_delay(&bus->timed.cable, f->sender, c->node, CW_DOMINANT);
-    const cw_span turns = f->bit < c->bit ? -(cw_span)c->turns : (cw_span)c->turns;
-    return f->begin + delay + f->slot * c->bit + turns * c->quantum - c->ack;
+    return f->begin + delay + f->slot * c->bit - c->slot[f->slots].ack;
 }
 
 /* Counts what a frame brings to a receiver, up to the ACK slot. */
@@ -217,7 +182,9 @@ static void count_received(const cw_bus *bus, const cw_frame_count *count, const
     const cw_cable *cable = &bus->timed.cable;
     const cw_span skew = cw_cable_delay(cable, f->sender, c->node, CW_RECESSIVE) -
                          cw_cable_delay(cable, f->sender, c->node, CW_DOMINANT);
-    const cw_offsets o = follow_frame(f, &count->edges, c, cw_clean_phase(bus, f, c), skew, s);
+    const cw_span offset = cw_clean_offset_at_sof(bus, f, c);
+    const cw_span phase = offset - floor_of(offset, c->quantum) * c->quantum;
+    const cw_offsets o = follow_frame(f, &count->edges, c, phase, skew, s);
     quantum_count_margin(s, c->bit - c->to_sample + o.least);
     quantum_count_margin(s, c->to_sample - o.most);
 }
@@ -245,7 +212,7 @@ void cw_clean_count(const cw_bus *bus, cw_frame_count *count, const cw_clean_nod
         return;
     }
     if (!count->release.found)
-        find_release(&count->release, clean, f);
+        cw_clean_find_release(&count->release, clean, f);
     if (sends)
         count_sent(c, s);
     else

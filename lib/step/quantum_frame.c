@@ -130,8 +130,8 @@ static bool find_end(cw_clean_frame *f, const cw_bus *bus)
     const cw_span first = f->least_end + BITS_AFTER_EOF * clean->least_bit;
     const cw_span last_eof = f->most_end + BITS_TO_EOF * clean->most_bit;
     const cw_span last_rx = f->most_end + BITS_TO_RX * clean->most_bit;
-    const cw_span sent = cw_clean_end_of_slot(clean, f, cw_clean_at(clean, f->sender)) +
-                         BITS_TO_EOF * f->bit;
+    const cw_clean_node *sender = cw_clean_at(clean, f->sender);
+    const cw_span sent = cw_clean_end_of_slot(clean, f->slots, sender) + BITS_TO_EOF * f->bit;
     f->bit_times = (uint64_t)((first - f->now) / bus->timed.bit_time);
     f->until = f->now + (cw_span)f->bit_times * bus->timed.bit_time;
     return last_eof < f->until && last_rx < sent &&
@@ -210,27 +210,30 @@ static void count_load(cw_bus *bus, const cw_clean_frame *f)
     bus->stats.bits += f->bit_times;
 }
 
-/* Returns the moment from which on the wire is recessive everywhere. The slots have been ended. Not
- * inlined, since it is not always needed. */
+/* Returns the moment from which on the wire is recessive everywhere. Not inlined, since it is not
+ * always needed. */
 __attribute__((noinline)) static cw_span find_released(const cw_bus *bus, const cw_clean_frame *f)
 {
     cw_span released = 0;
     for (uint64_t rest = f->drivers; rest; rest &= rest - 1) {
         const cw_clean_node *c = cw_clean_at(&bus->timed.clean, cw_lowest_node(rest));
-        const cw_span gone = c->delimiter + c->last_arrival;
+        const cw_span gone = cw_clean_delimiter(&bus->timed.clean, c->node) + c->last_arrival;
         released = gone > released ? gone : released;
     }
     return released;
 }
 
-/* Returns the recessive bit times up to the end of the step. All nodes see the ACK slot dominant from
- * one moment on, and some do up to another one. Mostly the end of a bit time is between them. */
+/* Returns the recessive bit times up to the end of the step. Mostly one ends in the ACK slot. */
 static uint64_t recessive_bits(const cw_bus *bus, const cw_clean_frame *f)
 {
-    const cw_span bit = bus->timed.bit_time, begun = f->first + bus->timed.longest;
-    cw_span last = (f->released - f->now) / bit;
-    if ((f->last_end - f->now) / bit != last)
-        last = (find_released(bus, f) - f->now) / bit;
+    const cw_span bit = bus->timed.bit_time;
+    cw_span begun = f->begun, last = (f->released - f->now) / bit;
+    if ((f->leaves - f->now) / bit != last || begun >= f->now + last * bit) {
+        const cw_span released = find_released(bus, f);
+        const cw_span sure = cw_clean_begun(&bus->timed.clean, released);
+        last = (released - f->now) / bit;
+        begun = sure < begun ? sure : begun;
+    }
     if (begun < f->now + last * bit)
         return f->bit_times - (uint64_t)last;
     return cw_clean_recessive_bits(bus, f, f->bit_times);
@@ -251,9 +254,9 @@ static void begin_attempt(cw_bus *bus, unsigned i)
 }
 
 /* Returns the end of that many bits of a node, its ACK delimiter being the first one. */
-static cw_span end_of_bits(const cw_clean_node *c, cw_span bits)
+static cw_span end_of_bits(const cw_clean *clean, unsigned i, cw_span bits)
 {
-    return c->delimiter + bits * c->bit;
+    return cw_clean_delimiter(clean, i) + bits * cw_clean_at(clean, i)->bit;
 }
 
 /* Returns the place of a number among others, which are sorted. */
@@ -279,9 +282,9 @@ static unsigned sort_receivers(const cw_bus *bus, const cw_clean_frame *f,
     unsigned count = 0;
     for (uint64_t rest = bus->all & ~clean->away & ~cw_node_bit(f->sender); rest;
          rest &= rest - 1) {
-        const cw_clean_node *c = cw_clean_at(clean, cw_lowest_node(rest));
-        const cw_span end = end_of_bits(c, BITS_TO_RX);
-        const uint64_t number = (uint64_t)(end - from) * CW_NODES_MAX + c->node;
+        const unsigned i = cw_lowest_node(rest);
+        const cw_span end = end_of_bits(clean, i, BITS_TO_RX);
+        const uint64_t number = (uint64_t)(end - from) * CW_NODES_MAX + i;
         const unsigned place = place_of(order, count, number);
         memmove(&order[place + 1], &order[place], (count - place) * sizeof order[0]);
         order[place] = number;
@@ -305,7 +308,7 @@ __attribute__((noinline)) static void hand_out(cw_bus *bus, const cw_clean_frame
     const unsigned count = sort_receivers(bus, f, order);
     for (unsigned k = 0; k < count; k++) {
         const unsigned i = (unsigned)(order[k] % CW_NODES_MAX);
-        const cw_span end = end_of_bits(cw_clean_at(&bus->timed.clean, i), BITS_TO_RX);
+        const cw_span end = end_of_bits(&bus->timed.clean, i, BITS_TO_RX);
         cw_wire_go_to(&bus->time, cw_tick_of(bus, end));
         bus->nodes[i].stats.rx_accepted++;
         cw_push_rx(bus, i, &frame, &origin);
@@ -329,7 +332,7 @@ static void finish_transmission(cw_bus *bus, const cw_clean_frame *f)
 {
     const unsigned i = f->sender;
     cw_mac *m = &bus->nodes[i].mac;
-    const cw_span end = end_of_bits(cw_clean_at(&bus->timed.clean, i), BITS_TO_EOF);
+    const cw_span end = end_of_bits(&bus->timed.clean, i, BITS_TO_EOF);
     cw_wire_go_to(&bus->time, cw_tick_of(bus, end));
     cw_take_inbox_before(bus, cw_now(bus)); /* it waits while the other frame ends */
     cw_confinement_tx_success(&m->confinement);
@@ -345,6 +348,7 @@ static void go_to_end(cw_bus *bus, const cw_clean_frame *f)
     cw_clean *clean = &bus->timed.clean;
     count_load(bus, f);
     cw_clean_pass(bus, f);
+    clean->last = f->slots;
     bus->recessive_bits = recessive_bits(bus, f);
     if (f->due)
         cw_take_inbox(bus, f->due + 1);
@@ -354,7 +358,7 @@ static void go_to_end(cw_bus *bus, const cw_clean_frame *f)
     cw_wire_go_to(&bus->time, now);
     cw_wire_pass(&bus->time, f->bit_times);
     clean->senders = cw_node_bit(f->sender);
-    clean->least_end = f->least_end;
+    clean->late_end = f->late_end;
     clean->most_end = f->most_end;
     bus->wire = CW_RECESSIVE;
     cw_outlook_forget(bus);

@@ -17,11 +17,6 @@
 
 /* ---- Parking --------------------------------------------------------------------------------- */
 
-static cw_span lesser(cw_span a, cw_span b)
-{
-    return a < b ? a : b;
-}
-
 static cw_span greater(cw_span a, cw_span b)
 {
     return a > b ? a : b;
@@ -62,6 +57,20 @@ static bool can_park(const cw_bus *bus, unsigned i)
            !(m->modes & CW_MODE_LOOPBACK) && (quantum_park_is_away(m) || only_waits(m));
 }
 
+/* Lets the ACK slot of a node end at a moment, with no acknowledgement that comes early. */
+static void put_delimiter(cw_clean *clean, cw_clean_node *c, cw_span moment)
+{
+    c->slot[clean->last] = (cw_clean_slot){.ack = moment - c->bit, .arrival = CW_NO_KEY};
+    clean->late_end = clean->most_end = greater(clean->most_end, moment);
+}
+
+/* Prepares slots for this. */
+static void begin_slots(cw_clean *clean)
+{
+    clean->slots[clean->last] = (cw_clean_slots){.drivers = UINT64_MAX, .seen = CW_NO_KEY};
+    clean->most_end = INT64_MIN;
+}
+
 /* Takes the place of a node, and lets its controller look idle. */
 static void park_node(cw_bus *bus, unsigned i)
 {
@@ -74,9 +83,8 @@ static void park_node(cw_bus *bus, unsigned i)
     const bool sends = m->phase == CW_MAC_INTERMISSION && m->role == CW_ROLE_TRANSMITTER;
     const bool acknowledges = !quantum_park_is_away(m) && !(m->modes & CW_MODE_LISTEN_ONLY) &&
                               !m->no_ack;
-    c->delimiter = (n->pcs.sampled ? n->next_begin : n->begin) - passed * c->bit;
-    clean->least_end = lesser(clean->least_end, c->delimiter);
-    clean->most_end = greater(clean->most_end, c->delimiter);
+    c->origin = n->begin;
+    put_delimiter(clean, c, (n->pcs.sampled ? n->next_begin : n->begin) - passed * c->bit);
     clean->drivers |= acknowledges ? cw_node_bit(i) : 0;
     c->down = acknowledges ? c->out[CW_DOMINANT] - c->place : CW_NO_KEY;
     c->up = acknowledges ? c->out[CW_DOMINANT] + c->place : CW_NO_KEY;
@@ -98,8 +106,7 @@ bool cw_clean_park(cw_bus *bus)
             return false;
     }
     clean->away = clean->senders = clean->drivers = 0;
-    clean->least_end = CW_SPAN_MAX;
-    clean->most_end = INT64_MIN;
+    begin_slots(clean);
     for (unsigned i = 0; i < bus->node_count; i++)
         park_node(bus, i);
     clean->parked = true;
@@ -117,7 +124,7 @@ static void resume_counting(cw_bus *bus, unsigned i, unsigned sampled)
     const cw_clean_node *c = cw_clean_at(clean, i);
     cw_sync_record *r = &bus->timed.records[i];
     r->measures = sampled == DELIMITER_BITS && !(clean->away >> i & 1u);
-    r->sampled_at = c->delimiter + (DELIMITER_BITS - 1) * c->bit + c->to_sample;
+    r->sampled_at = cw_clean_delimiter(clean, i) + (DELIMITER_BITS - 1) * c->bit + c->to_sample;
 }
 
 /* Puts a node into the bit in which it is now. */
@@ -125,7 +132,7 @@ static void resume_node(cw_bus *bus, unsigned i)
 {
     const cw_clean *clean = &bus->timed.clean;
     const cw_span now = cw_moment_of(bus, cw_now(bus));
-    const unsigned sampled = cw_timed_place(bus, i, cw_clean_at(clean, i)->delimiter, now);
+    const unsigned sampled = cw_timed_place(bus, i, cw_clean_delimiter(clean, i), now);
     const cw_role role = clean->senders >> i & 1u ? CW_ROLE_TRANSMITTER : CW_ROLE_RECEIVER;
     bus->timed.nodes[i].ahead = false;
     assert(sampled >= DELIMITER_BITS);
@@ -170,7 +177,7 @@ static uint64_t bits_before(const cw_bus *bus, cw_span moment)
 static cw_span end_of_busy(const cw_clean *clean, unsigned i)
 {
     const cw_clean_node *c = cw_clean_at(clean, i);
-    return c->delimiter + (BITS_TO_IDLE - 1) * c->bit + c->to_sample;
+    return cw_clean_delimiter(clean, i) + (BITS_TO_IDLE - 1) * c->bit + c->to_sample;
 }
 
 /* Returns this for the last node. Not inlined, since it is rare. */
@@ -187,7 +194,7 @@ __attribute__((noinline)) static cw_span find_end_of_busy(const cw_bus *bus)
 uint64_t cw_clean_busy_bits(const cw_bus *bus)
 {
     const cw_clean *clean = &bus->timed.clean;
-    const cw_span least = clean->least_end + BITS_TO_IDLE * clean->least_bit - clean->most_behind;
+    const cw_span least = clean->late_end + BITS_TO_IDLE * clean->least_bit - clean->most_behind;
     const cw_span most = clean->most_end + BITS_TO_IDLE * clean->most_bit - clean->least_behind;
     const uint64_t bits = bits_before(bus, most);
     if (bits == 0 || (bits == bits_before(bus, least) && !clean->away))
@@ -203,7 +210,7 @@ bool cw_clean_is_idle(const cw_bus *bus)
 cw_span cw_clean_ready(const cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_clean_node *c = cw_clean_at(&bus->timed.clean, i);
-    const cw_span idle = c->delimiter + BITS_TO_IDLE * c->bit;
+    const cw_span idle = cw_clean_delimiter(&bus->timed.clean, i) + BITS_TO_IDLE * c->bit;
     return idle >= moment ? idle : idle + (moment - idle + c->bit - 1) / c->bit * c->bit;
 }
 
@@ -218,19 +225,22 @@ bool cw_clean_takes_sof(const cw_bus *bus, cw_span moment)
     return true;
 }
 
+/* The acknowledgement of the last frame is forgotten, but for the places that it has given. */
 void cw_clean_rebase(cw_bus *bus, cw_span by)
 {
     cw_clean *clean = &bus->timed.clean;
+    cw_span delimiters[CW_NODES_MAX];
     const cw_span now = cw_moment_of(bus, cw_now(bus));
-    clean->least_end = CW_SPAN_MAX;
-    clean->most_end = INT64_MIN;
-    for (unsigned i = 0; clean->parked && i < bus->node_count; i++) {
+    if (!clean->parked)
+        return;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        delimiters[i] = cw_clean_delimiter(clean, i) - by;
+    begin_slots(clean);
+    for (unsigned i = 0; i < bus->node_count; i++) {
         cw_clean_node *c = cw_clean_at(clean, i);
-        cw_span *begin = &c->delimiter;
-        *begin -= by;
-        const cw_span bits = (now - *begin) / c->bit;
-        *begin += bits > BITS_KEPT ? (bits - BITS_KEPT) * c->bit : 0;
-        clean->least_end = lesser(clean->least_end, *begin);
-        clean->most_end = greater(clean->most_end, *begin);
+        const cw_span bits = (now - delimiters[i]) / c->bit;
+        const cw_span idle = bits > BITS_KEPT ? (bits - BITS_KEPT) * c->bit : 0;
+        put_delimiter(clean, c, delimiters[i] + idle);
+        c->origin = c->slot[clean->last].ack;
     }
 }

@@ -11,6 +11,7 @@
 #include "step/quantum_clean.h"
 
 #define BITS 10 /* between two falling edges, at most, and from the last one to the ACK slot */
+#define BITS_TO_SLOT 11 /* ... to the ACK slot, with one more for safety */
 
 /* A frame with all that belongs to it has fewer than 256 bits. */
 #define LONGEST_BIT ((cw_span)(CW_LEAP_TICKS / 256) * CW_TICK)
@@ -84,23 +85,52 @@ static cw_span skew_of(const cw_bus *bus, unsigned from, unsigned to)
     return skew < 0 ? -skew : skew;
 }
 
-/* Finds who reads the sender right for sure, and how long its edges are under way. */
-static void find_harmless(cw_bus *bus, unsigned sender)
+/* Finds who reads the sender right for sure. */
+static uint64_t find_harmless(const cw_bus *bus, unsigned sender)
 {
-    cw_clean *clean = &bus->timed.clean;
     uint64_t harmless = 0;
-    cw_span last = 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const bool right = i == sender ? reads_itself(cw_clean_at(clean, i))
+        const bool right = i == sender ? reads_itself(cw_clean_at(&bus->timed.clean, i))
                                        : reads_right(bus, sender, i);
         harmless |= right ? cw_node_bit(i) : 0;
-        last = greater(last, delay(bus, sender, i, CW_RECESSIVE));
-        clean->most_skew = greater(clean->most_skew, skew_of(bus, sender, i));
-        if (i != sender)
-            clean->least_delay = lesser(clean->least_delay, delay(bus, sender, i, CW_DOMINANT));
     }
-    cw_clean_at(clean, sender)->harmless = harmless;
-    cw_clean_at(clean, sender)->last_arrival = last;
+    return harmless;
+}
+
+/* Finds how long edges of a node are under way. */
+static void find_delays(cw_bus *bus, unsigned from)
+{
+    cw_clean *clean = &bus->timed.clean;
+    cw_clean_node *n = cw_clean_at(clean, from);
+    n->near = bus->node_count > 1 ? CW_SPAN_MAX : 0;
+    n->far = n->last_arrival = 0;
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        n->last_arrival = greater(n->last_arrival, delay(bus, from, i, CW_RECESSIVE));
+        clean->most_skew = greater(clean->most_skew, skew_of(bus, from, i));
+        if (i == from)
+            continue;
+        n->near = lesser(n->near, delay(bus, from, i, CW_DOMINANT));
+        n->far = greater(n->far, delay(bus, from, i, CW_DOMINANT));
+    }
+}
+
+/* An ACK slot begins up to a quantum before the bit of the sender comes, and what clocks differ by
+ * before it or behind it. By an early edge it begins up to a quantum earlier. So much before it is
+ * still behind the sample point of the bit before. The last of those who acknowledge has left the
+ * wire when the first one looks at the next bit. */
+static void find_sure(cw_bus *bus, unsigned sender)
+{
+    const cw_clean *clean = &bus->timed.clean;
+    cw_clean_node *n = cw_clean_at(&bus->timed.clean, sender);
+    const cw_span early = clean->most_quantum + 2 * clean->drift;
+    n->round = 0;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        if (i != sender)
+            n->round = greater(n->round, delay(bus, sender, i, CW_DOMINANT) +
+                                             cw_clean_at(clean, i)->last_arrival);
+    n->sure = early <= clean->least_behind &&
+              n->round + clean->most_quantum + early + clean->most_bit - clean->least_bit <
+                  n->near + clean->least_look;
 }
 
 /* Gives the nodes the order of their places on the line. */
@@ -122,11 +152,9 @@ static void sort_places(cw_clean *clean, const cw_way *ways, unsigned count)
 static void find_limits(cw_bus *bus)
 {
     cw_clean *clean = &bus->timed.clean;
-    clean->least_delay = bus->node_count > 1 ? CW_SPAN_MAX : 0;
-    clean->least_bit = clean->least_look = clean->least_in = clean->least_behind = CW_SPAN_MAX;
+    clean->least_delay = clean->least_bit = clean->least_look = clean->least_behind = CW_SPAN_MAX;
     clean->least_quantum = CW_SPAN_MAX;
-    clean->most_bit = clean->most_behind = clean->most_out = 0;
-    clean->most_quantum = clean->most_skew = 0;
+    clean->most_bit = clean->most_behind = clean->most_quantum = clean->most_out = 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
         const cw_clean_node *n = &clean->nodes[i];
         clean->least_bit = lesser(clean->least_bit, n->bit);
@@ -134,11 +162,12 @@ static void find_limits(cw_bus *bus)
         clean->least_look = lesser(clean->least_look, n->to_first_look);
         clean->least_behind = lesser(clean->least_behind, n->bit - n->to_sample);
         clean->most_behind = greater(clean->most_behind, n->bit - n->to_sample);
-        clean->least_in = lesser(clean->least_in, n->in[CW_DOMINANT]);
+        clean->least_delay = lesser(clean->least_delay, n->near);
         clean->least_quantum = lesser(clean->least_quantum, n->quantum);
-        clean->most_out = greater(clean->most_out, n->out[CW_DOMINANT]);
         clean->most_quantum = greater(clean->most_quantum, n->quantum);
+        clean->most_out = greater(clean->most_out, n->out[CW_DOMINANT]);
     }
+    clean->drift = BITS_TO_SLOT * (clean->most_bit - clean->least_bit);
 }
 
 void cw_clean_prove(cw_bus *bus)
@@ -154,8 +183,13 @@ void cw_clean_prove(cw_bus *bus)
         find_ways(cw_clean_at(clean, i), &ways[i]);
         retimed = retimed || bus->timed.nodes[i].retimed;
     }
+    clean->most_skew = 0;
+    for (unsigned i = 0; i < bus->node_count; i++)
+        find_delays(bus, i);
     find_limits(bus);
-    for (unsigned i = 0; i < bus->node_count && clean->most_bit <= LONGEST_BIT; i++)
-        find_harmless(bus, i);
+    for (unsigned i = 0; i < bus->node_count && clean->most_bit <= LONGEST_BIT; i++) {
+        cw_clean_at(clean, i)->harmless = find_harmless(bus, i);
+        find_sure(bus, i);
+    }
     clean->valid = !retimed;
 }
