@@ -112,6 +112,7 @@ void cw_wake_controllers(cw_bus *bus)
         go_to_point(&p, bus, &bus->nodes[cw_lowest_node(rest)].mac);
     for (uint64_t rest = step->undecided | cw_node_bit(step->node); rest; rest &= rest - 1)
         resume_sending(bus, cw_lowest_node(rest), &p);
-    bind_rules(bus);
+    if (!step->seen) /* its controllers have bound theirs at SOF */
+        bind_rules(bus);
     cw_outlook_forget(bus);
 }

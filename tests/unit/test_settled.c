@@ -76,7 +76,7 @@ TEST(a_node_gets_no_clock_no_delay_and_no_sleep_later)
 
 TEST(a_rule_that_would_need_a_clock_is_refused_or_has_its_memory)
 {
-    const cw_rule stuck = {.name = "stuck", .trigger = CW_TRIGGER_ARMED, .time_end = CW_NEVER,
+    const cw_rule stuck = {.name = "stuck", .trigger = CW_TRIGGER_ARMED, .manual = true, .time_end = CW_NEVER,
                            .every = 1, .probability = UINT64_MAX, .action = CW_ACTION_STUCK,
                            .line = CW_LINE_WIRE, .level = CW_DOMINANT, .for_ticks = BIT / 2};
     unsigned index;

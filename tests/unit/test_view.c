@@ -278,6 +278,30 @@ static cw_rule *add_rule(rig *r, cw_action action)
     return rule;
 }
 
+/* The rule has been asked at SOF, and is not asked again when controllers take the frame back. */
+TEST(a_frame_whose_rest_is_looked_at_matches_once)
+{
+    RIG *r = rig_new(2);
+    cw_rule *rule = add_rule(r, CW_ACTION_NOISE);
+    rule->trigger = CW_TRIGGER_FRAME;
+    rule->probability = 1;
+    rule->error_rate = UINT64_MAX;
+    rule->burst_least = rule->burst_most = 1;
+    rig_start(r);
+    const cw_frame frame = rig_frame(0x150, 0, 0);
+    rig_send(r, 1, &frame, 0);
+    rig_run_bits(r, 12);
+    cw_bus_set_watching(r->bus, true);
+    rig_run_bits(r, 24);
+    cw_bus_set_stepping(r->bus, true);
+    rig_run_bits(r, 90);
+    assert_int_equal(rig_stats(r, 1).tx_frames, 1);
+    cw_rule_stats stats;
+    assert_int_equal(cw_rule_get_stats(r->bus, 0, &stats), CW_OK);
+    assert_int_equal(stats.matches, 1);
+    assert_int_equal(stats.misses, 1);
+}
+
 /* M1, M6, M8: a dominant level is a SOF for those that take it as such, wherever they wait. Node 0
  * sent the last frame; passive, it owes eight bits of suspend after the three of intermission. */
 TEST(a_foreign_sof_is_a_sof)
