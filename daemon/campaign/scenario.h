@@ -70,4 +70,9 @@ char *scenario_why(scenario *s);
 /* Returns the time at which the last run has ended. */
 uint64_t scenario_now(const scenario *s);
 
+/* Repeats the run of a journal of one bus, up to a time on it in nanoseconds, UINT64_MAX: to its
+ * end. Messages go to `messages`, one a line. Returns NULL after a message when the journal cannot
+ * be understood, or without memory. The result is for outcome_write(), not for another run. */
+scenario *scenario_replay(const char *file, uint64_t until_ns, FILE *messages);
+
 #endif

@@ -7,7 +7,6 @@
 #include "base/schema.h"
 #include "base/text/yamlfile.h"
 #include "config/node/portname.h"
-#include "config/rig_loop.h"
 #include "config/source.h"
 #include "config/values.h"
 

@@ -92,4 +92,19 @@ const rig_rule *rig_find_rule(const rig_gateway *gateway, unsigned end, const cw
 /* The keys of the file. */
 extern const schema_key rig_file_keys[];
 
+#define RIG_LOOP_MAX 16u /* gateways of a loop */
+
+/* A frame for ever under way: each gateway of the list hands it to the next one, the last one to
+ * the first one. A gateway may be there twice, for two identifiers of the frame. */
+typedef struct rig_loop {
+    unsigned count;
+    const rig_gateway *gateways[RIG_LOOP_MAX];
+    const rig_rule *rule; /* of the first gateway */
+    cw_frame frame;       /* one that goes round, as the first gateway receives it */
+} rig_loop;
+
+/* Returns true when frames go round, and describes one such loop, of at most RIG_LOOP_MAX gateways.
+ * It looks at the rules, and at the filters, mailboxes, kind and loopback of the nodes. */
+bool rig_find_loop(rig_loop *loop, const rig *self);
+
 #endif

@@ -7,7 +7,7 @@
  * the other one the identifier stays. There all frames that can take a way are followed at once: a
  * set of frames, which each filter on the way makes smaller.
  */
-#include "config/rig_loop.h"
+#include "config/rig.h"
 
 #include "canwire.h"
 

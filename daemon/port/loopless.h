@@ -13,6 +13,24 @@
 #include "config/config.h"
 #include "port/port.h"
 
+#include <net/if.h>
+#include <stdio.h>
+
+/* The packet counters of /proc/net/dev. rtnetlink has the same ones, but a request waits for all
+ * changes of the network in progress; this file does not wait. */
+typedef struct netdev_counters {
+    char name[IF_NAMESIZE];
+    uint64_t received; /* packets */
+    uint64_t sent;
+} netdev_counters;
+
+/* Opens the counters of this process's network namespace, to be closed. Returns NULL with errno
+ * set. */
+FILE *netdev_open(void);
+
+/* Reads the next interface; returns false at the end. */
+bool netdev_next(netdev_counters *out, FILE *in);
+
 /* Counts new dropped frames of the ports of all nodes (port_count_loopless()). vcans: the nodes
  * with vcan ports; others are not counted. Returns false with errno set when the kernel has no
  * counters. */

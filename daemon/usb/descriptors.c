@@ -2,7 +2,7 @@
  *
  * descriptors.c - what the adapter answers to control requests: who it is, and its firmware.
  */
-#include "usb/descriptors.h"
+#include "usb/device.h"
 
 #include <linux/usb/ch9.h>
 #include <stdio.h>

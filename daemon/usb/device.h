@@ -13,8 +13,19 @@
 
 #include "base/text/buffer.h"
 #include "port/control.h"
-#include "usb/descriptors.h"
 #include "usb/peak.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define USB_SERIAL_MAX 100u
+#define USB_ANSWER_MAX 256u
+
+typedef struct usb_identity {
+    char serial[USB_SERIAL_MAX + 1]; /* in sysfs and for udev: the interface's name */
+    uint32_t number;                 /* of the device, as the driver logs it */
+} usb_identity;
 
 #define DEVICE_HELD_MAX 64u  /* frames; the driver has ten */
 #define DEVICE_READS_MAX 64u /* requests to read; the driver has four */
@@ -80,5 +91,14 @@ void device_was_sent(usb_device *d, uint32_t number);
 void device_was_dropped(usb_device *d, uint32_t number);
 void device_state(usb_device *d, const message_state *state, uint64_t us);
 void device_flush(usb_device *d);
+
+/* Returns true when a control request tells that a driver has taken the adapter. data: `length`
+ * bytes. */
+bool usb_is_claim(const unsigned char setup[8], const unsigned char *data, size_t length);
+
+/* Answers a control request of 8 bytes. Returns the number of bytes in `answer`, 0 for one that
+ * only sends; -1: the adapter does not know it. */
+int usb_answer(unsigned char answer[USB_ANSWER_MAX], const usb_identity *who,
+               const unsigned char setup[8]);
 
 #endif

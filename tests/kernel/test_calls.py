@@ -25,8 +25,7 @@ from depth import some
 from failing import Calls, Try, build_library
 from test_vcan import CANWIRE, PAIR, PEERS, enter, netns, rig  # pylint: disable=unused-import
 
-FILES = ("socketcan.c", "port.c", "claim.c", "linkwatch.c", "netdev.c", "links.c", "loopless.c",
-         "vcan.c")
+FILES = ("socketcan.c", "port.c", "claim.c", "linkwatch.c", "links.c", "loopless.c", "vcan.c")
 GROUPS = {"descriptor", "socket", "traffic", "close", "read"}
 # Possible errors of the kernel. A link that is down or gone would be reported in another way, too.
 ERRORS = {"socket": "EMFILE", "fopen": "EMFILE", "open": "EACCES", "openat": "EACCES",

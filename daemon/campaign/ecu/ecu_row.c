@@ -4,19 +4,20 @@
  */
 #include "campaign/ecu/ecu_row.h"
 
+#include "base/text/jsonput.h"
 #include "base/text/jsontext.h"
-#include "base/text/plain.h"
 #include "base/text/memo.h"
+#include "base/text/plain.h"
 #include "campaign/ecu/ecu_keeper.h"
 #include "campaign/ecu/ecu_network.h"
-#include "campaign/ecu/ecu_own.h"
-#include "campaign/scenario_journal.h"
+#include "campaign/scenario.h"
 #include "campaign/shellword.h"
 #include "campaign/space/variant.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
+#include <jansson.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -55,6 +56,87 @@ typedef struct one {
     char bus[CONTROL_MAX + 1];
     uint64_t until_ns;
 } one;
+
+/* ---- A program that is the bus by itself ----------------------------------------------------- */
+
+static scenario *ecu_own_fail(ecu_result *result, const char *program, const char *why)
+{
+    result->verdict = ECU_BROKEN;
+    (void)snprintf(result->why, sizeof result->why, "%s: %s", program, why);
+    return NULL;
+}
+
+/* Returns the object in the first line of the file, to be released; NULL: there is none. */
+static json_t *read_head(const char *file)
+{
+    char *line = NULL;
+    size_t size = 0;
+    FILE *in = fopen(file, "re");
+    if (!in)
+        return NULL;
+    const ssize_t length = getline(&line, &size, in);
+    json_t *head = length > 1 && *line == '#' ? json_loads(line + 1, 0, NULL) : NULL;
+    free(line);
+    (void)fclose(in);
+    return head;
+}
+
+/* Opens and runs it. Messages go to a stream. */
+static scenario *ecu_own_run(const char *file, uint64_t until_ns, FILE *messages)
+{
+    const cfg_file named = {.name = file};
+    const cfg_time until = {.ns = until_ns};
+    scenario *s = scenario_open(&named, messages);
+    if (!s)
+        return NULL;
+    const char *wrong = scenario_set_until(s, until);
+    if (!wrong && scenario_run(s, NULL))
+        return s;
+    char *why = wrong ? NULL : scenario_why(s);
+    fprintf(messages, "%s\n", wrong ? wrong : why ? why : "out of memory");
+    free(why);
+    scenario_close(s);
+    return NULL;
+}
+
+static scenario *run_told(const char *file, const char *program, ecu_result *result)
+{
+    memo said;
+    FILE *out = memo_begin(&said);
+    scenario *s = out ? ecu_own_run(file, result->end_ns, out) : NULL;
+    char *messages = memo_text(&said);
+    if (!s) {
+        if (messages)
+            messages[strcspn(messages, "\n")] = '\0';
+        (void)ecu_own_fail(result, program, messages && *messages ? messages : "out of memory");
+    }
+    memo_end(&said);
+    return s;
+}
+
+/* Runs the scenario that a program has written, up to its end. The result then has that end, and
+ * what the program tells. Returns NULL when there is none: the result has a verdict and a reason
+ * then. */
+static scenario *ecu_own_replay(const char *file, const char *program, ecu_result *result)
+{
+    json_t *head = read_head(file);
+    scenario *s = NULL;
+    if (!head)
+        return result->verdict == ECU_DONE
+                   ? ecu_own_fail(result, program,
+                                  "it has ended without a row; canwire.row() makes it")
+                   : NULL;
+    result->end_ns = (uint64_t)get_number(head, "until_ns");
+    if (result->verdict == ECU_CRASHED && *get_any_text(head, "failed"))
+        (void)snprintf(result->why, sizeof result->why, "%s: %s", program,
+                       get_any_text(head, "failed"));
+    if (*get_any_text(head, "broken"))
+        (void)ecu_own_fail(result, program, get_any_text(head, "broken"));
+    else
+        s = run_told(file, program, result);
+    json_decref(head);
+    return s;
+}
 
 /* ---- Paths ----------------------------------------------------------------------------------- */
 

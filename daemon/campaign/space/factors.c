@@ -3,10 +3,11 @@
  * factors.c - reads the key `vary` of a campaign.
  */
 #include "campaign/campaign_owner.h"
-#include "campaign/space/edits.h"
+
 #include "campaign/space/jsonvalue.h"
 #include "campaign/space/names.h"
 #include "campaign/space/space.h"
+#include "campaign/space/variant.h"
 #include "trace/frametext.h"
 
 #include <string.h>
@@ -112,6 +113,73 @@ const schema_key campaign_factor_keys[] = {
              TYPE_NEEDS("uniform") ", " TYPE_NEEDS("normal") ", " TYPE_NEEDS("positions") ", "
              TYPE_NEEDS("nodes") ", " TYPE_NEEDS("each-bit") ", " TYPE_NEEDS("pairs-of-bits") "]}"},
 };
+
+/* ---- Where the values go in the scenario ----------------------------------------------------- */
+
+/* Finds the places of the rules of spaces, which come together. */
+static void place_spaces(schema *self, const yaml_node_t *list, campaign_owner *o)
+{
+    campaign *c = &o->campaign;
+    const splice_text t = {.text = c->text, .size = c->size, .document = &o->document,
+                           .memory = self->arena};
+    size_t count = 0;
+    size_t placed = 0;
+    for (size_t i = 0; i < c->factor_count; i++)
+        count += c->factors[i].rules != NULL;
+    for (size_t i = 0; i < c->factor_count; i++) {
+        if (!c->factors[i].rules)
+            continue;
+        const char *wrong =
+            splice_find_rules(&c->factors[i].edit, &t, placed == 0, placed + 1 == count);
+        if (wrong)
+            schema_complain(self, list, "%s", wrong);
+        placed++;
+    }
+}
+
+/* Returns true when two factors put the same key in. */
+static bool is_same_key(const factor *a, const factor *b)
+{
+    const size_t length = strcspn(a->edit.before, ":");
+    return !(a->rules && b->rules) && length == strcspn(b->edit.before, ":") &&
+           strncmp(a->edit.before, b->edit.before, length) == 0;
+}
+
+/* Complains about two edits of the text, the first of which comes before the other one. */
+static void check_edits(schema *self, yaml_node_t *list, const campaign *c, size_t first,
+                        size_t second)
+{
+    const factor *a = &c->factors[first];
+    const factor *b = &c->factors[second];
+    const yaml_node_t *last = schema_item(self, list, first > second ? first : second);
+    if (b->edit.begin < a->edit.end)
+        schema_complain(self, last, "'%s' is part of what '%s' varies", b->name, a->name);
+    else if (a->edit.begin == b->edit.begin && b->edit.begin < b->edit.end)
+        schema_complain(self, last, "'%s' is part of what '%s' varies", a->name, b->name);
+    else if (a->edit.begin == b->edit.begin && is_same_key(a, b))
+        schema_complain(self, last, "'%s' and '%s' vary the same", a->name, b->name);
+}
+
+/* Compares each edit with all before it: one that is put in at the same place may be between. */
+static void check_all_edits(schema *self, yaml_node_t *list, const campaign *c)
+{
+    size_t order[CAMPAIGN_FACTORS_MAX];
+    size_t count = 0;
+    uint64_t done = 0;
+    for (size_t i; (i = variant_next_edit(c, done)) != SIZE_MAX; done |= UINT64_C(1) << i) {
+        for (size_t k = 0; k < count; k++)
+            check_edits(self, list, c, order[k], i);
+        order[count++] = i;
+    }
+}
+
+/* Finds the places of the rules of spaces. Complains, at entries of the list of factors, about
+ * values that would be put into each other. */
+static void campaign_place_edits(schema *self, yaml_node_t *list, campaign_owner *o)
+{
+    place_spaces(self, list, o);
+    check_all_edits(self, list, &o->campaign);
+}
 
 /* ---- Names and paths ------------------------------------------------------------------------- */
 

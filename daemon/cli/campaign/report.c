@@ -8,13 +8,16 @@
 #include "campaign/pool.h"
 #include "campaign/report/intake.h"
 #include "campaign/report/memory.h"
-#include "cli/campaign/report_files.h"
 #include "cli/campaign/report_view.h"
 #include "cli/campaign/rowfile.h"
 #include "cli/cli.h"
 
 #include <errno.h>
 #include <getopt.h>
+#include <libgen.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -61,6 +64,86 @@ typedef struct options {
     double confidence;
     unsigned jobs;
 } options;
+
+/* ---- Files ----------------------------------------------------------------------------------- */
+
+#define REPORT_OUTPUTS 3u
+
+/* Options that write a file. "-" is standard output, NULL none. */
+typedef struct report_outputs {
+    const char *option[REPORT_OUTPUTS]; /* such as "--json" */
+    const char *name[REPORT_OUTPUTS];
+} report_outputs;
+
+#define STANDARD_INPUT "/proc/self/fd/0"
+
+static bool is_dash(const char *name)
+{
+    return strcmp(name, "-") == 0;
+}
+
+/* Returns the one name that a file has, which need not be there yet, to be freed. */
+static char *real_name(const char *name)
+{
+    char *real = realpath(name, NULL);
+    if (real)
+        return real;
+    char *first = memory_text(name);
+    char *second = memory_text(name);
+    char *folder = realpath(dirname(first), NULL);
+    char *result = memory_print("%s/%s", folder ? folder : "", basename(second));
+    free(folder);
+    free(first);
+    free(second);
+    return result;
+}
+
+static bool report_files_is_same(const char *a, const char *b)
+{
+    char *first = real_name(a);
+    char *second = real_name(b);
+    const bool same = strcmp(first, second) == 0;
+    free(first);
+    free(second);
+    return same;
+}
+
+static bool are_one_output(const char *a, const char *b)
+{
+    if (is_dash(a) || is_dash(b))
+        return is_dash(a) && is_dash(b);
+    return report_files_is_same(a, b);
+}
+
+/* Returns true when all outputs are different files. False: after a message. */
+static bool report_outputs_differ(const report_outputs *out)
+{
+    for (size_t i = 0; i < REPORT_OUTPUTS; i++) {
+        for (size_t k = i + 1; k < REPORT_OUTPUTS; k++) {
+            if (!out->name[i] || !out->name[k] || !are_one_output(out->name[i], out->name[k]))
+                continue;
+            plain_print(stderr, "canwire campaign: %s %s: it is the file of %s, too; give each its "
+                        "own\n", out->option[k], out->name[k], out->option[i]);
+            return false;
+        }
+    }
+    return true;
+}
+
+/* Returns true when no output is this source; "-" is standard input, NULL none. False: after a
+ * message. */
+static bool report_outputs_spare(const report_outputs *out, const char *source)
+{
+    for (size_t i = 0; i < REPORT_OUTPUTS && source; i++) {
+        const char *from = is_dash(source) ? STANDARD_INPUT : source;
+        if (!out->name[i] || is_dash(out->name[i]) || !report_files_is_same(out->name[i], from))
+            continue;
+        plain_print(stderr, "canwire campaign: %s %s: the report reads this file, and does not "
+                    "overwrite it\n", out->option[i], out->name[i]);
+        return false;
+    }
+    return true;
+}
 
 static void print_usage(FILE *out)
 {

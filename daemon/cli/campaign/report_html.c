@@ -10,8 +10,7 @@
 
 #include "base/text/decimal.h"
 #include "base/text/xmltext.h"
-#include "cli/campaign/report_map.h"
-#include "cli/campaign/report_plot.h"
+#include "cli/campaign/report_figures.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

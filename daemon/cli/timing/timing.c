@@ -8,7 +8,6 @@
 #include "base/text/nearest.h"
 #include "base/text/number.h"
 #include "base/text/plain.h"
-#include "cli/timing/timing_table.h"
 #include "cli/timing/timing_text.h"
 #include "config/config.h"
 

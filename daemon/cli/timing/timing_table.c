@@ -2,7 +2,6 @@
  *
  * timing_table.c - the bit timings of a configuration, one row per node, and what they leave.
  */
-#include "cli/timing/timing_table.h"
 
 #include "base/text/decimal.h"
 #include "base/text/jsontext.h"

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * timing_text.h - a bit timing as text and as JSON.
+ * timing_text.h - a bit timing, and those of a configuration, as text and as JSON.
  */
 #ifndef CANWIRE_CLI_TIMING_TEXT_H
 #define CANWIRE_CLI_TIMING_TEXT_H
 
 #include "base/text/buffer.h"
+#include "config/config.h"
 #include "timing/data_phase.h"
 
 #include <stdio.h>
@@ -30,5 +31,12 @@ void timing_put_data(buffer *out, const bit_timing *nominal, const bit_timing *d
 
 /* Puts parts of 10^9 as a fraction. */
 void timing_put_fraction(buffer *out, const char *key, int64_t ppb);
+
+/* Prints a line about the bus and a table with a row for each node of a configuration. The data
+ * phases of CAN FD nodes have another table. */
+void timing_table_print(FILE *out, const cfg *config);
+
+/* Prints one object on one line. */
+void timing_table_print_json(FILE *out, const cfg *config);
 
 #endif

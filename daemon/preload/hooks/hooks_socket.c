@@ -5,7 +5,6 @@
 #include "preload/bcm.h"
 #include "preload/create.h"
 #include "preload/hooks/hook.h"
-#include "preload/interfaces.h"
 #include "preload/options.h"
 #include "preload/raw.h"
 

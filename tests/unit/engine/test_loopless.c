@@ -5,7 +5,7 @@
 
 #include "cases.h"
 #include "port/kind.h"
-#include "port/netdev.h"
+#include "port/loopless.h"
 
 /* As Linux 6.1 writes it, with a name that is as long as can be. */
 TEST(counters_are_read_by_name)
