@@ -482,7 +482,7 @@ $(BUILD)/json-schema: $(call objects,$(wildcard daemon/schema/*.c)) $(PARTS) $(L
 
 $(SCHEMA): $(BUILD)/json-schema
 	@mkdir -p $(@D)
-	$(call tell,GEN,$(@D)) $(RUN) $< $(@D) $(BUILD)/counters.json
+	$(call tell,GEN,$(@D)) $(RUN) $< $(@D) $(BUILD)/tables.json
 
 # Scripts that start programs of another architecture in its emulator, for other scripts and tests.
 # A shell without a dynamic linker does not complain of a library that only the program can preload.
@@ -491,7 +491,7 @@ $(BUILD)/run/%: $(BUILD)/%
 	@printf '#!/bin/busybox sh\nexec %s %s "$$@"\n' '$(RUN)' '$(CURDIR)/$<' >$@ && chmod 755 $@
 
 $(BUILD)/run/schema: $(SCHEMA)
-	@mkdir -p $(@D) && ln -sfnr $(<D) $@ && ln -sfr $(BUILD)/counters.json $(@D)
+	@mkdir -p $(@D) && ln -sfnr $(<D) $@ && ln -sfr $(BUILD)/tables.json $(@D)
 
 RUNNERS := $(if $(RUN),$(addprefix $(BUILD)/run/,canwire canwired canwire-usb schema))
 build: $(RUNNERS)

@@ -74,6 +74,12 @@ static const schema_choice checksum_faults[] = {
         .help = "How long it lasts; 0, or without: until the rule's window of time ends or the "   \
                 "rule is cleared."                                                                 \
     }
+#define LASTS_OR_ATTEMPT                                                                           \
+    {                                                                                              \
+        .name = "for", .read = cfg_read_bits, MEMBER(for_ticks),                                   \
+        .help = "How long it lasts; 0, or without: with a condition on frames that transmission, " \
+                "else until the rule's window of time ends or the rule is cleared."                \
+    }
 #define FROM                                                                                       \
     {                                                                                              \
         .name = "from", .read = cfg_read_position, .required = true, .help = "First bit."          \
@@ -148,17 +154,20 @@ static const schema_key glitch_keys[] = {
     {.name = "glitch", .read = read_levels,
      .type = "{'type': ['string', 'number'], 'pattern': '^(?:(?=.*[01])[01xX]{1,64})$', "
              "'examples': ['10x1']}",
-     .help = "Levels in a row: 1 recessive, 0 dominant, x as it is."},
+     .help = "Levels in a row, up to 64, such as `10x1`: 1 recessive, 0 dominant, x as it is; one "
+             "of x alone is refused."},
     FROM, AT_WIRE, END,
 };
 static const schema_key stuck_keys[] = {
-    LEVEL("stuck", "The line is stuck at this level."),
-    {.name = "on", .read = cfg_read_line, .help = "The wire, or the line of one controller."},
+    LEVEL("stuck", "The line is stuck at this level, exactly as long as `for` says."),
+    {.name = "on", .read = cfg_read_line,
+     .help = "`wire`, or the line of one controller: `NODE.tx` or `NODE.rx`."},
     {.name = "for", .read = cfg_read_ticks, MEMBER(for_ticks),
      .help = "How long it lasts; 0, or without: until the rule's window of time ends or the rule "
              "is cleared."},
     {.name = "dominant-timeout", .read = cfg_read_bits_min, MEMBER(dominant_timeout),
-     .help = "TXD dominant time-out of the transceiver; only with a dominant NODE.tx."},
+     .help = "TXD dominant time-out of the transceiver, which lets go of the bus after it; only "
+             "with `dominant` on a `NODE.tx`."},
     {.name = NULL,
      .type = TYPE_IF(TYPE_NEEDS("dominant-timeout"),
                      "{'required': ['on'], 'properties': {'on': {'pattern': '\\.tx$|\\$'}, "
@@ -166,45 +175,51 @@ static const schema_key stuck_keys[] = {
 };
 static const schema_key noise_keys[] = {
     {.name = "noise", .read = cfg_read_fraction, MEMBER(error_rate),
-     .help = "Each bit is flipped with this probability; with `burst`, a burst begins with it."},
+     .help = "Each bit is flipped with this probability, with `at` for each of these nodes by "
+             "itself; with `burst`, a burst begins with it."},
     {.name = "burst", .read = cfg_read_burst,
      .type = "{'type': ['string', 'integer'], 'pattern': "
              "'^(?:[1-9]|1[0-6])(?:\\.\\.(?:[1-9]|1[0-6]))?$', 'minimum': 1, 'maximum': 16}",
      .help = "Each hit of the noise is a burst of so many bits, or of a number drawn from "
              "LEAST..MOST. Its first and last bits are flipped, those between with a probability "
              "of 1/2. Default: one bit."},
-    AT_WIRE, LASTS, END,
+    AT_WIRE, LASTS_OR_ATTEMPT, END,
 };
 static const schema_key no_ack_keys[] = {
-    NODES("no-ack", "Nodes that do not acknowledge."), LASTS, END,
+    NODES("no-ack", "Nodes that do not acknowledge."), LASTS_OR_ATTEMPT, END,
 };
 static const schema_key wrong_crc_keys[] = {
-    NODES("wrong-crc", "Frames of this node that match carry an inverted last CRC bit."), END,
+    NODES("wrong-crc", "Frames of these nodes that match carry an inverted last CRC bit. Frames of "
+                       "others do not match."),
+    END,
 };
 static const schema_key bus_off_keys[] = {NODES("bus-off", "Goes bus-off at once."), END};
 static const schema_key error_flag_keys[] = {
-    NODES("error-flag", "Sends an error flag at once."), END,
+    NODES("error-flag", "Sends an error flag at once, as if it had found an error."), END,
 };
 static const schema_key restart_keys[] = {
-    NODES("restart", "Leaves bus-off, as a restart by hand."), END,
+    NODES("restart", "Leaves bus-off, as a restart by hand; frames of the same moment wait until "
+                     "the node is back."),
+    END,
 };
 static const schema_key counters_keys[] = {
-    NODES("counters", "Sets its error counters."),
+    NODES("counters", "Sets its error counters, one or both."),
     {.name = "tec", .read = schema_read_uint, MEMBER(tec), .arg = &tec_range,
-     .help = "Transmit error counter; above 255 is bus-off. Default: as it is."},
+     .help = "Transmit error counter. One above 255 is bus-off; one below ends that at once, "
+             "without the wait of R12: the node integrates. Default: as it is."},
     {.name = "rec", .read = schema_read_uint, MEMBER(rec), .arg = &rec_range,
      .help = "Receive error counter. Default: as it is."},
     {.name = NULL, .type = TYPE_ANY(TYPE_NEEDS("tec") ", " TYPE_NEEDS("rec"))},
 };
 static const schema_key overload_keys[] = {
-    NODES("overload", "Sends overload frames from the next intermission on."),
+    NODES("overload", "Asks for overload frames, from the next intermission on."),
     {.name = "frames", .read = schema_read_uint, MEMBER(number), .arg = &overload_range,
      .preset = "1", .help = "How many in a row."},
     END,
 };
 static const schema_key software_reset_keys[] = {
     NODES("software-reset",
-          "The controller is initialised anew, and is back after 128 x 11 recessive bits."),
+          "The host initialises its controller anew; it is back after 128 x 11 recessive bits."),
     END,
 };
 static const schema_key hardware_reset_keys[] = {
@@ -212,19 +227,23 @@ static const schema_key hardware_reset_keys[] = {
     END,
 };
 static const schema_key disconnect_keys[] = {
-    NODES("disconnect", "Neither drives nor samples the bus; integrates when it is back."),
+    NODES("disconnect", "Neither drives nor samples the bus; integrates when it is back. A bus-off "
+                        "node that was asked to restart goes on with its recovery, for to it a "
+                        "line without bus is recessive."),
     LASTS, END,
 };
 static const schema_key partition_keys[] = {
     {.name = "partition", .read = read_groups,
      .type = TYPE_LIST(1, 64, TYPE_SET(64, TYPE_OPEN(TYPE_REF("node")))),
-     .help = "Groups of nodes, each with a wire of its own. Nodes that are not named make one more "
-             "group."},
+     .help = "Groups of nodes, such as `[[a, b], [c]]`, each with a wire of its own. Nodes that "
+             "are not named make one more group. All nodes in one group are refused, as nothing is "
+             "separated."},
     LASTS, END,
 };
 static const schema_key drop_keys[] = {
     SIDE("drop",
-         "tx: at the sender, before it is sent; rx: at the receivers, after it was received."),
+         "The frame is gone; counted and told as a drop with `\"why\":\"fault\"`. tx: at the "
+         "sender, before it is sent; rx: at the receivers, after it was received."),
     AT_HOST, NOT_AT_SENDER("drop"),
 };
 static const schema_key delay_keys[] = {
@@ -253,20 +272,20 @@ static const schema_key change_part_keys[] = {
 };
 static const schema_key change_keys[] = {
     {.name = "change", .read = read_change, MEMBER(change), .map = change_part_keys,
-     .help = "New content of the frame, with a CRC that is right for it. Data: set, then and, or, "
-             "xor."},
+     .help = "New content of the frame, with a CRC that is right for it. Data bytes are from the "
+             "first on, up to 8, on a bus with CAN FD nodes up to 64: set, then and, or, xor."},
     AT_HOST, OF_SIDE, NOT_AT_SENDER("side"),
 };
 static const schema_key counter_keys[] = {
     {.name = "counter", .read = schema_read_choice, MEMBER(number), .arg = counter_faults,
-     .help = "stuck: the frame has the value of the one before, and the counter stands still; "
-             "skip: a value is left out; repeat: the value of the one before, and the counter "
-             "goes on."},
+     .help = "A fault of the counter that the traffic of a node writes. stuck: the frame has the "
+             "value of the one before, and the counter stands still; skip: a value is left out; "
+             "repeat: the value of the one before, and the counter goes on."},
     END,
 };
 static const schema_key checksum_keys[] = {
     {.name = "checksum", .read = schema_read_choice, MEMBER(number), .arg = checksum_faults,
-     .help = "All bits of the checksum are inverted."},
+     .help = "All bits of the checksum that the traffic of a node writes are inverted."},
     END,
 };
 static const schema_key send_keys[] = {
@@ -286,12 +305,13 @@ static const schema_key babble_keys[] = {
 };
 static const schema_key load_keys[] = {
     {.name = "load", .read = read_load, MEMBER(load_permille), .type = "percent",
-     .help = "Random frames until the bus is loaded to this part."},
+     .help = "Random frames, from the seed, until the bus is loaded to this part: 0.1% to 100%."},
     AS, LASTS, END,
 };
 static const schema_key reply_keys[] = {
-    FRAME("reply", "Answers the matching frame, for example a remote frame."), AS,
-    {.name = "delay", .read = cfg_read_bits, MEMBER(for_ticks),
+    FRAME("reply", "Answers each matching frame that the node receives, such as a remote frame."),
+    AS,
+    {.name = "delay", .read = cfg_read_bits, MEMBER(for_ticks), .preset = "0",
      .help = "Between the frame and the answer."},
     END,
 };
@@ -299,7 +319,9 @@ static const schema_key reply_keys[] = {
 static const schema_key set_key =
     NODES("set", "Changes settings of the node; those that are not given stay.");
 static const schema_key ramp_key = {.name = "ramp", .read = cfg_read_ramp, .map = cfg_ramp_keys,
-                                    .help = "The clock drifts; without other keys of the node."};
+                                    .help = "The clock drifts, as that of a crystal that warms up. "
+                                            "Its error goes evenly from one value to the other, "
+                                            "and stays there. Without other keys of the node."};
 static const schema_key set_end = {.name = NULL, .type = "{'minProperties': 2}"};
 
 /* The actions in the order of messages. */

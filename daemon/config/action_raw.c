@@ -41,7 +41,8 @@ static const schema_key raw_part_keys[] = {
      .help = "r1 of an extended frame; FDF to CAN FD."},
     {.name = "r0", .read = read_deviation, .arg = &r0, .type = LEVEL, .preset = "dominant",
      .help = "r0; FDF of a base frame to CAN FD."},
-    {.name = "bits", .read = read_bits, .type = "rawBits"},
+    {.name = "bits", .read = read_bits, .type = "rawBits",
+     .help = "Instead of a frame, as `canwire bits --raw` prints them. Blanks are left out."},
     {.name = NULL,
      .type = "{'oneOf': [" TYPE_NEEDS("frame") ", " TYPE_NEEDS("bits") "]}"},
 };
@@ -49,15 +50,15 @@ static const schema_key raw_part_keys[] = {
 const schema_key cfg_raw_keys[] = {
     {.name = "raw", .read = read_raw, .map = raw_part_keys,
      .type = TYPE_ANY(TYPE_REF("frame") ", " TYPE_REF("rawBits") ", @"),
-     .help = "What the node drives: a frame, maybe with deviating bits, or wire bits; 0 is "
-             "dominant."},
+     .help = "What the node drives: a classical frame, maybe with deviating bits, or wire bits; 0 "
+             "is dominant."},
     {.name = "as", .read = cfg_read_node_index, MEMBER(node), .required = true,
      .help = "The node that drives it."},
     {.name = "mac", .read = read_mac, .type = "boolean",
-     .help = "On: its controller sends it as a frame of its own. Off: the node drives the bits, "
-             "whatever it samples. Default: on for a frame, off for bits."},
+     .help = "With or without its controller. On: that sends it as a frame of its own. Off: the "
+             "node drives the bits, whatever it samples. Default: on for a frame, off for bits."},
     {.name = "start", .read = read_start, .type = TYPE_CHOICE, .arg = starts, .preset = "idle",
-     .help = "Without the MAC: when the bus is idle, or at once."},
+     .help = "With `mac: off`: when the bits begin."},
     {.name = NULL},
 };
 

@@ -37,17 +37,18 @@ static void read_level(schema *self, const schema_key *key, yaml_node_t *value, 
 
 const schema_key cfg_pulse_keys[] = {
     {.name = "pulse", .read = read_level, .type = TYPE_CHOICE, .arg = levels,
-     .help = "The level of the pulse."},
+     .help = "A pulse of this level, so long after the begin of the bit."},
     {.name = "from", .read = cfg_read_position,
      .help = "The bit of the frame in which it comes. Without: the next bit time of the bus; "
              "then the rule must not wait for frames."},
     {.name = "offset", .read = read_offset,
      .type = TYPE_ANY(TYPE_TEXT("^[0-9.]+%$") ", " TYPE_REF("time")), .preset = "0",
-     .help = "From the begin of the bit: a part of it, or a time."},
+     .help = "From the begin of the bit: a part of it such as `30%`, or a time, at most 16 bits."},
     {.name = "for", .read = cfg_read_fine_min, MEMBER(pulse_length), .required = true,
      .help = "How long it lasts, exactly."},
     {.name = "at", .read = read_place, .type = TYPE_ANY(TYPE_REF("line") ", " TYPE_REF("nodeSet")),
-     .help = "The wire, the line of one controller, or nodes: only what these see changes."},
+     .help = "`wire`, the line of one controller (`NODE.tx`, `NODE.rx`), or nodes: only what these "
+             "see changes. Default: the wire."},
     {.name = NULL},
 };
 

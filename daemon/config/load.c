@@ -59,7 +59,7 @@ const schema_key cfg_file_keys[] = {
      .type = TYPE_LIST_UP_TO(64, "@"),
      .help = "The controllers on the bus. Only a bus with guests may have none. Their order "
              "matters only for output at equal times."},
-    {.name = "profiles", .read = cfg_read_profiles, .map = cfg_profile_use_keys,
+    {.name = "profiles", .read = cfg_read_profiles, .map = cfg_profile_use_keys, .as = "profileUse",
      .type = TYPE_LIST_UP_TO(100, "@"),
      .help = "Fault profiles to load; their rules come before 'faults'."},
     {.name = "faults", .read = cfg_read_faults, .map = cfg_rule_keys, .as = "rule",

@@ -71,13 +71,18 @@ static const schema_key about_keys[] = {
 
 const schema_key cfg_profile_use_keys[] = {
     {.name = "file", .read = read_file_name, .required = true, .type = "text",
-     .help = "The profile: a path relative to this file, or the name of a file beside it, in "
-             "profiles/ there, or of an installed one."},
+     .help = "The profile: a file, with or without `.yaml`. A path is relative to this file. A "
+             "name without `/` is looked for beside this file, in `profiles/` there, and then in "
+             "`share/canwire/profiles` of the installation, of `/usr/local` and of `/usr`. So is "
+             "`profiles/NAME`. `canwire check` and `canwire inject` look in the same way, from the "
+             "current folder; `inject` then looks beside the configuration of the bus."},
     {.name = "with", .read = read_parameters, .offset = offsetof(item, given),
      .type = "parameterValues",
-     .help = "Values of the profile's parameters."},
+     .help = "A map NAME: VALUE of its parameters, which are otherwise their defaults; unknown or "
+             "missing ones are errors."},
     {.name = "as", .read = read_prefix, .type = "name",
-     .help = "Prefix of its rules: PREFIX.RULE. Needed when a profile is loaded twice."},
+     .help = "Its rules are named PREFIX.RULE; needed where names would clash, as when a profile "
+             "is loaded twice."},
     {.name = NULL},
 };
 

@@ -23,7 +23,7 @@ static const schema_choice rates[] = {
 static const schema_key after_keys[] = {
     {.name = "rule", .read = read_after_rule, .required = true,
      .type = TYPE_TEXT("^(?:[A-Za-z0-9_.-]+)$"),
-     .help = "A rule of this file, or one that runs."},
+     .help = "A rule of this file; for `inject` one of the same text, or one that runs."},
     {.name = "delay", .read = cfg_read_bits, .offset = offsetof(cw_rule, after_delay),
      .preset = "0",
      .help = "Between its hit and this rule."},
@@ -33,30 +33,49 @@ static const schema_key after_keys[] = {
 static const schema_key when_keys[] = {
     {.name = "frame", .read = cfg_read_filters,
      .type = TYPE_ANY(TYPE_REF("filter") ", " TYPE_LIST(1, 8, TYPE_OPEN(TYPE_REF("filter")))),
-     .help = "Frames that match one of these filters. #MASK: error frames of these classes "
-             "(linux/can/error.h), seen by 'from'."},
+     .help = "Filters as can-utils write them, several in one text separated by commas, at most 8 "
+             "in all: one must match. `123` exact (base), `12345678` exact (extended), `100:700` "
+             "value and mask, `100~700` inverted. With a mask an 8-digit value means extended; "
+             "mask bit `40000000` looks at RTR, `80000000` at the format. `#MASK` means error "
+             "frames of these classes of `linux/can/error.h` instead (`#4` state changes, `#40` "
+             "bus-off, `#2` lost arbitration, `#88` bus errors, `#20` missing ACK, `#100` "
+             "restarts, `#FFFFFFFF` all), as the node in `from` sees them. It goes neither with "
+             "other filters, nor with `data`, nor with an action that needs a frame. Default: all "
+             "frames."},
     {.name = "data", .read = cfg_read_data,
-     .help = "Data bytes from the first on, up to 64; '.' or 'x' for any digit. Shorter frames "
-             "do not match."},
+     .help = "Data bytes from the first on: `DEAD..EF` or `DE AD x1`; `.` or `x` stands for any "
+             "digit, blanks only between bytes; 1 to 8 bytes, on a bus with CAN FD nodes up to 64. "
+             "Shorter frames do not match, longer ones do."},
     {.name = "rate", .read = cfg_read_rate, .offset = offsetof(cw_rule, rate), .arg = rates,
      .type = TYPE_CHOICE,
-     .help = "data: CAN FD frames with BRS, or errors that are found at the data rate; nominal: "
-             "all others. Default: both."},
+     .help = "data: frames with BRS, so with a fast part (CAN FD); of error frames: errors that "
+             "the node finds in the fast part. nominal: all others. Default: both."},
     {.name = "from", .read = cfg_read_node_set, .offset = offsetof(cw_rule, from),
-     .help = "Transmitters; for error frames: who sees the error. Default: any node."},
+     .help = "The transmitter; of error frames: who sees the error. Default: any node."},
     {.name = "state", .read = read_states,
      .type = "{'type': 'object', 'minProperties': 1, 'propertyNames': "
              "{'pattern': '^[A-Za-z0-9_.-]+$|\\$'}, 'additionalProperties': "
              TYPE_SOME(4, TYPE_OPEN(TYPE_REF("state"))) "}",
-     .help = "All these nodes are in one of the states; the same states for all."},
+     .help = "A map NODE: STATE, or NODE: a list of states. It is asked when the rule would act "
+             "(alone it is asked once, at the start: add `frame: '#4'` to act on the change); "
+             "then each of these nodes is in its state. All nodes of a rule have the same states; "
+             "for different ones make two rules in sequence."},
     {.name = "time", .read = read_window, .type = "window",
-     .help = "Bus time, half open: 2s..5s, 2s.., ..5s; 2s: from then on, or, without a condition "
-             "on frames, the moment."},
+     .help = "`2s..5s`, `2s..`, `..5s` or `2s`: bus time since the start of the bus (also for "
+             "rules that are injected later: a window that is over never acts), half open, tested "
+             "at the start of a bit. `2s` alone is `2s..`, and the moment for a rule that waits "
+             "for nothing else. Default: always."},
     {.name = "period", .read = cfg_read_period, .offset = offsetof(cw_rule, again_ticks),
-     .help = "A rule that acts at its time acts again after each period, up to the end of its "
-             "window."},
+     .help = "A rule that acts at its time acts again after each period, before the end of its "
+             "window: at 1 s, 2 s, 3 s with `time: 1s.., period: 1s`. The times keep to that grid "
+             "of bus time, also for a rule that is injected later or stays through a reload. "
+             "`skip`, `every`, `count`, `probability`, `state` and `hold-off` choose among them. "
+             "What the rule does needs an end (`for`), else it could not begin again; with a `for` "
+             "longer than the period it just goes on. Not for rules that wait for frames, errors, "
+             "other rules or a hand. Default: once."},
     {.name = "after", .read = read_after, .map = after_keys,
-     .help = "Each hit of another rule arms this one for one hit."},
+     .help = "Each hit of another rule arms this one for one hit. That rule may stand later in "
+             "the file."},
     {.name = "skip", .read = schema_read_uint, .offset = offsetof(cw_rule, skip),
      .arg = &number_range,
      .preset = "0",
@@ -64,19 +83,19 @@ static const schema_key when_keys[] = {
     {.name = "every", .read = schema_read_uint, .offset = offsetof(cw_rule, every),
      .arg = &positive_range,
      .preset = "1",
-     .help = "Then the next and each so many-th match is taken."},
+     .help = "Then the next match and every N-th after it is taken."},
     {.name = "count", .read = schema_read_uint, .offset = offsetof(cw_rule, count),
      .arg = &positive_range,
-     .help = "The rule ends after so many hits; default: never."},
+     .help = "The rule ends after so many hits. Default: no end."},
     {.name = "hold-off", .read = cfg_read_bits, .offset = offsetof(cw_rule, hold_off),
      .preset = "0",
      .help = "After a hit no match counts for this time."},
     {.name = "probability", .read = cfg_read_fraction, .offset = offsetof(cw_rule, probability),
      .preset = "1",
-     .help = "Drawn for each match."},
+     .help = "Drawn for each match that is taken: `0.05`, `1e-3`; exact to 2^-64."},
     {.name = "manual", .read = schema_read_bool, .offset = offsetof(cw_rule, manual),
      .preset = "false",
-     .help = "Armed by hand (canwire fire), for one hit each time."},
+     .help = "Armed by hand, `canwire fire BUS RULE`, for one hit each time."},
     {.name = NULL},
 };
 
@@ -84,9 +103,12 @@ static const schema_key when_keys[] = {
 const schema_key cfg_rule_keys[] = {
     {.name = "name", .read = read_nothing, .required = true,
      .type = TYPE_TEXT("^(?:[A-Za-z0-9_.-]{1,63})$"),
-     .help = "Distinct; with the seed it gives the rule's random stream."},
-    {.name = "when", .read = read_when, .map = when_keys, .as = "when"},
-    {.name = "do", .read = cfg_read_action, .required = true, .type = "do"},
+     .help = "Distinct, 1 to 63 letters, digits, `_`, `.`, `-`. With the seed it gives the rule's "
+             "random stream: other rules do not change its draws, another name does."},
+    {.name = "when", .read = read_when, .map = when_keys, .as = "when",
+     .help = "All these conditions together. Default: any frame, or the start."},
+    {.name = "do", .read = cfg_read_action, .required = true, .type = "do",
+     .help = "One action with its keys."},
     {.name = NULL, .open = true},
 };
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
  * main.c - writes the JSON schemas of the files that people write, from the tables of keys that
- *          their readers have (base/schema.h), and the tables of counters for scripts/man. The
- *          build runs it: json-schema FOLDER COUNTERS
+ *          their readers have (base/schema.h), and the tables of counters and actions for
+ *          scripts/man. The build runs it: json-schema FOLDER TABLES
  */
 #include "base/text/jsonput.h"
 #include "base/text/memo.h"
@@ -387,7 +387,7 @@ static void make_file(const char *folder, const char *name, const schema_key *ke
     make_end(&self, root, folder, name);
 }
 
-/* ---- Counters -------------------------------------------------------------------------------- */
+/* ---- Tables ---------------------------------------------------------------------------------- */
 
 /* Returns the counters of a table that outputs have. */
 static json_t *counters_of(const cw_stat *table)
@@ -407,13 +407,36 @@ static json_t *counters_of(const cw_stat *table)
     return list;
 }
 
-static void write_counters(const char *path)
+/* Returns the names of the actions of fault rules by their kinds, in the order of messages. Some
+ * actions of the library are others to configurations. */
+static json_t *actions_by_kind(void)
+{
+    static const char *const kinds[] = {
+        [CW_KIND_POSITION] = "position", [CW_KIND_LEVEL] = "level", [CW_KIND_CONTROL] = "control",
+        [CW_KIND_HOST] = "host",         [CW_KIND_TRAFFIC] = "traffic",
+    };
+    json_t *all = json_object();
+    schema_key room[SCHEMA_KEYS_MAX];
+    const schema_key *keys;
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
+        json_object_set_new(all, kinds[i], json_array());
+    for (size_t i = 0; (keys = cfg_action_form(i, room)) != NULL; i++) {
+        cw_action action = CW_ACTION_FLIP;
+        while (strcmp(cw_action_name(action), keys->name) != 0)
+            action++;
+        json_array_append_new(json_object_get(all, kinds[cw_action_kind_of(action)]),
+                              json_string(keys->name));
+    }
+    return all;
+}
+
+static void write_tables(const char *path)
 {
     json_t *root = json_pack(
-        "{s:o, s:o, s:o, s:o, s:o, s:o}", "bus", counters_of(cw_bus_counters), "node",
+        "{s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "bus", counters_of(cw_bus_counters), "node",
         counters_of(cw_node_counters), "host", counters_of(cw_host_counters), "sleep",
         counters_of(cw_sleep_counters), "interface", counters_of(port_counters), "tunnel",
-        counters_of(port_tunnel_counters));
+        counters_of(port_tunnel_counters), "actions", actions_by_kind());
     if (json_dump_file(root, path, JSON_INDENT(1)) != 0) {
         perror(path);
         exit(EXIT_FAILURE);
@@ -424,10 +447,10 @@ static void write_counters(const char *path)
 int main(int argc, char **argv)
 {
     if (argc != 3) {
-        (void)fprintf(stderr, "usage: json-schema FOLDER COUNTERS\n");
+        (void)fprintf(stderr, "usage: json-schema FOLDER TABLES\n");
         return 2;
     }
-    write_counters(argv[2]);
+    write_tables(argv[2]);
     make_configuration(argv[1]);
     make_file(argv[1], "canwire-rig", rig_file_keys, "canwire rig",
               "Several buses and the gateways between their nodes, for canwire sim and canwire "
