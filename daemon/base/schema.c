@@ -6,6 +6,7 @@
 
 #include "base/text/number.h"
 #include "base/text/plain.h"
+#include "base/text/yamlfile.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -102,6 +103,37 @@ void schema_map_in(schema *self, const char *what, yaml_node_t *map, const schem
             key->read(self, key, value, object);
         else if (!value && key->required && complete)
             schema_complain(self, map, "%s: the key '%s' is missing", what, key->name);
+    }
+}
+
+/* A list is a document of its own. */
+static void read_preset_list(schema *self, const schema_key *key, void *object)
+{
+    yaml_document_t *const document = self->document;
+    yaml_document_t list;
+
+    if (!yaml_text_load(&list, key->preset, strlen(key->preset), &yaml_text_limits, self->errors))
+        return;
+    self->document = &list;
+    key->read(self, key, yaml_document_get_root_node(&list), object);
+    self->document = document;
+    yaml_document_delete(&list);
+}
+
+void schema_read_presets(schema *self, const schema_key *keys, void *object)
+{
+    for (; keys->name; keys++) {
+        yaml_node_t value = {.type = YAML_SCALAR_NODE,
+                             .start_mark = {.line = SIZE_MAX, .column = SIZE_MAX}}; /* 0:0 */
+
+        if (!keys->preset)
+            continue;
+        value.data.scalar.value = (yaml_char_t *)(uintptr_t)keys->preset;
+        value.data.scalar.length = strlen(keys->preset);
+        if (*keys->preset == '[')
+            read_preset_list(self, keys, object);
+        else
+            keys->read(self, keys, &value, object);
     }
 }
 

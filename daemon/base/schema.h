@@ -46,7 +46,7 @@ struct schema_key {
     const void *live;          /* for its owner: a change while it is in use, or NULL */
     /* For people and the JSON schema. */
     const char *help;          /* a sentence */
-    const char *preset;        /* the default: JSON, or a text */
+    const char *preset;        /* the default: a text, or JSON with ' for " */
     const char *type;          /* of the value, see base/typetext.h; NULL: as the reader has it */
     const schema_key *map;     /* keys of a value that is a map, or of maps in it */
     uint8_t within;            /* ... of this kind */
@@ -77,6 +77,9 @@ void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_k
                 void *object);
 void schema_map_in(schema *self, const char *what, yaml_node_t *map, const schema_key *keys,
                    uint8_t kind, void *object);
+
+/* Reads the `preset` of each key into the object. */
+void schema_read_presets(schema *self, const schema_key *keys, void *object);
 
 /* Returns the member of an object that a key stands for. */
 void *schema_member(const schema_key *key, void *object);

@@ -405,18 +405,19 @@ void cfg_read_action(schema *self, const schema_key *key, yaml_node_t *value, vo
     if (!found || self->errors->errors > errors)
         return;
     rule->action = found->action;
-    set_defaults(rule);
     schema_key room[SCHEMA_KEYS_MAX];
-    schema_map(self, key->name, value, found->keys ? found->keys : set_keys(room), rule);
+    const schema_key *keys = found->keys ? found->keys : set_keys(room);
+    set_defaults(rule);
+    schema_read_presets(self, keys, rule);
+    schema_map(self, key->name, value, keys, rule);
     if (found->complete && self->errors->errors == errors)
         found->complete(self, value, rule);
 }
 
-/* Sets the defaults of the keys of an action. */
+/* Sets what keys leave as it is that are not given. */
 static void set_defaults(cw_rule *rule)
 {
     rule->line = CW_LINE_WIRE;
-    rule->number = 1;
     rule->tec = CW_KEEP;
     rule->rec = CW_KEEP;
     memset(rule->change.and_mask, 0xFF, sizeof rule->change.and_mask);

@@ -258,8 +258,6 @@ static void complete_bits(schema *self, const yaml_node_t *map, cw_rule *rule)
 {
     cw_bits bits;
 
-    if (!schema_find(self, map, "start"))
-        rule->raw_when_idle = true;
     if (rule->bits || !can_deviate(self, schema_find(self, map, "raw"), rule))
         return;
     (void)cw_bits_encode_deviant(&bits, &rule->frame, rule->deviations);

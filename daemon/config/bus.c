@@ -68,6 +68,12 @@ const schema_key cfg_bus_keys[] = {
     {.name = NULL},
 };
 
+void cfg_bus_presets(schema *self, cfg *config)
+{
+    schema_read_presets(self, cfg_bus_keys, config);
+    schema_read_presets(self, line_keys, config);
+}
+
 void cfg_read_bus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     schema_map(self, key->name, value, cfg_bus_keys, object);

@@ -10,16 +10,12 @@
 
 #define LCM_EVENTS_MAX 64u   /* words in one list */
 #define LCM_URL_DEFAULT "udpm://239.255.76.67:7667?ttl=0"
-#define LCM_PERIOD_DEFAULT_NS 1000000000u
-#define LCM_EVENTS_DEFAULT                                                                         \
-    (1u << CW_EVENT_ERROR | 1u << CW_EVENT_STATE | 1u << CW_EVENT_RESTART |                        \
-     1u << CW_EVENT_OVERLOAD | 1u << CW_EVENT_DROP | 1u << CW_EVENT_FAULT)
 
 static schema_reader read_lcm_url, read_lcm_events;
 
 const schema_key cfg_lcm_keys[] = {
     {.name = "url", .read = read_lcm_url, .type = "{'type': 'string', 'pattern': '://'}",
-     .preset = "udpm://239.255.76.67:7667?ttl=0",
+     .preset = LCM_URL_DEFAULT,
      .help = "LCM provider; ttl=0 is this host only."},
     {.name = "period", .read = cfg_read_span, .offset = offsetof(cfg_lcm, period), .preset = "1s",
      .help = "Of the statistics."},
@@ -34,14 +30,9 @@ void cfg_read_lcm(schema *self, const schema_key *key, yaml_node_t *value, void 
 {
     cfg *config = object;
 
-    config->lcm = (cfg_lcm){
-        .enabled = true,
-        .place = cfg_place_of(value),
-        .url_place = cfg_place_of(value),
-        .url = schema_copy(self, LCM_URL_DEFAULT),
-        .period.ns = LCM_PERIOD_DEFAULT_NS,
-        .events = LCM_EVENTS_DEFAULT,
-    };
+    config->lcm = (cfg_lcm){.enabled = true, .place = cfg_place_of(value)};
+    schema_read_presets(self, cfg_lcm_keys, &config->lcm);
+    config->lcm.url_place = config->lcm.place;
     schema_map(self, key->name, value, cfg_lcm_keys, &config->lcm);
 }
 

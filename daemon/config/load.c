@@ -15,9 +15,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LINE_PS_DEFAULT 5000u /* of a metre (T2) */
-#define CATCH_UP_DEFAULT_NS 1000000000u
-
 /* The owner of a configuration; cfg_load() returns its first member. */
 typedef struct cfg_owner {
     cfg config;
@@ -279,9 +276,8 @@ static bool load_read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *s
     if (!cfg_load_file(&self, &document, owner->config.file))
         return false;
     owner->config.rate = cw_rate_of(1); /* for computations while the bit rate is wrong */
-    owner->config.bus_name = schema_copy(&self, "can");
-    owner->config.line_ps_per_m = LINE_PS_DEFAULT;
-    owner->config.catch_up.ns = CATCH_UP_DEFAULT_NS;
+    cfg_bus_presets(&self, &owner->config);
+    schema_read_presets(&self, cfg_file_keys, &owner->config);
     if (!yaml_document_get_root_node(&document)) {
         diag_add(errors, 1, 1, "the file is empty; it needs at least the keys bus and nodes");
     } else {

@@ -20,6 +20,9 @@ schema_reader cfg_read_record;   /* record.c */
 schema_reader cfg_read_lcm;      /* lcm.c */
 schema_reader cfg_read_virtual;  /* virtual.c */
 
+/* Sets what the keys of the bus leave out. */
+void cfg_bus_presets(schema *self, cfg *config);
+
 /* Gives a bus in virtual time what its keys do not say. All keys of the file have been read. */
 void cfg_complete_virtual(schema *self, yaml_node_t *root, cfg *config);
 

@@ -11,9 +11,6 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#define SIZE_DEFAULT 100000000u
-#define FILES_DEFAULT 5u
-
 static schema_reader record_read_file, read_size;
 
 static const schema_range files_range = {1, SPOOL_FILES_MAX, sizeof(uint32_t)};
@@ -55,7 +52,8 @@ const schema_key cfg_record_keys[] = {
 
 void cfg_record_default(cfg_record *record)
 {
-    *record = (cfg_record){.size = SIZE_DEFAULT, .files = FILES_DEFAULT};
+    *record = (cfg_record){.file = NULL};
+    schema_read_presets(&(schema){.has_open = false}, cfg_record_keys, record);
 }
 
 bool cfg_record_format_of_file(cfg_record_format *format, const char *file)

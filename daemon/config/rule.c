@@ -154,12 +154,8 @@ void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value)
     if (!file || !grow_rules(self, count))
         return;
     for (size_t i = 0; i < count && !self->errors->overflow; i++) {
-        config->rules[first + i] = (cw_rule){
-            .time_end = CW_NEVER,
-            .every = 1,
-            .probability = UINT64_MAX,
-            .bits = 1,
-        };
+        config->rules[first + i] = (cw_rule){.time_end = CW_NEVER, .bits = 1};
+        schema_read_presets(self, when_keys, &config->rules[first + i]);
         yaml_node_t *item = schema_item(self, value, i);
         config->rule_places[first + i] = (cfg_rule_place){.file = file,
                                                           .place = cfg_place_of(item)};

@@ -24,7 +24,6 @@
  * all 586 frames of 4095 bytes at once, J1939's transport protocol 255. Programs that do not wait,
  * such as scanners of CANopen, write a frame for each node. */
 #define QUEUE_DEFAULT_PORT 1024u
-#define CLIENTS_DEFAULT 16u
 
 static void check_interface(schema *self, const schema_key *key, const yaml_node_t *value,
                             const char *name, const char *netns);
@@ -59,10 +58,10 @@ void cfg_node_defaults(cfg_node *node)
         .name = (char *)no_name, /* nobody writes to it */
         .missing_port = CFG_MISSING_PORT_UNSET,
         .queue = QUEUE_DEFAULT,
-        .clients.max = CLIENTS_DEFAULT,
         .warning_limit = CFG_WARNING_LIMIT_DEFAULT,
         .sleep = {.filter_ticks = WAKE_FILTER_DEFAULT_TICKS},
     };
+    schema_read_presets(&(schema){.has_open = false}, cfg_clients_keys, node);
 }
 
 static void check_peer(schema *self, const schema_key *key, const yaml_node_t *value,

@@ -10,7 +10,6 @@
 #include <inttypes.h>
 #include <string.h>
 
-#define UNIT_DEFAULT (CW_TICK * (CW_CLOCK_HZ / 1000000)) /* 1 us */
 #define NO_CYCLE UINT16_MAX
 
 enum { WINDOW_EXCLUSIVE = 0, WINDOW_ARBITRATING };
@@ -75,11 +74,13 @@ static void read_unit(schema *self, const schema_key *key, yaml_node_t *value, v
 void cfg_read_local_time(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
-    local_time read = {.time = {.unit = UNIT_DEFAULT, .bits = CW_LOCAL_BITS_MIN}};
+    local_time read = {.moment = false};
+    schema_read_presets(self, cfg_local_time_keys, &read);
+    const cw_span usual = read.time.unit;
     const size_t errors = self->errors->errors;
     schema_map(self, key->name, value, cfg_local_time_keys, &read);
     if (self->errors->errors != errors)
-        read.time.unit = UNIT_DEFAULT;
+        read.time.unit = usual;
     else if ((uint64_t)read.time.start >> read.time.bits)
         schema_complain(self, value, "start: a counter of %u bits goes up to %" PRIu64,
                         read.time.bits, (UINT64_C(1) << read.time.bits) - 1);
@@ -307,9 +308,8 @@ static void read_reference(schema *self, const schema_key *key, yaml_node_t *val
 void cfg_read_schedule(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
-    node->schedule = (cfg_schedule){.cycles = 1, .cycle_byte = CFG_NO_CYCLE_BYTE,
-                                    .place = {(int)value->start_mark.line + 1,
-                                              (int)value->start_mark.column + 1}};
+    node->schedule = (cfg_schedule){.cycle_byte = CFG_NO_CYCLE_BYTE, .place = cfg_place_of(value)};
+    schema_read_presets(self, cfg_schedule_keys, node);
     schema_map(self, key->name, value, cfg_schedule_keys, node);
     if (node->local.bits == 0)
         schema_complain(self, value, "%s: the node needs local-time, the clock of its triggers",
