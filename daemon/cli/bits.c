@@ -3,6 +3,7 @@
  * bits.c - `canwire bits`: the wire bits of a frame, annotated by field.
  */
 #include "base/text/counted.h"
+#include "base/text/number.h"
 #include "base/text/plain.h"
 #include "canwire.h"
 #include "cli/cli.h"
@@ -318,18 +319,17 @@ static void split_into_parts(display *out)
 static unsigned display_columns(void)
 {
     const char *wish = getenv("COLUMNS");
-    long columns = wish != NULL ? strtol(wish, NULL, 10) : 0;
+    uint64_t columns = 0;
     struct winsize size;
 
-    if (columns <= 0 && ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0) {
+    if (wish)
+        (void)text_take_digits(&columns, &wish, UINT64_MAX);
+    if (columns == 0 && ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0)
         columns = size.ws_col;
-    }
-    if (columns <= 0) {
+    if (columns == 0)
         return COLUMNS_DEFAULT;
-    }
-    if (columns < COLUMNS_MIN) {
+    if (columns < COLUMNS_MIN)
         return COLUMNS_MIN;
-    }
     return columns < COLUMNS_MAX ? (unsigned)columns : COLUMNS_MAX;
 }
 

@@ -6,8 +6,10 @@
  * and --pid.
  */
 #include "base/text/jsonput.h"
-#include "base/text/plain.h"
+
 #include "base/text/memo.h"
+#include "base/text/number.h"
+#include "base/text/plain.h"
 #include "cli/buses.h"
 #include "cli/client.h"
 #include "cli/command.h"
@@ -54,10 +56,9 @@ static bool take_config(void *user, const char *text)
 static bool take_pid(void *user, const char *text)
 {
     target *t = user;
-    char *end;
-    errno = 0;
-    long pid = strtol(text, &end, 10);
-    if (errno != 0 || *end != '\0' || end == text || pid < 1 || pid > INT_MAX) {
+    const char *end = text;
+    uint64_t pid = 0;
+    if (!text_take_digits(&pid, &end, INT_MAX) || *end || pid == 0) {
         plain_print(stderr, "canwire reload: --pid %s: expected the number of a process\n", text);
         return false;
     }

@@ -4,10 +4,12 @@
  */
 #include "port/claim.h"
 
+#include "base/text/number.h"
+
 #include <errno.h>
+#include <limits.h>
 #include <stddef.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -48,11 +50,11 @@ static void print_prefix(char out[NAME_BYTES], const char *key)
 /* Reads PID/NAME, which is behind the prefix of an owner. */
 static bool read_owner(claim_owner *owner, const char *text)
 {
-    char *end;
-    owner->pid = strtol(text, &end, 10);
-    if (end == text || *end != '/')
+    uint64_t pid;
+    if (!text_take_uint(&pid, &text, INT_MAX) || *text++ != '/')
         return false;
-    (void)snprintf(owner->name, CLAIM_OWNER_BYTES, "%.*s", (int)strcspn(end + 1, "\n"), end + 1);
+    owner->pid = (long)pid;
+    (void)snprintf(owner->name, CLAIM_OWNER_BYTES, "%.*s", (int)strcspn(text, "\n"), text);
     return true;
 }
 

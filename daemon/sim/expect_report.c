@@ -4,12 +4,12 @@
  */
 #include "sim/expect_report.h"
 
+#include "base/text/buffer.h"
 #include "base/text/counted.h"
+#include "base/text/jsonput.h"
+#include "base/text/junit.h"
 #include "base/text/plain.h"
-#include "base/text/xmltext.h"
-#include "canwire.h"
 
-#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -62,19 +62,8 @@ void expect_report_text(FILE *out, const expect_report *report)
 
 /* ---- JUnit XML ------------------------------------------------------------------------------- */
 
-/* Writes a time in seconds with three decimals, since some readers accept no more. It is rounded to
- * the nearest millisecond, but a time above 0 is never shown as 0. */
-static void write_time(FILE *out, uint64_t ticks)
-{
-    const uint64_t ms_ticks = CW_CLOCK_HZ / 1000u;
-    uint64_t ms = ticks / ms_ticks + (ticks % ms_ticks >= ms_ticks / 2 ? 1 : 0);
-    if (ms == 0 && ticks > 0)
-        ms = 1;
-    fprintf(out, " time=\"%" PRIu64 ".%03" PRIu64 "\"", ms / 1000u, ms % 1000u);
-}
-
-/* Writes a suffix that makes a name different from other cases. */
-static void write_which(FILE *out, const expect_report *report, const expect_outcome *o)
+/* Puts the name, with a suffix that makes it different from those of other cases. */
+static void put_name(buffer *out, const expect_report *report, const expect_outcome *o)
 {
     size_t before = 0; /* in the same configuration */
     bool elsewhere = false;
@@ -85,64 +74,50 @@ static void write_which(FILE *out, const expect_report *report, const expect_out
         elsewhere = elsewhere || other->configuration != o->configuration;
         before += other < o && other->configuration == o->configuration;
     }
+    buffer_put(out, o->name);
     if (elsewhere)
-        fprintf(out, " (configuration %u)", o->configuration);
+        buffer_print(out, " (configuration %u)", o->configuration);
     if (before > 0)
-        fprintf(out, " (%zu)", before + 1);
+        buffer_print(out, " (%zu)", before + 1);
 }
 
 static void write_case(FILE *out, const expect_report *report, const expect_outcome *o,
                        const char *bus)
 {
-    fputs("    <testcase name=\"", out);
-    xml_value(out, o->name);
-    write_which(out, report, o);
-    fputc('"', out);
-    xml_attribute(out, "classname", bus);
-    write_time(out, o->ticks);
-    if (o->met) {
-        fputs("/>\n", out);
-        return;
-    }
-    fputs(">\n      <failure type=\"expectation\" message=\"wanted ", out);
-    xml_value(out, o->wanted);
-    fputs(", got ", out);
-    xml_value(out, o->got);
-    fputs("\"/>\n    </testcase>\n", out);
+    buffer name = {.data = NULL}, message = {.data = NULL};
+    put_name(&name, report, o);
+    buffer_print(&message, "wanted %s, got %s", o->wanted, o->got);
+    const junit_case one = {.name = buffer_text(&name), .suite = bus, .ticks = o->ticks,
+                            .problem = o->met ? NULL : "failure", .type = "expectation",
+                            .message = buffer_text(&message)};
+    if (one.name && one.message)
+        junit_write_case(out, &one);
+    else
+        json_no_memory();
+    buffer_free(&name);
+    buffer_free(&message);
 }
 
-static void expect_report_write_counts(FILE *out, size_t count, size_t failed)
+static junit_counts counts_of(const expect_report *report)
 {
-    fprintf(out, " tests=\"%zu\" failures=\"%zu\" errors=\"0\"", count, failed);
-}
-
-static void write_suite(FILE *out, const expect_suite *suite, uint64_t ticks)
-{
-    const expect_report *report = suite->report;
-    fputs("  <testsuite", out);
-    xml_attribute(out, "name", suite->bus);
-    expect_report_write_counts(out, report->count, report->failed);
-    fputs(" skipped=\"0\"", out);
-    write_time(out, ticks);
-    fputs(">\n", out);
-    for (size_t i = 0; i < report->count; i++)
-        write_case(out, report, &report->outcomes[i], suite->bus);
-    fputs("  </testsuite>\n", out);
+    return (junit_counts){.cases = report->count, .failures = report->failed};
 }
 
 void expect_report_junit(FILE *out, const expect_suite *suites, size_t count, uint64_t ticks)
 {
-    size_t all = 0;
-    size_t failed = 0;
+    junit_counts all = {.cases = 0};
     for (size_t i = 0; i < count; i++) {
-        all += suites[i].report->count;
-        failed += suites[i].report->failed;
+        all.cases += suites[i].report->count;
+        all.failures += suites[i].report->failed;
     }
-    fputs("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites name=\"canwire\"", out);
-    expect_report_write_counts(out, all, failed);
-    write_time(out, ticks);
-    fputs(">\n", out);
-    for (size_t i = 0; i < count; i++)
-        write_suite(out, &suites[i], ticks);
-    fputs("</testsuites>\n", out);
+    junit_begin(out, "canwire", &all, ticks);
+    for (size_t i = 0; i < count; i++) {
+        const expect_report *report = suites[i].report;
+        const junit_counts counts = counts_of(report);
+        junit_begin_suite(out, suites[i].bus, &counts, ticks);
+        for (size_t k = 0; k < report->count; k++)
+            write_case(out, report, &report->outcomes[k], suites[i].bus);
+        junit_end_suite(out);
+    }
+    junit_end(out);
 }

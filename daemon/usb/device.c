@@ -4,6 +4,9 @@
  */
 #include "usb/device.h"
 
+#include "base/text/jsonput.h"
+#include "base/text/jsontext.h"
+
 #include <arpa/inet.h>
 #include <errno.h>
 #include <linux/can/error.h>
@@ -163,41 +166,56 @@ static void record(usb_device *d, const unsigned char *bytes, size_t size)
 
 /* ---- Commands -------------------------------------------------------------------------------- */
 
-#define SETTINGS_PART 200u
+static void put_part(buffer *out, const char *prefix, const char *name, unsigned value)
+{
+    char key[20];
+    (void)snprintf(key, sizeof key, "%s%s", prefix, name);
+    jsontext_number(out, key, value);
+}
 
 /* The driver does not tell the propagation segment: the controller does not need it. */
-static void print_timing(char *text, const char *prefix, const peak_timing *t)
+static void put_timing(buffer *out, const char *prefix, const peak_timing *t)
 {
     unsigned phase1 = t->tseg2 > t->sjw ? t->tseg2 : t->sjw;
     if (phase1 > t->tseg1)
         phase1 = t->tseg1;
-    (void)snprintf(text, SETTINGS_PART,
-                   ",\"%sbrp\":%u,\"%sprop-seg\":%u,\"%sphase-seg1\":%u,\"%sphase-seg2\":%u,"
-                   "\"%ssjw\":%u",
-                   prefix, t->brp, prefix, t->tseg1 - phase1, prefix, phase1, prefix, t->tseg2,
-                   prefix, t->sjw);
+    put_part(out, prefix, "brp", t->brp);
+    put_part(out, prefix, "prop-seg", t->tseg1 - phase1);
+    put_part(out, prefix, "phase-seg1", phase1);
+    put_part(out, prefix, "phase-seg2", t->tseg2);
+    put_part(out, prefix, "sjw", t->sjw);
 }
 
-static void print_settings(char text[MESSAGE_SETTINGS_BYTES], const usb_device *d)
+static void put_switch(buffer *out, const char *key, bool on)
 {
-    char slow[SETTINGS_PART] = "", fast[SETTINGS_PART] = "";
+    jsontext_value(out, key, on ? "true" : "false");
+}
+
+static void put_settings(buffer *out, const usb_device *d)
+{
+    jsontext_item(out, "{");
+    jsontext_string(out, "clock", PEAK_CLOCK);
     if (d->has_slow)
-        print_timing(slow, "", &d->slow);
+        put_timing(out, "", &d->slow);
     if (d->has_fast && d->fd)
-        print_timing(fast, "d", &d->fast);
-    (void)snprintf(text, MESSAGE_SETTINGS_BYTES,
-                   "{\"clock\":\"" PEAK_CLOCK "\"%s%s,\"triple-sampling\":%s,\"listen-only\":%s,"
-                   "\"one-shot\":%s,\"restart-ms\":0}",
-                   slow, fast, d->slow.triple ? "true" : "false",
-                   d->listen_only ? "true" : "false", d->one_shot ? "true" : "false");
+        put_timing(out, "d", &d->fast);
+    put_switch(out, "triple-sampling", d->slow.triple);
+    put_switch(out, "listen-only", d->listen_only);
+    put_switch(out, "one-shot", d->one_shot);
+    jsontext_value(out, "restart-ms", "0}");
 }
 
 static void order(usb_device *d, message_order what, bool with_settings)
 {
-    char text[MESSAGE_SETTINGS_BYTES] = "";
+    buffer text = {.data = NULL};
     if (with_settings)
-        print_settings(text, d);
-    d->calls->order(d->user, what, text);
+        put_settings(&text, d);
+    const char *settings = buffer_text(&text);
+    if (settings)
+        d->calls->order(d->user, what, settings);
+    else
+        json_no_memory();
+    buffer_free(&text);
 }
 
 /* On the bus. When it is there already, this is the restart after bus-off, and the driver has

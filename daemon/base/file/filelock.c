@@ -4,10 +4,11 @@
  */
 #include "base/file/filelock.h"
 
+#include "base/text/number.h"
+
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <stdlib.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -36,9 +37,9 @@ bool filelock_is_ours(const struct stat *file)
     bool found = false;
     for (const struct dirent *one; all && !found && (one = readdir(all));) {
         struct stat open;
-        const int fd = (int)strtol(one->d_name, NULL, 10);
-        found = one->d_name[0] != '.' && fstat(fd, &open) == 0 && open.st_dev == file->st_dev &&
-                open.st_ino == file->st_ino;
+        uint64_t fd;
+        found = !text_parse_uint(&fd, one->d_name) && fstat((int)fd, &open) == 0 &&
+                open.st_dev == file->st_dev && open.st_ino == file->st_ino;
     }
     if (all)
         (void)closedir(all);

@@ -94,6 +94,14 @@ void jsontext_seconds(buffer *out, const char *key, uint64_t ticks)
     jsontext_value(out, key, text);
 }
 
+const char *jsontext_keep(buffer *text, arena *memory)
+{
+    const char *made = buffer_text(text);
+    const char *kept = made ? arena_print(memory, "%s", made) : NULL;
+    buffer_free(text);
+    return kept;
+}
+
 void jsontext_out(buffer *text, FILE *out)
 {
     buffer_put(text, "\n");

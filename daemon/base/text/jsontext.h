@@ -6,6 +6,7 @@
 #ifndef CANWIRE_BASE_JSONTEXT_H
 #define CANWIRE_BASE_JSONTEXT_H
 
+#include "base/arena.h"
 #include "base/text/buffer.h"
 #include "base/text/chars.h"
 
@@ -24,6 +25,9 @@ void jsontext_string(buffer *out, const char *key, const char *text);
 void jsontext_seconds(buffer *out, const char *key, uint64_t ticks);
 void jsontext_value(buffer *out, const char *key, const char *text); /* ... as it is, or a part */
 void jsontext_key(buffer *out, const char *key);                     /* ... without the value */
+
+/* Returns what has been made, in memory of the arena, and frees it; NULL without memory. */
+const char *jsontext_keep(buffer *text, arena *memory);
 
 /* Writes what has been made on a line, and frees it. Without memory see json_no_memory(). */
 void jsontext_out(buffer *text, FILE *out);

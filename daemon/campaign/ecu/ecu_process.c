@@ -4,13 +4,13 @@
  */
 #include "campaign/ecu/ecu_process.h"
 
-#include <ctype.h>
+#include "base/text/number.h"
+
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
@@ -150,8 +150,11 @@ static unsigned kill_children(DIR *all, pid_t but)
     unsigned count = 0;
     rewinddir(all);
     for (const struct dirent *entry; (entry = readdir(all));) {
-        const pid_t pid = isdigit((unsigned char)entry->d_name[0]) ? atoi(entry->d_name) : 0;
-        if (pid <= 0 || pid == but || parent_of(entry->d_name) != getpid())
+        uint64_t number;
+        if (text_parse_uint(&number, entry->d_name))
+            continue;
+        const pid_t pid = (pid_t)number;
+        if (pid == but || parent_of(entry->d_name) != getpid())
             continue;
         (void)kill(pid, SIGKILL);
         while (waitpid(pid, NULL, 0) < 0 && errno == EINTR)

@@ -87,10 +87,7 @@ static const char *ecu_text_set(change *c, const char *path, const char *text)
 {
     buffer quoted = {.no_memory = !text};
     jsontext_quoted(&quoted, text ? text : "");
-    const char *json = buffer_text(&quoted);
-    const char *value = json ? arena_print(c->memory, "%s", json) : NULL;
-    buffer_free(&quoted);
-    return set_json(c, path, value);
+    return set_json(c, path, jsontext_keep(&quoted, c->memory));
 }
 
 /* ---- Time ------------------------------------------------------------------------------------ */
@@ -101,13 +98,17 @@ static const char *set_time(change *c)
     const unsigned programs = ecus_virtual(c->wanted->plan);
     const uint64_t until_ns = c->wanted->until_ns;
     const char *wrong = ecu_text_set(c, "pacing", "virtual");
+    buffer value = {.data = NULL};
+    char until[32];
     if (wrong)
         return wrong;
-    return set_json(c, "virtual",
-                    until_ns == UINT64_MAX
-                        ? arena_print(c->memory, "{\"programs\": %u}", programs)
-                        : arena_print(c->memory, "{\"programs\": %u, \"until\": \"%" PRIu64
-                                      "ns\"}", programs, until_ns));
+    (void)snprintf(until, sizeof until, "%" PRIu64 "ns", until_ns);
+    jsontext_item(&value, "{");
+    jsontext_number(&value, "programs", programs);
+    if (until_ns != UINT64_MAX)
+        jsontext_string(&value, "until", until);
+    buffer_put(&value, "}");
+    return set_json(c, "virtual", jsontext_keep(&value, c->memory));
 }
 
 /* ---- Ports ----------------------------------------------------------------------------------- */

@@ -4,6 +4,7 @@
  */
 #include "campaign/campaign_owner.h"
 
+#include "base/text/jsontext.h"
 #include "campaign/space/jsonvalue.h"
 #include "campaign/space/names.h"
 #include "campaign/space/space.h"
@@ -303,6 +304,13 @@ static uint8_t factors_find_node(schema *self, const schema_key *key, const yaml
     return node;
 }
 
+static const char *quoted_text(arena *memory, const char *text)
+{
+    buffer quoted = {.data = NULL};
+    jsontext_quoted(&quoted, text);
+    return jsontext_keep(&quoted, memory);
+}
+
 static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     reading *r = object;
@@ -312,14 +320,14 @@ static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, 
     if (!config && is_all(value))
         schema_complain(self, value, "%s: it is for the file of one bus", key->name);
     for (size_t i = 0; config && is_all(value) && i < config->node_count; i++)
-        space_add(&list, schema_print(self, "\"%s\"", config->nodes[i].name));
+        space_add(&list, quoted_text(self->arena, config->nodes[i].name));
     const size_t count =
         is_all(value) ? 0 : schema_count_one(self, key, value, 1, CW_NODES_MAX);
     for (size_t i = 0; i < count; i++) {
         const yaml_node_t *item = schema_item(self, value, i);
         const char *text = schema_text(self, key, item, "the name of a node, or all");
         if (text && factors_find_node(self, key, item, text) != CW_NO_NODE)
-            space_add(&list, schema_print(self, "\"%s\"", text));
+            space_add(&list, quoted_text(self->arena, text));
     }
     take_list(r, self, value, &list);
 }

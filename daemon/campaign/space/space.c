@@ -4,6 +4,7 @@
  */
 #include "campaign/space/space.h"
 
+#include "base/text/jsontext.h"
 #include "trace/frametext.h"
 
 #include <inttypes.h>
@@ -131,40 +132,59 @@ const char *space_add_positions(space_list *list, const char *text, const cw_fra
 
 /* ---- Spaces ---------------------------------------------------------------------------------- */
 
-/* Prints the rule that inverts a wire bit once. */
+#define TEXT_MAX 96 /* bytes of a short text with its final 0: the name of a rule with a suffix */
+
+/* Puts the identifier of a frame. */
+static void put_frame(buffer *out, const cw_frame *frame)
+{
+    char text[TEXT_MAX];
+    (void)snprintf(text, sizeof text, "%0*X", frame->flags & CW_FRAME_EXTENDED ? 8 : 3, frame->id);
+    jsontext_string(out, "frame", text);
+}
+
+/* Returns the rule that inverts a wire bit once. */
 static const char *rule_text(arena *memory, const space *s, const char *suffix,
                              const cw_frame *frame, unsigned bit)
 {
-    const bool extended = frame->flags & CW_FRAME_EXTENDED;
-    const char *from = s->from ? arena_print(memory, ",\"from\":%s", s->from) : "";
-    const char *at = s->at ? arena_print(memory, ",\"at\":%s", s->at) : "";
-    if (!from || !at)
-        return NULL;
-    return arena_print(memory,
-                       "{\"name\":\"%s%s\",\"when\":{\"frame\":\"%0*X\"%s,\"skip\":%" PRIu64
-                       ",\"count\":1},\"do\":{\"flip\":\"bit[%u]\"%s}}",
-                       s->name, suffix, extended ? 8 : 3, frame->id, from, s->skip, bit, at);
+    buffer out = {.data = NULL};
+    char text[TEXT_MAX];
+    (void)snprintf(text, sizeof text, "%s%s", s->name, suffix);
+    jsontext_item(&out, "{");
+    jsontext_string(&out, "name", text);
+    jsontext_value(&out, "when", "{");
+    put_frame(&out, frame);
+    if (s->from)
+        jsontext_value(&out, "from", s->from);
+    jsontext_number(&out, "skip", s->skip);
+    jsontext_value(&out, "count", "1}");
+    (void)snprintf(text, sizeof text, "bit[%u]", bit);
+    jsontext_value(&out, "do", "{");
+    jsontext_string(&out, "flip", text);
+    if (s->at)
+        jsontext_value(&out, "at", s->at);
+    buffer_put(&out, "}}");
+    return jsontext_keep(&out, memory);
 }
 
-/* Prints the place of a wire bit: bit[37] is crc[3]. */
-static void print_place(char out[POSITION_MAX], const cw_bits *bits, unsigned n)
+/* Puts the place of a wire bit: bit[37] is crc[3]. */
+static void put_place(buffer *out, const char *key, const cw_bits *bits, unsigned n)
 {
+    char text[POSITION_MAX];
     const cw_place place = cw_bits_place(bits, n);
     const char *name = cw_field_name(place.field);
     const char *stuff = place.stuff ? " stuff" : "";
     if (cw_field_bits(place.field, true) == 1)
-        (void)snprintf(out, POSITION_MAX, "%s%s", name, stuff);
+        (void)snprintf(text, sizeof text, "%s%s", name, stuff);
     else if (place.field == CW_FIELD_DATA)
-        (void)snprintf(out, POSITION_MAX, "%s[%u.%u]%s", name, place.index / 8u,
-                       place.index % 8u, stuff);
+        (void)snprintf(text, sizeof text, "%s[%u.%u]%s", name, place.index / 8u, place.index % 8u,
+                       stuff);
     else
-        (void)snprintf(out, POSITION_MAX, "%s[%u]%s", name, place.index, stuff);
-}
-
-/* Prints the identifier of a frame. */
-static const char *id_text(arena *memory, const cw_frame *frame)
-{
-    return arena_print(memory, "%0*X", frame->flags & CW_FRAME_EXTENDED ? 8 : 3, frame->id);
+        (void)snprintf(text, sizeof text, "%s[%u]%s", name, place.index, stuff);
+    if (key)
+        jsontext_key(out, key);
+    else
+        jsontext_item(out, "");
+    jsontext_quoted(out, text);
 }
 
 void space_add_bits(space_list *values, space_list *rules, const space *s, const cw_frame *frame)
@@ -173,12 +193,13 @@ void space_add_bits(space_list *values, space_list *rules, const space *s, const
     if (cw_bits_encode(&bits, frame) != CW_OK)
         return;
     for (unsigned n = 0; n < bits.length; n++) {
-        char place[POSITION_MAX];
-        const char *id = id_text(values->memory, frame);
-        print_place(place, &bits, n);
-        space_add(values, arena_print(values->memory,
-                                      "{\"frame\":\"%s\",\"bit\":%u,\"place\":\"%s\"}", id, n,
-                                      place));
+        buffer value = {.data = NULL};
+        jsontext_item(&value, "{");
+        put_frame(&value, frame);
+        jsontext_number(&value, "bit", n);
+        put_place(&value, "place", &bits, n);
+        buffer_put(&value, "}");
+        space_add(values, jsontext_keep(&value, values->memory));
         space_add(rules, rule_text(rules->memory, s, "", frame, n));
     }
 }
@@ -186,13 +207,16 @@ void space_add_bits(space_list *values, space_list *rules, const space *s, const
 static void add_pair(space_list *values, space_list *rules, const space *s, const cw_frame *frame,
                      const cw_bits *bits, const unsigned pair[2])
 {
-    char places[2][POSITION_MAX];
-    const char *id = id_text(values->memory, frame);
-    print_place(places[0], bits, pair[0]);
-    print_place(places[1], bits, pair[1]);
-    space_add(values, arena_print(values->memory,
-                                  "{\"frame\":\"%s\",\"bits\":[%u,%u],\"places\":[\"%s\",\"%s\"]}",
-                                  id, pair[0], pair[1], places[0], places[1]));
+    buffer value = {.data = NULL};
+    jsontext_item(&value, "{");
+    put_frame(&value, frame);
+    jsontext_value(&value, "bits", "[");
+    buffer_print(&value, "%u,%u]", pair[0], pair[1]);
+    jsontext_value(&value, "places", "[");
+    put_place(&value, NULL, bits, pair[0]);
+    put_place(&value, NULL, bits, pair[1]);
+    buffer_put(&value, "]}");
+    space_add(values, jsontext_keep(&value, values->memory));
     const char *first = rule_text(rules->memory, s, ".1", frame, pair[0]);
     const char *second = rule_text(rules->memory, s, ".2", frame, pair[1]);
     space_add(rules, first && second ? arena_print(rules->memory, "%s\n%s", first, second) : NULL);

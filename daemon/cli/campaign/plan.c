@@ -3,7 +3,7 @@
  * plan.c - `canwire campaign plan` and `show`: what a campaign will do.
  */
 #include "base/text/counted.h"
-
+#include "base/text/number.h"
 #include "base/text/plain.h"
 #include "base/wall.h"
 #include "campaign/campaign.h"
@@ -70,9 +70,12 @@ static bool estimate_take(void *user, unsigned char code, const char *line, size
 {
     estimate *e = user;
     char text[NUMBER_MAX] = "";
+    const char *digits = text;
+    uint64_t ns = 0;
     memcpy(text, line, length < NUMBER_MAX ? length : NUMBER_MAX - 1);
+    (void)text_take_digits(&ns, &digits, INT64_MAX);
     e->taken += code == 0;
-    e->ns += strtoll(text, NULL, 10);
+    e->ns += (int64_t)ns;
     return !e->timeout;
 }
 

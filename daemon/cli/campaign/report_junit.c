@@ -7,17 +7,13 @@
  */
 #include "cli/campaign/report_view.h"
 
-#include "base/text/xmltext.h"
+#include "base/text/buffer.h"
+#include "base/text/jsonput.h"
+#include "base/text/junit.h"
 
 #include <inttypes.h>
 
 #define VALUES_MAX 1000u /* cases of a factor */
-
-typedef struct totals {
-    uint64_t cases;
-    uint64_t failures;
-    uint64_t errors;
-} totals;
 
 static uint64_t failures_of(const class_counts *c)
 {
@@ -29,93 +25,68 @@ static uint64_t errors_of(const class_counts *c)
     return c->of[CLASS_INVALID] + c->of[CLASS_BROKEN];
 }
 
-static void count_case(totals *t, const class_counts *c)
+static void count_case(junit_counts *t, const class_counts *c)
 {
     t->cases++;
     t->failures += failures_of(c) > 0;
     t->errors += failures_of(c) == 0 && errors_of(c) > 0;
 }
 
-static totals totals_of(const dimension *d)
+/* Puts how many rows there are of each class. */
+static void put_rows(buffer *out, const class_counts *c)
 {
-    totals t = {.cases = 0};
-    for (size_t i = 0; i < d->count && i < VALUES_MAX; i++)
-        count_case(&t, &d->values[i].rows);
-    return t;
-}
-
-static void write_totals(FILE *out, const totals *t)
-{
-    fprintf(out, " tests=\"%" PRIu64 "\" failures=\"%" PRIu64 "\" errors=\"%" PRIu64
-            "\" skipped=\"0\">\n", t->cases, t->failures, t->errors);
-}
-
-static void write_message(FILE *out, const class_counts *c)
-{
-    const char *comma = "";
-    fputs(" message=\"", out);
-    for (unsigned i = 0; i < CLASS_COUNT; i++) {
-        if (c->of[i] == 0)
-            continue;
-        fprintf(out, "%s%" PRIu64 " %s", comma, c->of[i], class_name((row_class)i));
-        comma = ", ";
-    }
-    fputs("\"/>\n", out);
+    for (unsigned i = 0; i < CLASS_COUNT; i++)
+        if (c->of[i] > 0)
+            buffer_print(out, "%s%" PRIu64 " %s", buffer_length(out) > 0 ? ", " : "", c->of[i],
+                         class_name((row_class)i));
 }
 
 static void write_case(FILE *out, const char *suite, const char *name, const class_counts *c)
 {
-    const bool failed = failures_of(c) > 0;
-    fputs("    <testcase", out);
-    xml_attribute(out, "name", name);
-    xml_attribute(out, "classname", suite);
-    if (!failed && errors_of(c) == 0) {
-        fputs("/>\n", out);
-        return;
-    }
-    fprintf(out, ">\n      <%s type=\"row\"", failed ? "failure" : "error");
-    write_message(out, c);
-    fputs("    </testcase>\n", out);
+    buffer message = {.data = NULL};
+    put_rows(&message, c);
+    const char *problem = failures_of(c) > 0 ? "failure" : errors_of(c) > 0 ? "error" : NULL;
+    const junit_case one = {.name = name, .suite = suite, .ticks = JUNIT_NO_TIME,
+                            .problem = problem, .type = "row", .message = buffer_text(&message)};
+    if (one.message)
+        junit_write_case(out, &one);
+    else
+        json_no_memory();
+    buffer_free(&message);
 }
 
 static void write_suite(FILE *out, const dimension *d)
 {
-    const totals t = totals_of(d);
-    fputs("  <testsuite", out);
-    xml_attribute(out, "name", d->name);
-    write_totals(out, &t);
+    junit_counts t = {.cases = 0};
+    for (size_t i = 0; i < d->count && i < VALUES_MAX; i++)
+        count_case(&t, &d->values[i].rows);
+    junit_begin_suite(out, d->name, &t, JUNIT_NO_TIME);
     for (size_t i = 0; i < d->count && i < VALUES_MAX; i++)
         write_case(out, d->name, d->values[i].text, &d->values[i].rows);
-    fputs("  </testsuite>\n", out);
+    junit_end_suite(out);
 }
 
 /* A case for each class: all rows of the class. */
 static void write_classes(FILE *out, const report *r)
 {
-    totals t = {.cases = 0};
+    class_counts each[CLASS_COUNT] = {{.of[0] = 0}};
+    junit_counts t = {.cases = 0};
     for (unsigned i = 0; i < CLASS_COUNT; i++) {
-        class_counts one = {.of[0] = 0};
-        one.of[i] = r->classes.of[i];
-        count_case(&t, &one);
+        each[i].of[i] = r->classes.of[i];
+        count_case(&t, &each[i]);
     }
-    fputs("  <testsuite name=\"classes\"", out);
-    write_totals(out, &t);
-    for (unsigned i = 0; i < CLASS_COUNT; i++) {
-        class_counts one = {.of[0] = 0};
-        one.of[i] = r->classes.of[i];
-        write_case(out, "classes", class_name((row_class)i), &one);
-    }
-    fputs("  </testsuite>\n", out);
+    junit_begin_suite(out, "classes", &t, JUNIT_NO_TIME);
+    for (unsigned i = 0; i < CLASS_COUNT; i++)
+        write_case(out, "classes", class_name((row_class)i), &each[i]);
+    junit_end_suite(out);
 }
 
 void campaign_report_junit(FILE *out, const report_view *v)
 {
     const report *r = v->report;
-    fputs("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites", out);
-    xml_attribute(out, "name", r->source.file);
-    fputs(">\n", out);
+    junit_begin(out, r->source.file, NULL, JUNIT_NO_TIME);
     write_classes(out, r);
     for (size_t i = 0; i < r->factor_count; i++)
         write_suite(out, &r->factors[i]);
-    fputs("</testsuites>\n", out);
+    junit_end(out);
 }

@@ -314,9 +314,8 @@ static int top_run(top *t)
 static unsigned plain_columns(void)
 {
     const char *text = getenv("COLUMNS");
-    char *end = NULL;
-    const unsigned long columns = text ? strtoul(text, &end, 10) : 0;
-    if (!text || end == text || *end != '\0' || columns < TOP_COLUMNS_MIN)
+    uint64_t columns = 0;
+    if (!text || text_parse_uint(&columns, text) || columns < TOP_COLUMNS_MIN)
         return PLAIN_COLUMNS;
     return columns < TOP_COLUMNS_MAX ? (unsigned)columns : TOP_COLUMNS_MAX;
 }

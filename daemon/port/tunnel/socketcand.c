@@ -9,10 +9,11 @@
  */
 #include "port/tunnel/socketcand.h"
 
-#include "base/text/chars.h"
 #include "base/moment.h"
-#include "port/tunnel/broadcast.h"
+#include "base/text/chars.h"
+#include "base/text/number.h"
 #include "port/shared.h"
+#include "port/tunnel/broadcast.h"
 
 #include <arpa/inet.h>
 #include <ctype.h>
@@ -273,12 +274,14 @@ typedef struct command {
 /* Reads digits of a base up to a limit. */
 static bool socketcand_read_number(uint64_t *out, const char *word, int base, uint64_t max)
 {
-    char *end;
-    errno = 0;
-    if (!isxdigit((unsigned char)word[0]) || (base == 16 && word[1] == 'x'))
+    const char *digits = word + strspn(word, "0");
+    uint32_t hex = 0;
+    if (base == 10)
+        return text_take_digits(out, &word, max) && !*word;
+    if (!text_parse_hex(&hex, digits, strlen(digits)) && (*digits || digits == word))
         return false;
-    *out = strtoull(word, &end, base);
-    return !*end && errno == 0 && *out <= max;
+    *out = hex;
+    return hex <= max;
 }
 
 /* Reads an identifier: eight digits make an extended one. */
