@@ -28,7 +28,7 @@ typedef struct action {
     action_completer *complete; /* or NULL */
 } action;
 
-static schema_reader read_level, read_levels, read_at, read_groups,
+static schema_reader read_levels, read_at, read_groups,
     read_load, read_change, action_read_id, read_dlc, read_bytes;
 static action_completer complete_force, complete_stuck, complete_wrong_crc, complete_counters,
     complete_set, complete_side, complete_change, complete_send, complete_babble,
@@ -41,12 +41,6 @@ static const schema_range overload_range = {1, OVERLOAD_FRAMES_MAX, sizeof(uint3
 static const schema_range copies_range = {1, COPIES_MAX, sizeof(uint32_t)};
 static const schema_range overtaking_range = {1, OVERTAKING_MAX, sizeof(uint32_t)};
 static const schema_range dlc_range = {0, DLC_MAX, sizeof(uint8_t)};
-
-static const schema_choice levels[] = {
-    {.name = "dominant", .value = CW_DOMINANT},
-    {.name = "recessive", .value = CW_RECESSIVE},
-    {.name = NULL},
-};
 
 static const schema_choice sides[] = {
     {.name = "tx", .value = CW_SIDE_TX},
@@ -68,12 +62,13 @@ static const schema_choice checksum_faults[] = {
 
 /* Keys of several actions. */
 #define MEMBER(m) .offset = offsetof(cw_rule, m)
-#define LASTS                                                                                      \
+#define LASTS_BY(...)                                                                              \
     {                                                                                              \
-        .name = "for", .read = cfg_read_bits, MEMBER(for_ticks),                                   \
+        .name = "for", MEMBER(for_ticks), __VA_ARGS__,                                             \
         .help = "How long it lasts; 0, or without: until the rule's window of time ends or the "   \
                 "rule is cleared."                                                                 \
     }
+#define LASTS LASTS_BY(.read = cfg_read_bits)
 #define LASTS_OR_ATTEMPT                                                                           \
     {                                                                                              \
         .name = "for", .read = cfg_read_bits, MEMBER(for_ticks),                                   \
@@ -123,7 +118,7 @@ static const schema_choice checksum_faults[] = {
     }
 #define LEVEL(key, told)                                                                           \
     {                                                                                              \
-        .name = (key), .read = read_level, .type = TYPE_CHOICE, .arg = levels, .help = (told)      \
+        .name = (key), .read = cfg_read_level, .type = TYPE_CHOICE, .arg = cfg_levels, .help = (told)      \
     }
 #define BITS                                                                                       \
     {                                                                                              \
@@ -140,125 +135,6 @@ static const schema_choice checksum_faults[] = {
         .name = NULL                                                                               \
     }
 
-static const schema_key flip_keys[] = {
-    {.name = "flip", .read = cfg_read_position, .help = "Inverts bits from this position on."},
-    BITS, AT_WIRE, END,
-};
-static const schema_key force_keys[] = {
-    LEVEL("force", "Sets bits to this level."), FROM, BITS,
-    {.name = "for", .read = cfg_read_bits_min, MEMBER(for_ticks),
-     .help = "How long, instead of bits."},
-    AT_WIRE, {.name = NULL, .type = "{'not': {'required': ['bits', 'for']}}"},
-};
-static const schema_key glitch_keys[] = {
-    {.name = "glitch", .read = read_levels,
-     .type = "{'type': ['string', 'number'], 'pattern': '^(?:(?=.*[01])[01xX]{1,64})$', "
-             "'examples': ['10x1']}",
-     .help = "Levels in a row, up to 64, such as `10x1`: 1 recessive, 0 dominant, x as it is; one "
-             "of x alone is refused."},
-    FROM, AT_WIRE, END,
-};
-static const schema_key stuck_keys[] = {
-    LEVEL("stuck", "The line is stuck at this level, exactly as long as `for` says."),
-    {.name = "on", .read = cfg_read_line,
-     .help = "`wire`, or the line of one controller: `NODE.tx` or `NODE.rx`."},
-    {.name = "for", .read = cfg_read_ticks, MEMBER(for_ticks),
-     .help = "How long it lasts; 0, or without: until the rule's window of time ends or the rule "
-             "is cleared."},
-    {.name = "dominant-timeout", .read = cfg_read_bits_min, MEMBER(dominant_timeout),
-     .help = "TXD dominant time-out of the transceiver, which lets go of the bus after it; only "
-             "with `dominant` on a `NODE.tx`."},
-    {.name = NULL,
-     .type = TYPE_IF(TYPE_NEEDS("dominant-timeout"),
-                     "{'required': ['on'], 'properties': {'on': {'pattern': '\\.tx$|\\$'}, "
-                     "'stuck': {'pattern': '^dominant$|\\$'}}}")},
-};
-static const schema_key noise_keys[] = {
-    {.name = "noise", .read = cfg_read_fraction, MEMBER(error_rate),
-     .help = "Each bit is flipped with this probability, with `at` for each of these nodes by "
-             "itself; with `burst`, a burst begins with it."},
-    {.name = "burst", .read = cfg_read_burst,
-     .type = "{'type': ['string', 'integer'], 'pattern': "
-             "'^(?:[1-9]|1[0-6])(?:\\.\\.(?:[1-9]|1[0-6]))?$', 'minimum': 1, 'maximum': 16}",
-     .help = "Each hit of the noise is a burst of so many bits, or of a number drawn from "
-             "LEAST..MOST. Its first and last bits are flipped, those between with a probability "
-             "of 1/2. Default: one bit."},
-    AT_WIRE, LASTS_OR_ATTEMPT, END,
-};
-static const schema_key no_ack_keys[] = {
-    NODES("no-ack", "Nodes that do not acknowledge."), LASTS_OR_ATTEMPT, END,
-};
-static const schema_key wrong_crc_keys[] = {
-    NODES("wrong-crc", "Frames of these nodes that match carry an inverted last CRC bit. Frames of "
-                       "others do not match."),
-    END,
-};
-static const schema_key bus_off_keys[] = {NODES("bus-off", "Goes bus-off at once."), END};
-static const schema_key error_flag_keys[] = {
-    NODES("error-flag", "Sends an error flag at once, as if it had found an error."), END,
-};
-static const schema_key restart_keys[] = {
-    NODES("restart", "Leaves bus-off, as a restart by hand; frames of the same moment wait until "
-                     "the node is back."),
-    END,
-};
-static const schema_key counters_keys[] = {
-    NODES("counters", "Sets its error counters, one or both."),
-    {.name = "tec", .read = schema_read_uint, MEMBER(tec), .arg = &tec_range,
-     .help = "Transmit error counter. One above 255 is bus-off; one below ends that at once, "
-             "without the wait of R12: the node integrates. Default: as it is."},
-    {.name = "rec", .read = schema_read_uint, MEMBER(rec), .arg = &rec_range,
-     .help = "Receive error counter. Default: as it is."},
-    {.name = NULL, .type = TYPE_ANY(TYPE_NEEDS("tec") ", " TYPE_NEEDS("rec"))},
-};
-static const schema_key overload_keys[] = {
-    NODES("overload", "Asks for overload frames, from the next intermission on."),
-    {.name = "frames", .read = schema_read_uint, MEMBER(number), .arg = &overload_range,
-     .preset = "1", .help = "How many in a row."},
-    END,
-};
-static const schema_key software_reset_keys[] = {
-    NODES("software-reset",
-          "The host initialises its controller anew; it is back after 128 x 11 recessive bits."),
-    END,
-};
-static const schema_key hardware_reset_keys[] = {
-    NODES("hardware-reset", "The controller begins anew, and is back after 11 recessive bits."),
-    END,
-};
-static const schema_key disconnect_keys[] = {
-    NODES("disconnect", "Neither drives nor samples the bus; integrates when it is back. A bus-off "
-                        "node that was asked to restart goes on with its recovery, for to it a "
-                        "line without bus is recessive."),
-    LASTS, END,
-};
-static const schema_key partition_keys[] = {
-    {.name = "partition", .read = read_groups,
-     .type = TYPE_LIST(1, 64, TYPE_SET(64, TYPE_OPEN(TYPE_REF("node")))),
-     .help = "Groups of nodes, such as `[[a, b], [c]]`, each with a wire of its own. Nodes that "
-             "are not named make one more group. All nodes in one group are refused, as nothing is "
-             "separated."},
-    LASTS, END,
-};
-static const schema_key drop_keys[] = {
-    SIDE("drop",
-         "The frame is gone; counted and told as a drop with `\"why\":\"fault\"`. tx: at the "
-         "sender, before it is sent; rx: at the receivers, after it was received."),
-    AT_HOST, NOT_AT_SENDER("drop"),
-};
-static const schema_key delay_keys[] = {
-    {.name = "delay", .read = cfg_read_bits_min, MEMBER(for_ticks),
-     .help = "Hands frames in or out later."},
-    AT_HOST, OF_SIDE, NOT_AT_SENDER("side"),
-};
-static const schema_key duplicate_keys[] = {
-    NUMBER("duplicate", &copies_range, "Further copies of each frame."),
-    AT_HOST, OF_SIDE, NOT_AT_SENDER("side"),
-};
-static const schema_key reorder_keys[] = {
-    NUMBER("reorder", &overtaking_range, "Puts the frame behind so many that follow."),
-    AT_HOST, OF_SIDE, NOT_AT_SENDER("side"),
-};
 /* The keys of `change: { ... }`, a cw_change. */
 static const schema_key change_part_keys[] = {
     {.name = "id", .read = action_read_id, .type = "id", .help = "New identifier, 3 or 8 digits."},
@@ -270,51 +146,6 @@ static const schema_key change_part_keys[] = {
     DATA("xor", xor_mask, "bytes", "Data bytes XOR these."),
     {.name = NULL, .type = "{'minProperties': 1}"},
 };
-static const schema_key change_keys[] = {
-    {.name = "change", .read = read_change, MEMBER(change), .map = change_part_keys,
-     .help = "New content of the frame, with a CRC that is right for it. Data bytes are from the "
-             "first on, up to 8, on a bus with CAN FD nodes up to 64: set, then and, or, xor."},
-    AT_HOST, OF_SIDE, NOT_AT_SENDER("side"),
-};
-static const schema_key counter_keys[] = {
-    {.name = "counter", .read = schema_read_choice, MEMBER(number), .arg = counter_faults,
-     .help = "A fault of the counter that the traffic of a node writes. stuck: the frame has the "
-             "value of the one before, and the counter stands still; skip: a value is left out; "
-             "repeat: the value of the one before, and the counter goes on."},
-    END,
-};
-static const schema_key checksum_keys[] = {
-    {.name = "checksum", .read = schema_read_choice, MEMBER(number), .arg = checksum_faults,
-     .help = "All bits of the checksum that the traffic of a node writes are inverted."},
-    END,
-};
-static const schema_key send_keys[] = {
-    FRAME("send", "Sends this frame."), AS,
-    {.name = "every", .read = cfg_read_period, MEMBER(period_ticks),
-     .help = "Again after this time; without: once."},
-    {.name = "for", .read = cfg_read_bits, MEMBER(for_ticks), .needs = "every",
-     .help = "How long it lasts; 0, or without: until the rule's window of time ends or the rule "
-             "is cleared."},
-    END,
-};
-static const schema_key babble_keys[] = {
-    FRAME("babble", "Sends this frame again and again, as fast as it can."), AS,
-    {.name = "every", .read = cfg_read_period, MEMBER(period_ticks),
-     .help = "From one to the next, as with send; without: as soon as the last one is done."},
-    LASTS, END,
-};
-static const schema_key load_keys[] = {
-    {.name = "load", .read = read_load, MEMBER(load_permille), .type = "percent",
-     .help = "Random frames, from the seed, until the bus is loaded to this part: 0.1% to 100%."},
-    AS, LASTS, END,
-};
-static const schema_key reply_keys[] = {
-    FRAME("reply", "Answers each matching frame that the node receives, such as a remote frame."),
-    AS,
-    {.name = "delay", .read = cfg_read_bits, MEMBER(for_ticks), .preset = "0",
-     .help = "Between the frame and the answer."},
-    END,
-};
 
 static const schema_key set_key =
     NODES("set", "Changes settings of the node; those that are not given stay.");
@@ -324,39 +155,144 @@ static const schema_key ramp_key = {.name = "ramp", .read = cfg_read_ramp, .map 
                                             "and stays there. Without other keys of the node."};
 static const schema_key set_end = {.name = NULL, .type = "{'minProperties': 2}"};
 
+/* A row: the action, what completes it or NULL, and its keys. */
+#define ACTION(what, completer, ...)                                                               \
+    {                                                                                              \
+        CW_ACTION_##what, (const schema_key[]){__VA_ARGS__, END}, completer                        \
+    }
+
 /* The actions in the order of messages. */
 static const action actions[] = {
-    {CW_ACTION_FLIP, flip_keys, NULL},
-    {CW_ACTION_FORCE, force_keys, complete_force},
-    {CW_ACTION_GLITCH, glitch_keys, NULL},
-    {CW_ACTION_STUCK, stuck_keys, complete_stuck},
-    {CW_ACTION_NOISE, noise_keys, NULL},
+    ACTION(FLIP, NULL,
+        {.name = "flip", .read = cfg_read_position, .help = "Inverts bits from this position on."},
+        BITS, AT_WIRE),
+    ACTION(FORCE, complete_force,
+        LEVEL("force", "Sets bits to this level."), FROM, BITS,
+        {.name = "for", .read = cfg_read_bits_min, MEMBER(for_ticks),
+         .help = "How long, instead of bits."}, AT_WIRE,
+        {.name = NULL, .type = "{'not': {'required': ['bits', 'for']}}"}),
+    ACTION(GLITCH, NULL,
+        {.name = "glitch", .read = read_levels,
+         .type = "{'type': ['string', 'number'], 'pattern': '^(?:(?=.*[01])[01xX]{1,64})$', "
+                 "'examples': ['10x1']}",
+         .help = "Levels in a row, up to 64, such as `10x1`: 1 recessive, 0 dominant, x as it is; "
+                 "one of x alone is refused."}, FROM, AT_WIRE),
+    ACTION(STUCK, complete_stuck,
+        LEVEL("stuck", "The line is stuck at this level, exactly as long as `for` says."),
+        {.name = "on", .read = cfg_read_line,
+         .help = "`wire`, or the line of one controller: `NODE.tx` or `NODE.rx`."},
+        LASTS_BY(.read = cfg_read_ticks),
+        {.name = "dominant-timeout", .read = cfg_read_bits_min, MEMBER(dominant_timeout),
+         .help = "TXD dominant time-out of the transceiver, which lets go of the bus after it; "
+                 "only with `dominant` on a `NODE.tx`."},
+        {.name = NULL,
+         .type = TYPE_IF(TYPE_NEEDS("dominant-timeout"),
+                         "{'required': ['on'], 'properties': {'on': {'pattern': '\\.tx$|\\$'}, "
+                         "'stuck': {'pattern': '^dominant$|\\$'}}}")}),
+    ACTION(NOISE, NULL,
+        {.name = "noise", .read = cfg_read_fraction, MEMBER(error_rate),
+         .help = "Each bit is flipped with this probability, with `at` for each of these nodes by "
+                 "itself; with `burst`, a burst begins with it."},
+        {.name = "burst", .read = cfg_read_burst,
+         .type = "{'type': ['string', 'integer'], 'pattern': "
+                 "'^(?:[1-9]|1[0-6])(?:\\.\\.(?:[1-9]|1[0-6]))?$', 'minimum': 1, 'maximum': 16}",
+         .help = "Each hit of the noise is a burst of so many bits, or of a number drawn from "
+                 "LEAST..MOST. Its first and last bits are flipped, those between with a "
+                 "probability of 1/2. Default: one bit."}, AT_WIRE, LASTS_OR_ATTEMPT),
     {CW_ACTION_PULSE, cfg_pulse_keys, NULL},
     {CW_ACTION_JITTER, cfg_jitter_keys, NULL},
-    {CW_ACTION_NO_ACK, no_ack_keys, NULL},
-    {CW_ACTION_WRONG_CRC, wrong_crc_keys, complete_wrong_crc},
-    {CW_ACTION_BUS_OFF, bus_off_keys, NULL},
-    {CW_ACTION_ERROR_FLAG, error_flag_keys, NULL},
-    {CW_ACTION_RESTART, restart_keys, NULL},
-    {CW_ACTION_COUNTERS, counters_keys, complete_counters},
-    {CW_ACTION_OVERLOAD, overload_keys, NULL},
+    ACTION(NO_ACK, NULL,
+        NODES("no-ack", "Nodes that do not acknowledge."), LASTS_OR_ATTEMPT),
+    ACTION(WRONG_CRC, complete_wrong_crc,
+        NODES("wrong-crc", "Frames of these nodes that match carry an inverted last CRC bit. "
+                           "Frames of others do not match.")),
+    ACTION(BUS_OFF, NULL,
+        NODES("bus-off", "Goes bus-off at once.")),
+    ACTION(ERROR_FLAG, NULL,
+        NODES("error-flag", "Sends an error flag at once, as if it had found an error.")),
+    ACTION(RESTART, NULL,
+        NODES("restart", "Leaves bus-off, as a restart by hand; frames of the same moment wait "
+                         "until the node is back.")),
+    ACTION(COUNTERS, complete_counters,
+        NODES("counters", "Sets its error counters, one or both."),
+        {.name = "tec", .read = schema_read_uint, MEMBER(tec), .arg = &tec_range,
+         .help = "Transmit error counter. One above 255 is bus-off; one below ends that at once, "
+                 "without the wait of R12: the node integrates. Default: as it is."},
+        {.name = "rec", .read = schema_read_uint, MEMBER(rec), .arg = &rec_range,
+         .help = "Receive error counter. Default: as it is."},
+        {.name = NULL, .type = TYPE_ANY(TYPE_NEEDS("tec") ", " TYPE_NEEDS("rec"))}),
+    ACTION(OVERLOAD, NULL,
+        NODES("overload", "Asks for overload frames, from the next intermission on."),
+        {.name = "frames", .read = schema_read_uint, MEMBER(number), .arg = &overload_range,
+         .preset = "1", .help = "How many in a row."}),
     {CW_ACTION_SET, NULL, complete_set},
-    {CW_ACTION_SOFTWARE_RESET, software_reset_keys, NULL},
-    {CW_ACTION_HARDWARE_RESET, hardware_reset_keys, NULL},
+    ACTION(SOFTWARE_RESET, NULL,
+        NODES("software-reset",
+              "The host initialises its controller anew; it is back after 128 x 11 recessive "
+              "bits.")),
+    ACTION(HARDWARE_RESET, NULL,
+        NODES("hardware-reset",
+              "The controller begins anew, and is back after 11 recessive bits.")),
     {CW_ACTION_RAW, cfg_raw_keys, cfg_complete_raw},
-    {CW_ACTION_DISCONNECT, disconnect_keys, NULL},
-    {CW_ACTION_PARTITION, partition_keys, NULL},
-    {CW_ACTION_DROP, drop_keys, complete_side},
-    {CW_ACTION_DELAY, delay_keys, complete_side},
-    {CW_ACTION_DUPLICATE, duplicate_keys, complete_side},
-    {CW_ACTION_REORDER, reorder_keys, complete_side},
-    {CW_ACTION_CHANGE, change_keys, complete_change},
-    {CW_ACTION_COUNTER, counter_keys, complete_making},
-    {CW_ACTION_CHECKSUM, checksum_keys, complete_making},
-    {CW_ACTION_SEND, send_keys, complete_send},
-    {CW_ACTION_BABBLE, babble_keys, complete_babble},
-    {CW_ACTION_LOAD, load_keys, NULL},
-    {CW_ACTION_REPLY, reply_keys, complete_reply},
+    ACTION(DISCONNECT, NULL,
+        NODES("disconnect", "Neither drives nor samples the bus; integrates when it is back. A "
+                            "bus-off node that was asked to restart goes on with its recovery, for "
+                            "to it a line without bus is recessive."), LASTS),
+    ACTION(PARTITION, NULL,
+        {.name = "partition", .read = read_groups,
+         .type = TYPE_LIST(1, 64, TYPE_SET(64, TYPE_OPEN(TYPE_REF("node")))),
+         .help = "Groups of nodes, such as `[[a, b], [c]]`, each with a wire of its own. Nodes "
+                 "that are not named make one more group. All nodes in one group are refused, as "
+                 "nothing is separated."}, LASTS),
+    ACTION(DROP, complete_side,
+        SIDE("drop",
+             "The frame is gone; counted and told as a drop with `\"why\":\"fault\"`. tx: at the "
+             "sender, before it is sent; rx: at the receivers, after it was received."), AT_HOST,
+        NOT_AT_SENDER("drop")),
+    ACTION(DELAY, complete_side,
+        {.name = "delay", .read = cfg_read_bits_min, MEMBER(for_ticks),
+         .help = "Hands frames in or out later."}, AT_HOST, OF_SIDE, NOT_AT_SENDER("side")),
+    ACTION(DUPLICATE, complete_side,
+        NUMBER("duplicate", &copies_range, "Further copies of each frame."), AT_HOST, OF_SIDE,
+        NOT_AT_SENDER("side")),
+    ACTION(REORDER, complete_side,
+        NUMBER("reorder", &overtaking_range, "Puts the frame behind so many that follow."), AT_HOST,
+        OF_SIDE, NOT_AT_SENDER("side")),
+    ACTION(CHANGE, complete_change,
+        {.name = "change", .read = read_change, MEMBER(change), .map = change_part_keys,
+         .help = "New content of the frame, with a CRC that is right for it. Data bytes are from "
+                 "the first on, up to 8, on a bus with CAN FD nodes up to 64: set, then and, or, "
+                 "xor."},
+        AT_HOST, OF_SIDE, NOT_AT_SENDER("side")),
+    ACTION(COUNTER, complete_making,
+        {.name = "counter", .read = schema_read_choice, MEMBER(number), .arg = counter_faults,
+         .help = "A fault of the counter that the traffic of a node writes. stuck: the frame has "
+                 "the value of the one before, and the counter stands still; skip: a value is left "
+                 "out; repeat: the value of the one before, and the counter goes on."}),
+    ACTION(CHECKSUM, complete_making,
+        {.name = "checksum", .read = schema_read_choice, MEMBER(number), .arg = checksum_faults,
+         .help = "All bits of the checksum that the traffic of a node writes are inverted."}),
+    ACTION(SEND, complete_send,
+        FRAME("send", "Sends this frame."), AS,
+        {.name = "every", .read = cfg_read_period, MEMBER(period_ticks),
+         .help = "Again after this time; without: once."},
+        LASTS_BY(.read = cfg_read_bits, .needs = "every")),
+    ACTION(BABBLE, complete_babble,
+        FRAME("babble", "Sends this frame again and again, as fast as it can."), AS,
+        {.name = "every", .read = cfg_read_period, MEMBER(period_ticks),
+         .help = "From one to the next, as with send; without: as soon as the last one is done."},
+        LASTS),
+    ACTION(LOAD, NULL,
+        {.name = "load", .read = read_load, MEMBER(load_permille), .type = "percent",
+         .help = "Random frames, from the seed, until the bus is loaded to this part, 0.1% to "
+                 "100%."},
+        AS, LASTS),
+    ACTION(REPLY, complete_reply,
+        FRAME("reply",
+              "Answers each matching frame that the node receives, such as a remote frame."),
+        AS,
+        {.name = "delay", .read = cfg_read_bits, MEMBER(for_ticks), .preset = "0",
+         .help = "Between the frame and the answer."}),
 };
 
 #define ACTION_COUNT (sizeof actions / sizeof actions[0])
@@ -459,15 +395,6 @@ static void complain_no_action(schema *self, yaml_node_t *map, cw_rule *rule)
     schema_map(self, "do", map, keys, rule);
     if (self->errors->errors == errors)
         schema_complain(self, map, "do: an action is missing; one of: %s", list);
-}
-
-static void read_level(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    cw_rule *rule = object;
-    unsigned level;
-
-    if (schema_choose(self, &level, key, value, levels))
-        rule->level = level;
 }
 
 static void read_levels(schema *self, const schema_key *key, yaml_node_t *value, void *object)

@@ -17,12 +17,6 @@ static const uint8_t srr = CW_DEVIATES_SRR, r1 = CW_DEVIATES_R1, r0 = CW_DEVIATE
 
 #define MEMBER(m) .offset = offsetof(cw_rule, m)
 
-static const schema_choice levels[] = {
-    {.name = "dominant", .value = CW_DOMINANT},
-    {.name = "recessive", .value = CW_RECESSIVE},
-    {.name = NULL},
-};
-
 static const schema_choice starts[] = {
     {.name = "idle", .value = true},
     {.name = "at-once", .value = false},
@@ -72,7 +66,7 @@ static void read_deviation(schema *self, const schema_key *key, yaml_node_t *val
     const bool usual = deviation == CW_DEVIATES_SRR ? CW_RECESSIVE : CW_DOMINANT;
     unsigned level;
 
-    if (schema_choose(self, &level, key, value, levels) && (level != 0) != usual)
+    if (schema_choose(self, &level, key, value, cfg_levels) && (level != 0) != usual)
         rule->deviations |= deviation;
 }
 

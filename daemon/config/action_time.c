@@ -16,27 +16,12 @@
 
 static schema_reader read_offset, read_place, read_ppm_range, read_jitter;
 
-static const schema_choice levels[] = {
-    {.name = "dominant", .value = CW_DOMINANT},
-    {.name = "recessive", .value = CW_RECESSIVE},
-    {.name = NULL},
-};
-
-static void read_level(schema *self, const schema_key *key, yaml_node_t *value, void *object)
-{
-    cw_rule *rule = object;
-    unsigned level;
-
-    if (schema_choose(self, &level, key, value, levels))
-        rule->level = level;
-}
-
 #define PULSE_OFFSET_BITS 16 /* as the library takes them */
 
 #define MEMBER(m) .offset = offsetof(cw_rule, m)
 
 const schema_key cfg_pulse_keys[] = {
-    {.name = "pulse", .read = read_level, .type = TYPE_CHOICE, .arg = levels,
+    {.name = "pulse", .read = cfg_read_level, .type = TYPE_CHOICE, .arg = cfg_levels,
      .help = "A pulse of this level, so long after the begin of the bit."},
     {.name = "from", .read = cfg_read_position,
      .help = "The bit of the frame in which it comes. Without: the next bit time of the bus; "

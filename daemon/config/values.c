@@ -154,6 +154,21 @@ void cfg_read_fine_min(schema *self, const schema_key *key, yaml_node_t *value, 
         schema_complain(self, value, "%s: the time must be more than 0", key->name);
 }
 
+const schema_choice cfg_levels[] = {
+    {.name = "dominant", .value = CW_DOMINANT},
+    {.name = "recessive", .value = CW_RECESSIVE},
+    {.name = NULL},
+};
+
+void cfg_read_level(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cw_rule *rule = object;
+    unsigned level;
+
+    if (schema_choose(self, &level, key, value, cfg_levels))
+        rule->level = level;
+}
+
 void cfg_read_fraction(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const char *text = schema_text(self, key, value, "a decimal fraction from 0 to 1");

@@ -22,6 +22,7 @@ schema_reader cfg_read_period;    /* ... of what comes again: warns only below o
 schema_reader cfg_read_fine;      /* member: cw_span, of a time */
 schema_reader cfg_read_fine_min;  /* the same, not 0 */
 schema_reader cfg_read_fraction;  /* member: uint64_t, of 2^64 */
+schema_reader cfg_read_level;     /* object: a cw_rule; arg: cfg_levels */
 schema_reader cfg_read_burst;     /* object: a cw_rule; N, or LEAST..MOST */
 schema_reader cfg_read_frame;     /* member: cw_frame */
 schema_reader cfg_read_filters;   /* frames; object: a cw_rule, or what begins with one */
@@ -31,6 +32,8 @@ schema_reader cfg_read_window;    /* the same; exact */
 schema_reader cfg_read_position;  /* object: a cw_rule */
 schema_reader cfg_read_line;      /* the same; wire, NODE.tx or NODE.rx */
 schema_reader cfg_read_node_set;  /* member: uint64_t; a node or a list of them */
+
+extern const schema_choice cfg_levels[]; /* dominant and recessive */
 
 /* Reads a name of letters, digits, '_', '.' and '-'. It complains about other names, but returns
  * them, so that references to them still work. Returns NULL without a text. */
