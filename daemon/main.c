@@ -2,13 +2,14 @@
  *
  * main.c - canwired: one bus, or the buses of a rig, in the foreground.
  */
+#include "base/log.h"
+#include "base/options.h"
+#include "base/standardfds.h"
 #include "base/text/chars.h"
 #include "base/text/counted.h"
 #include "base/text/jsonput.h"
-#include "base/log.h"
-#include "base/text/plain.h"
-#include "base/standardfds.h"
 #include "base/text/memo.h"
+#include "base/text/plain.h"
 #include "base/unit.h"
 #include "base/version.h"
 #include "config/files.h"
@@ -66,7 +67,6 @@ static const char usage[] =
     "usage: canwired -c FILE [--background] [--journal F [--journal-files N]] [--verbose]\n";
 
 static const char help[] =
-    "\n"
     "Runs the CAN bus that FILE describes, in the foreground, until SIGTERM or SIGINT. FILE may be "
     "a\n"
     "rig of several buses. SIGHUP reads FILE again, or the files of all buses.\n"
@@ -384,21 +384,15 @@ static void daemon_end(process *p)
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
-static int refuse_usage(void)
-{
-    fputs(usage, stderr);
-    return 2;
-}
-
-static bool read_journal_files(options *o, const char *text)
+static bool read_journal_files(void *out, const char *option, const char *text)
 {
     uint64_t number;
     if (!text_parse_uint(&number, text) && number >= JOURNAL_FILES_MIN &&
         number <= JOURNAL_FILES_MAX) {
-        o->journal_files = (unsigned)number;
+        *(unsigned *)out = (unsigned)number;
         return true;
     }
-    plain_print(stderr, "canwired: --journal-files %s: expected a number from %u to %u\n", text,
+    plain_print(stderr, "canwired: %s %s: expected a number from %u to %u\n", option, text,
                 JOURNAL_FILES_MIN, JOURNAL_FILES_MAX);
     return false;
 }
@@ -406,48 +400,28 @@ static bool read_journal_files(options *o, const char *text)
 /* Reads the options. Returns -1 to go on, otherwise the exit status. */
 static int daemon_parse_options(options *o, int argc, char **argv)
 {
-    static const struct option known[] = {{"config", required_argument, NULL, 'c'},
-                                          {"background", no_argument, NULL, 'b'},
-                                          {"journal", required_argument, NULL, 'j'},
-                                          {"journal-files", required_argument, NULL, 'k'},
-                                          {"verbose", no_argument, NULL, 'V'},
-                                          {"help", no_argument, NULL, 'h'},
-                                          {"version", no_argument, NULL, 'v'},
-                                          {NULL, 0, NULL, 0}};
-    int c;
-    bool files = false;
+    bool version = false, verbose = false, files = false;
+    const option_row rows[] = {
+        {"config", .text = &o->config, .letter = 'c'},
+        {"background", .flag = &o->background},
+        {"journal", .text = &o->journal},
+        {"journal-files", .read = read_journal_files, .out = &o->journal_files, .flag = &files},
+        {"verbose", .flag = &verbose},
+        {"version", .flag = &version},
+        {.name = NULL},
+    };
+    const option_table table = {.usage = usage, .help = help, .rows = rows};
     *o = (options){.journal_files = JOURNAL_FILES_DEFAULT};
-    while ((c = getopt_long(argc, argv, "c:h", known, NULL)) != -1) {
-        switch (c) {
-        case 'c':
-            o->config = optarg;
-            break;
-        case 'b':
-            o->background = true;
-            break;
-        case 'j':
-            o->journal = optarg;
-            break;
-        case 'k':
-            files = true;
-            if (!read_journal_files(o, optarg))
-                return 2;
-            break;
-        case 'V':
-            log_set_verbose();
-            break;
-        case 'h':
-            fputs(usage, stdout);
-            fputs(help, stdout);
-            return 0;
-        case 'v':
-            puts("canwired " CANWIRE_VERSION);
-            return 0;
-        default:
-            return refuse_usage();
-        }
+    const int status = options_read(&table, argc, argv);
+    if (status >= 0)
+        return status == OPTIONS_BAD_VALUE ? OPTIONS_WRONG_USAGE : status;
+    if (version) {
+        puts("canwired " CANWIRE_VERSION);
+        return 0;
     }
-    return !o->config || optind != argc || (files && !o->journal) ? refuse_usage() : -1;
+    if (verbose)
+        log_set_verbose();
+    return !o->config || optind != argc || (files && !o->journal) ? options_refuse(&table) : -1;
 }
 
 /* ---- Configuration --------------------------------------------------------------------------- */

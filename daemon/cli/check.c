@@ -2,8 +2,8 @@
  *
  * check.c - canwire check: validates a configuration or a fault profile, or lists its ports.
  */
+#include "base/options.h"
 #include "base/text/counted.h"
-
 #include "base/text/plain.h"
 #include "cli/cli.h"
 #include "config/doubts.h"
@@ -32,13 +32,6 @@ static const char usage[] =
     "\n"
     "  --ports     only print the interfaces that the nodes use, one a line\n"
     "  --journal   FILE is a journal of canwired: whether it is whole, and where it is not\n";
-
-static const struct option options[] = {
-    {"help", no_argument, NULL, 'h'},
-    {"ports", no_argument, NULL, 'p'},
-    {"journal", no_argument, NULL, 'j'},
-    {NULL, 0, NULL, 0},
-};
 
 static int check_named(const char *file, bool ports);
 static int check_file(const char *file, bool ports);
@@ -181,25 +174,15 @@ int cli_check(int argc, char **argv)
 {
     bool ports = false;
     bool journal = false;
-    int option;
+    const option_row rows[] = {
+        {"ports", .flag = &ports}, {"journal", .flag = &journal}, {.name = NULL}};
+    const option_table table = {.usage = usage, .help = "", .rows = rows};
+    const int status = options_read(&table, argc, argv);
 
-    optind = 0; /* starts anew after earlier calls of getopt */
-    while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
-        if (option == 'h') {
-            fputs(usage, stdout);
-            return CLI_OK;
-        }
-        if (option == '?') {
-            fputs(usage, stderr);
-            return CLI_USAGE;
-        }
-        ports = ports || option == 'p';
-        journal = journal || option == 'j';
-    }
-    if (optind != argc - 1 || (ports && journal)) {
-        fputs(usage, stderr);
-        return CLI_USAGE;
-    }
+    if (status >= 0)
+        return status;
+    if (optind != argc - 1 || (ports && journal))
+        return options_refuse(&table);
     if (journal)
         return journal_check(argv[optind], stdout, stderr) ? CLI_OK : CLI_BAD_INPUT;
     return check_named(argv[optind], ports);

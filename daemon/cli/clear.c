@@ -36,7 +36,7 @@ int cli_clear(int argc, char **argv)
                        .help = clear_help,
                        .words_min = 1,
                        .words_max = 2,
-                       .options = {{.name = "injected", .flag = &injected}}};
+                       .options = {{"injected", .flag = &injected}}};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;

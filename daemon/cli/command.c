@@ -14,61 +14,30 @@
 #include <sys/stat.h>
 
 #define WAIT_DEFAULT_NS UINT64_C(2000000000)
-#define OPTION_BASE 256 /* first value of our options for getopt, beyond all letters */
+#define USAGE_BYTES 400
 
-static void command_print_help(const command *c)
+static void command_print_help(FILE *out)
 {
-    printf("usage: %s\n\n%s"
-           "      --wait T     for a bus that is just starting; default 2s\n"
-           "  -h, --help       this text\n"
-           "\n"
-           "BUS is the name of a bus, whose socket is /run/canwire/BUS.sock, or the path of its\n"
-           "socket. Exit status: 0, 1 refused or not reachable, or a value or a file is bad,\n"
-           "2 wrong usage.\n",
-           c->usage, c->help);
+    fputs("      --wait T     for a bus that is just starting; default 2s\n"
+          "  -h, --help       this text\n"
+          "\n"
+          "BUS is the name of a bus, whose socket is /run/canwire/BUS.sock, or the path of its\n"
+          "socket. Exit status: 0, 1 refused or not reachable, or a value or a file is bad,\n"
+          "2 wrong usage.\n",
+          out);
 }
 
-static int command_refuse(const command *c)
+/* Takes the time that a command waits for a bus; `out` is its name. */
+static bool take_wait(void *out, const char *option, const char *text)
 {
-    plain_print(stderr, "usage: %s\n", c->usage);
-    return CLI_USAGE;
-}
-
-static void fill_in(struct option known[COMMAND_FLAGS_MAX + 3], const command *c)
-{
-    int i;
-    for (i = 0; c->options[i].name; i++)
-        known[i] = (struct option){c->options[i].name,
-                                   c->options[i].text ? required_argument : no_argument, NULL,
-                                   OPTION_BASE + i};
-    known[i++] = (struct option){"wait", required_argument, NULL, 'w'};
-    known[i++] = (struct option){"help", no_argument, NULL, 'h'};
-    known[i] = (struct option){NULL, 0, NULL, 0};
-}
-
-static bool take_wait(const command *c, const char *text)
-{
-    const char *name = c->usage + strlen("canwire ");
     cfg_time time = {.ns = 0};
     const char *wrong = text_parse_time(&time, text);
     if (!wrong && time.bits > 0)
         wrong = "expected a time such as 10s, not bits";
     if (wrong)
-        plain_print(stderr, "canwire %.*s: --wait %s: %s\n", (int)strcspn(name, " "), name, text,
-                    wrong);
+        plain_print(stderr, "%s: %s %s: %s\n", (const char *)out, option, text, wrong);
     client_set_wait(time.ns);
     return !wrong;
-}
-
-static bool command_take_option(const command *c, int value)
-{
-    if (value == 'w')
-        return take_wait(c, optarg);
-    const command_option *option = &c->options[value - OPTION_BASE];
-    if (option->text)
-        return option->text(c->user, optarg);
-    *option->flag = true;
-    return true;
 }
 
 /* Returns true for a word that can be no bus: a file, or YAML. */
@@ -90,28 +59,27 @@ static bool is_swapped(const char *first, const char *second)
 
 int command_parse(const command *c, int *first, int argc, char **argv)
 {
-    struct option known[COMMAND_FLAGS_MAX + 3];
-    int value;
-    fill_in(known, c);
+    option_row rows[COMMAND_FLAGS_MAX + 2];
+    char usage[USAGE_BYTES];
+    size_t count = 0;
+    for (; c->options[count].name; count++)
+        rows[count] = c->options[count];
+    rows[count++] = (option_row){"wait", .read = take_wait, .out = argv[0]};
+    rows[count] = (option_row){.name = NULL};
+    (void)snprintf(usage, sizeof usage, "usage: %s\n", c->usage);
+    const option_table table = {.usage = usage, .help = c->help, .more = command_print_help,
+                                .options_first = c->options_first, .rows = rows};
     client_set_wait(WAIT_DEFAULT_NS);
-    optind = 0; /* starts anew after earlier calls of getopt */
-    while ((value = getopt_long(argc, argv, c->options_first ? "+h" : "h", known, NULL)) != -1) {
-        if (value == 'h') {
-            command_print_help(c);
-            return CLI_OK;
-        }
-        if (value == '?')
-            return command_refuse(c);
-        if (!command_take_option(c, value))
-            return CLI_BAD_INPUT;
-    }
+    const int status = options_read(&table, argc, argv);
+    if (status >= 0)
+        return status;
     int words = argc - optind;
     if (words < c->words_min || (c->words_max >= 0 && words > c->words_max))
-        return command_refuse(c);
+        return options_refuse(&table);
     if (words > 1 && !c->is_program && is_swapped(argv[optind], argv[optind + 1])) {
         plain_print(stderr, "%s: the bus comes first, and that is %s\n", argv[0],
                     argv[optind + 1]);
-        return command_refuse(c);
+        return options_refuse(&table);
     }
     *first = optind;
     return -1;

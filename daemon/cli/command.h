@@ -5,18 +5,12 @@
 #ifndef CANWIRE_CLI_COMMAND_H
 #define CANWIRE_CLI_COMMAND_H
 
+#include "base/options.h"
 #include "cli/cli.h"
 
 #include <stdbool.h>
 
 #define COMMAND_FLAGS_MAX 7
-
-/* An option: a flag, or with `text` one that takes an argument and may be repeated. */
-typedef struct command_option {
-    const char *name;
-    bool *flag;
-    bool (*text)(void *user, const char *argument); /* false: a bad value, after a message */
-} command_option;
 
 typedef struct command {
     const char *usage;  /* "canwire NAME ARGUMENTS" */
@@ -25,8 +19,7 @@ typedef struct command {
     int words_max;      /* -1: any number */
     bool options_first; /* the options end at the first word, whatever follows */
     bool is_program;    /* the words are a program and its arguments, and no bus */
-    command_option options[COMMAND_FLAGS_MAX + 1];
-    void *user; /* for the options */
+    option_row options[COMMAND_FLAGS_MAX + 1];
 } command;
 
 /* Reads a command line. Returns -1 to go on with argv[*first] to argv[argc - 1], otherwise the exit

@@ -5,6 +5,7 @@
  * Wireshark calls the programs in its extcap folder with options that are named --extcap-..., and
  * reads lines such as "interface {value=NAME}{display=TEXT}". For a capture it makes a fifo.
  */
+#include "base/options.h"
 #include "base/text/plain.h"
 #include "base/version.h"
 #include "cli/buses.h"
@@ -22,7 +23,7 @@
 #define PREFIX "canwire-" /* of an interface; the name of a bus follows */
 #define LINKTYPE 227      /* LINKTYPE_CAN_SOCKETCAN */
 
-static const char usage[] = "canwire extcap OPTION...";
+static const char usage[] = "usage: canwire extcap OPTION...\n";
 
 static const char help[] =
     "Wireshark calls this to list the buses in /run/canwire by itself, as interfaces canwire-BUS,\n"
@@ -115,59 +116,14 @@ static int capture(const request *r)
 
 /* ---- Command line ---------------------------------------------------------------------------- */
 
-enum {
-    INTERFACES = 256,
-    DLTS,
-    CONFIG,
-    CAPTURE,
-    FRAMES_ONLY,
-    INTERFACE,
-    FIFO,
-    FILTER,
-    IGNORED,
-};
-
-static const struct option options[] = {
-    {"extcap-interfaces", no_argument, NULL, INTERFACES},
-    {"extcap-dlts", no_argument, NULL, DLTS},
-    {"extcap-config", no_argument, NULL, CONFIG},
-    {"capture", no_argument, NULL, CAPTURE},
-    {"frames-only", no_argument, NULL, FRAMES_ONLY},
-    {"extcap-interface", required_argument, NULL, INTERFACE},
-    {"fifo", required_argument, NULL, FIFO},
-    {"extcap-capture-filter", required_argument, NULL, FILTER},
-    {"extcap-version", required_argument, NULL, IGNORED},
-    {"help", no_argument, NULL, 'h'},
-    {NULL, 0, NULL, 0},
-};
-
-static int wrong_usage(void)
-{
-    plain_print(stderr, "usage: %s\n", usage);
-    return CLI_USAGE;
-}
-
-static void extcap_take_option(request *r, int option)
-{
-    switch (option) {
-    case INTERFACES: r->interfaces = true; break;
-    case DLTS: r->dlts = true; break;
-    case CONFIG: r->config = true; break;
-    case CAPTURE: r->capture = true; break;
-    case FRAMES_ONLY: r->frames_only = true; break;
-    case INTERFACE: r->interface = optarg; break;
-    case FIFO: r->fifo = optarg; break;
-    case FILTER: r->filter = optarg; break;
-    default: break;
-    }
-}
+#define EXTCAP_UNCLEAR (-1) /* the options do not say what to do */
 
 static int extcap_answer(const request *r)
 {
     if (r->interfaces)
         return show_interfaces();
     if (!r->interface)
-        return wrong_usage();
+        return EXTCAP_UNCLEAR;
     if (strncmp(r->interface, PREFIX, strlen(PREFIX)) != 0 || !r->interface[strlen(PREFIX)])
         return extcap_refuse(r->interface, "no such interface: they are named " PREFIX "BUS");
     if (r->dlts)
@@ -176,22 +132,28 @@ static int extcap_answer(const request *r)
         return show_config();
     if (r->capture && r->fifo)
         return capture(r);
-    return r->filter && !r->capture ? check_filter(r->filter) : wrong_usage();
+    return r->filter && !r->capture ? check_filter(r->filter) : EXTCAP_UNCLEAR;
 }
 
 int cli_extcap(int argc, char **argv)
 {
     request r = {.interfaces = false};
-    int option;
-    optind = 0;
-    while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
-        if (option == 'h') {
-            printf("usage: %s\n\n%s", usage, help);
-            return CLI_OK;
-        }
-        if (option == '?')
-            return wrong_usage();
-        extcap_take_option(&r, option);
-    }
-    return optind == argc ? extcap_answer(&r) : wrong_usage();
+    const char *ignored;
+    const option_row rows[] = {
+        {"extcap-interfaces", .flag = &r.interfaces},
+        {"extcap-dlts", .flag = &r.dlts},
+        {"extcap-config", .flag = &r.config},
+        {"capture", .flag = &r.capture},
+        {"frames-only", .flag = &r.frames_only},
+        {"extcap-interface", .text = &r.interface},
+        {"fifo", .text = &r.fifo},
+        {"extcap-capture-filter", .text = &r.filter},
+        {"extcap-version", .text = &ignored},
+        {.name = NULL},
+    };
+    const option_table table = {.usage = usage, .help = help, .rows = rows};
+    int status = options_read(&table, argc, argv);
+    if (status < 0)
+        status = optind == argc ? extcap_answer(&r) : EXTCAP_UNCLEAR;
+    return status == EXTCAP_UNCLEAR ? options_refuse(&table) : status;
 }

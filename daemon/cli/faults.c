@@ -22,7 +22,7 @@ int cli_faults(int argc, char **argv)
                        .help = help,
                        .words_min = 1,
                        .words_max = 1,
-                       .options = {{.name = "json", .flag = &json}}};
+                       .options = {{"json", .flag = &json}}};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;

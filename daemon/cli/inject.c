@@ -56,12 +56,12 @@ static bool is_whole(const buffer *text)
 }
 
 /* Turns KEY=VALUE into a line of the map `with`. */
-static bool add_parameter(void *user, const char *argument)
+static bool add_parameter(void *out, const char *option, const char *argument)
 {
-    injection *in = user;
+    injection *in = out;
     const char *equals = strchr(argument, '=');
     if (!equals || equals == argument) {
-        plain_print(stderr, "canwire inject: --with %s: expected KEY=VALUE\n", argument);
+        plain_print(stderr, "canwire inject: %s %s: expected KEY=VALUE\n", option, argument);
         return false;
     }
     if (buffer_length(&in->with) == 0)
@@ -207,9 +207,8 @@ int cli_inject(int argc, char **argv)
                        .words_min = 2,
                        .words_max = 2,
                        .options_first = true,
-                       .options = {{.name = "with", .text = add_parameter},
-                                   {.name = "keep", .flag = &in.keep}},
-                       .user = &in};
+                       .options = {{"with", .read = add_parameter, .out = &in},
+                                   {"keep", .flag = &in.keep}}};
     int status = command_parse(&c, &first, argc, argv);
     if (status < 0)
         status = inject_read_text(&in, argv[first], argv[first + 1]) ? send_text(argv[first], &in)

@@ -29,35 +29,32 @@ typedef struct recording {
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
-static bool take_format(void *user, const char *text)
+static bool take_format(void *out, const char *option, const char *text)
 {
-    recording *r = user;
+    recording *r = out;
     r->has_format = cfg_record_format_of_name(&r->order.what.format, text);
     if (!r->has_format)
-        plain_print(stderr, "canwire record: --format %s: expected candump or pcapng\n", text);
+        plain_print(stderr, "canwire record: %s %s: expected candump or pcapng\n", option,
+                    text);
     return r->has_format;
 }
 
-static bool take_size(void *user, const char *text)
+static bool take_size(void *out, const char *option, const char *text)
 {
-    recording *r = user;
-    r->has_limits = true;
-    const char *wrong = cfg_record_parse_size(&r->order.what.size, text);
+    const char *wrong = cfg_record_parse_size(out, text);
     if (wrong)
-        plain_print(stderr, "canwire record: --size %s: %s\n", text, wrong);
+        plain_print(stderr, "canwire record: %s %s: %s\n", option, text, wrong);
     return !wrong;
 }
 
-static bool take_files(void *user, const char *text)
+static bool take_files(void *out, const char *option, const char *text)
 {
-    recording *r = user;
     uint64_t number = 0;
-    r->has_limits = true;
     bool good = !text_parse_uint(&number, text) && number >= 1 && number <= SPOOL_FILES_MAX;
     if (!good)
-        plain_print(stderr, "canwire record: --files %s: expected a number from 1 to %u\n", text,
+        plain_print(stderr, "canwire record: %s %s: expected a number from 1 to %u\n", option, text,
                     SPOOL_FILES_MAX);
-    r->order.what.files = (uint32_t)number;
+    *(uint32_t *)out = (uint32_t)number;
     return good;
 }
 
@@ -109,10 +106,11 @@ int cli_record(int argc, char **argv)
                        .help = help,
                        .words_min = 2,
                        .words_max = 2,
-                       .options = {{.name = "format", .text = take_format},
-                                   {.name = "size", .text = take_size},
-                                   {.name = "files", .text = take_files}},
-                       .user = &r};
+                       .options = {{"format", .read = take_format, .out = &r},
+                                   {"size", .read = take_size, .out = &r.order.what.size,
+                                    .flag = &r.has_limits},
+                                   {"files", .read = take_files, .out = &r.order.what.files,
+                                    .flag = &r.has_limits}}};
     cfg_record_default(&r.order.what);
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)

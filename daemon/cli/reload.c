@@ -46,23 +46,16 @@ typedef struct target {
     pid_t pid; /* 0: any */
 } target;
 
-static bool take_config(void *user, const char *text)
+static bool take_pid(void *out, const char *option, const char *text)
 {
-    target *t = user;
-    t->file = text;
-    return true;
-}
-
-static bool take_pid(void *user, const char *text)
-{
-    target *t = user;
     const char *end = text;
     uint64_t pid = 0;
     if (!text_take_digits(&pid, &end, INT_MAX) || *end || pid == 0) {
-        plain_print(stderr, "canwire reload: --pid %s: expected the number of a process\n", text);
+        plain_print(stderr, "canwire reload: %s %s: expected the number of a process\n", option,
+                    text);
         return false;
     }
-    t->pid = (pid_t)pid;
+    *(pid_t *)out = (pid_t)pid;
     return true;
 }
 
@@ -319,9 +312,8 @@ int cli_reload(int argc, char **argv)
     const command c = {.usage = usage,
                        .help = help,
                        .words_max = 1,
-                       .options = {{.name = "config", .text = take_config},
-                                   {.name = "pid", .text = take_pid}},
-                       .user = &t};
+                       .options = {{"config", .text = &t.file},
+                                   {"pid", .read = take_pid, .out = &t.pid}}};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;

@@ -172,18 +172,11 @@ static void run_warn_of(const char *program)
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
-static bool take_bus(void *user, const char *text)
+static bool take_node(void *out, const char *option, const char *text)
 {
-    run_request *r = user;
-    r->bus = text;
-    return true;
-}
-
-static bool take_node(void *user, const char *text)
-{
-    run_request *r = user;
+    run_request *r = out;
     if (!r->bus)
-        plain_print(stderr, "canwire run: --as %s: --bus must stand before it\n", text);
+        plain_print(stderr, "canwire run: %s %s: --bus must stand before it\n", option, text);
     else if (r->count == RUN_NODES_MAX)
         plain_print(stderr, "canwire run: at most %d nodes\n", RUN_NODES_MAX);
     else
@@ -191,11 +184,11 @@ static bool take_node(void *user, const char *text)
     return r->bus && r->count++ < RUN_NODES_MAX;
 }
 
-static bool take_interface(void *user, const char *text)
+static bool take_interface(void *out, const char *option, const char *text)
 {
-    run_request *r = user;
+    run_request *r = out;
     if (r->count == 0)
-        plain_print(stderr, "canwire run: --interface %s: --as must stand before it\n", text);
+        plain_print(stderr, "canwire run: %s %s: --as must stand before it\n", option, text);
     else
         r->nodes[r->count - 1].interface = text;
     return r->count > 0;
@@ -354,11 +347,10 @@ int cli_run(int argc, char **argv)
                        .words_max = -1,
                        .options_first = true,
                        .is_program = true,
-                       .options = {{.name = "bus", .text = take_bus},
-                                   {.name = "as", .text = take_node},
-                                   {.name = "interface", .text = take_interface},
-                                   {.name = "virtual", .flag = &r.virtual_time}},
-                       .user = &r};
+                       .options = {{"bus", .text = &r.bus},
+                                   {"as", .read = take_node, .out = &r},
+                                   {"interface", .read = take_interface, .out = &r},
+                                   {"virtual", .flag = &r.virtual_time}}};
     const int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;

@@ -5,10 +5,10 @@
  * An alias, "canwire FILE", marks its interfaces. So it removes these and no others, even if the
  * file has changed. The alias also contains the peer: a different peer needs another pair.
  */
-#include "cli/cli.h"
-
+#include "base/options.h"
 #include "base/text/plain.h"
 #include "base/unit.h"
+#include "cli/cli.h"
 #include "config/config.h"
 #include "config/node/fdnodes.h"
 #include "config/node/portname.h"
@@ -33,7 +33,6 @@
 static const char usage[] = "usage: canwire vcan up|down FILE\n";
 
 static const char help[] =
-    "\n"
     "Makes or removes the network interfaces that the configuration FILE names.\n"
     "\n"
     "  up     makes those that are missing and sets all up: vcan, or for a node with a\n"
@@ -63,11 +62,6 @@ static const char help[] =
     "\n"
     "Exit status: 0, 1 bad input or refused, 2 wrong usage.\n";
 
-static const struct option options[] = {
-    {"help", no_argument, NULL, 'h'},
-    {NULL, 0, NULL, 0},
-};
-
 /* The step that the port of a node needs. */
 typedef enum step {
     STEP_NONE = 0,
@@ -91,23 +85,16 @@ static int vcan_run(const char *verb, const char *file);
 
 int cli_vcan(int argc, char **argv)
 {
-    int option;
+    const option_row none = {.name = NULL};
+    const option_table table = {.usage = usage, .help = help, .rows = &none};
+    const int status = options_read(&table, argc, argv);
 
-    optind = 0; /* starts anew after earlier calls of getopt */
-    while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
-        if (option == 'h') {
-            fputs(usage, stdout);
-            fputs(help, stdout);
-            return CLI_OK;
-        }
-        fputs(usage, stderr);
-        return CLI_USAGE;
-    }
+    if (status >= 0)
+        return status;
     const char *verb = argc - optind == 2 ? argv[optind] : "";
     if (strcmp(verb, "up") == 0 || strcmp(verb, "down") == 0)
         return vcan_run(verb, argv[optind + 1]);
-    fputs(usage, stderr);
-    return CLI_USAGE;
+    return options_refuse(&table);
 }
 
 /* Complains with a message and the reason from the kernel or the system. */

@@ -121,8 +121,8 @@ int cli_watch(int argc, char **argv)
                        .help = help,
                        .words_min = 1,
                        .words_max = -1,
-                       .options = {{.name = "json", .flag = &json},
-                                   {.name = "text", .flag = &text}}};
+                       .options = {{"json", .flag = &json},
+                                   {"text", .flag = &text}}};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;

@@ -3,9 +3,10 @@
  * main.c - canwire-usb: the USB CAN adapters of the nodes with `port: { usb: … }`.
  */
 #include "base/log.h"
+#include "base/options.h"
+#include "base/standardfds.h"
 #include "base/text/memo.h"
 #include "base/text/plain.h"
-#include "base/standardfds.h"
 #include "base/unit.h"
 #include "base/version.h"
 #include "config/config.h"
@@ -23,7 +24,6 @@
 #include <systemd/sd-daemon.h>
 #include <time.h>
 
-#define EXIT_USAGE 2
 #define NS_PER_MS 1000000L
 #define STATUS_BYTES 900
 #define LOOK_MS 100 /* between two looks for a module that is not there yet */
@@ -33,7 +33,6 @@
 static const char usage[] = "usage: canwire-usb [--user USER] FILE\n";
 
 static const char help[] =
-    "\n"
     "Makes a real CAN interface for each node of the configuration FILE, or of the rig FILE, that "
     "has\n"
     "\"port: { usb: INTERFACE }\". It runs in the foreground, beside canwired, until SIGTERM or\n"
@@ -70,12 +69,6 @@ static void usb_on_signal(int number)
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
-static int fail_usage(void)
-{
-    fputs(usage, stderr);
-    return EXIT_USAGE;
-}
-
 static const char *default_user(void)
 {
     return getpwnam("canwire") ? "canwire" : "nobody";
@@ -84,32 +77,20 @@ static const char *default_user(void)
 /* Reads the command line. Returns -1 to go on, or the exit status. */
 static int read_options(settings *out, int argc, char **argv)
 {
-    static const struct option options[] = {
-        {"user", required_argument, NULL, 'u'},
-        {"help", no_argument, NULL, 'h'},
-        {"version", no_argument, NULL, 'v'},
-        {NULL, 0, NULL, 0},
-    };
-    int option;
+    bool version = false;
+    const option_row rows[] = {
+        {"user", .text = &out->user}, {"version", .flag = &version}, {.name = NULL}};
+    const option_table table = {.usage = usage, .help = help, .rows = rows};
     plain_options(argc, argv);
-    while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
-        switch (option) {
-        case 'u':
-            out->user = optarg;
-            break;
-        case 'h':
-            fputs(usage, stdout);
-            fputs(help, stdout);
-            return EXIT_SUCCESS;
-        case 'v':
-            puts("canwire-usb " CANWIRE_VERSION);
-            return EXIT_SUCCESS;
-        default:
-            return fail_usage();
-        }
+    const int status = options_read(&table, argc, argv);
+    if (status >= 0)
+        return status;
+    if (version) {
+        puts("canwire-usb " CANWIRE_VERSION);
+        return EXIT_SUCCESS;
     }
     if (argc - optind != 1)
-        return fail_usage();
+        return options_refuse(&table);
     out->file = argv[optind];
     return -1;
 }

@@ -2,12 +2,12 @@
  *
  * analyse.c - canwire analyse: what a bus can promise, and what a simulation of it shows.
  */
-#include "cli/cli.h"
-
+#include "base/options.h"
 #include "base/text/jsonput.h"
 #include "base/text/plain.h"
 #include "cli/analyse/failure.h"
 #include "cli/analyse/report.h"
+#include "cli/cli.h"
 #include "config/files.h"
 #include "config/rig.h"
 #include "run/bus_make.h"
@@ -66,13 +66,6 @@ static const char usage[] =
     "Exit status: 0, 1 FILE or a value is bad, 2 wrong usage, 3 a message may come later than its\n"
     "period ends, or came later than its response time, or not at all.\n";
 
-static const struct option options[] = {
-    {"help", no_argument, NULL, 'h'},       {"simulate", required_argument, NULL, 's'},
-    {"error-every", required_argument, NULL, 'e'}, {"json", no_argument, NULL, 'j'},
-    {"error-rate", required_argument, NULL, 'r'},
-    {NULL, 0, NULL, 0},
-};
-
 typedef struct wishes {
     const char *file;
     cfg_time simulate;    /* 0: no simulation */
@@ -82,10 +75,11 @@ typedef struct wishes {
     bool json;
 } wishes;
 
-static bool take_time(cfg_time *out, const char *option, const char *text)
+static bool analyse_take_time(void *out, const char *option, const char *text)
 {
-    const char *wrong = text_parse_time(out, text);
-    if (!wrong && out->ns == 0 && out->bits == 0)
+    cfg_time *time = out;
+    const char *wrong = text_parse_time(time, text);
+    if (!wrong && time->ns == 0 && time->bits == 0)
         wrong = "the time must be more than 0";
     if (wrong)
         plain_print(stderr, "canwire analyse: %s %s: %s\n", option, text, wrong);
@@ -93,8 +87,9 @@ static bool take_time(cfg_time *out, const char *option, const char *text)
 }
 
 /* Reads a part of the bits, or a number a second. */
-static bool take_rate(wishes *w, const char *text)
+static bool take_rate(void *out, const char *option, const char *text)
 {
+    wishes *w = out;
     uint64_t fraction = 0;
     const size_t length = strlen(text);
     const bool per_second = length > 2 && strcmp(text + length - 2, "/s") == 0;
@@ -106,9 +101,9 @@ static bool take_rate(wishes *w, const char *text)
         w->per_bit = ldexp((double)fraction, -64);
     const bool good = w->per_bit > 0 ? w->per_bit < 1 : w->per_second > 0;
     if (!good)
-        plain_print(stderr, "canwire analyse: --error-rate %s: expected a part of all bits, more "
-                            "than 0 and less than 1, such as 1e-5, or a number a second, such as "
-                            "10/s\n", text);
+        plain_print(stderr, "canwire analyse: %s %s: expected a part of all bits, more than 0 and "
+                            "less than 1, such as 1e-5, or a number a second, such as 10/s\n",
+                    option, text);
     return good;
 }
 
@@ -255,29 +250,19 @@ static int analyse_file(const wishes *w)
 int cli_analyse(int argc, char **argv)
 {
     wishes w = {.json = false};
-    int option;
-    optind = 0; /* starts anew after earlier calls of getopt */
-    while ((option = getopt_long(argc, argv, "h", options, NULL)) != -1) {
-        if (option == 'h') {
-            fputs(usage, stdout);
-            return CLI_OK;
-        }
-        if (option == '?') {
-            fputs(usage, stderr);
-            return CLI_USAGE;
-        }
-        if (option == 's' && !take_time(&w.simulate, "--simulate", optarg))
-            return CLI_BAD_INPUT;
-        if (option == 'e' && !take_time(&w.error_every, "--error-every", optarg))
-            return CLI_BAD_INPUT;
-        if (option == 'r' && !take_rate(&w, optarg))
-            return CLI_BAD_INPUT;
-        w.json = w.json || option == 'j';
-    }
-    if (optind != argc - 1) {
-        fputs(usage, stderr);
-        return CLI_USAGE;
-    }
+    const option_row rows[] = {
+        {"simulate", .read = analyse_take_time, .out = &w.simulate},
+        {"error-every", .read = analyse_take_time, .out = &w.error_every},
+        {"error-rate", .read = take_rate, .out = &w},
+        {"json", .flag = &w.json},
+        {.name = NULL},
+    };
+    const option_table table = {.usage = usage, .help = "", .rows = rows};
+    const int status = options_read(&table, argc, argv);
+    if (status >= 0)
+        return status;
+    if (optind != argc - 1)
+        return options_refuse(&table);
     w.file = argv[optind];
     return analyse_file(&w);
 }

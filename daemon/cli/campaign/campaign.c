@@ -2,11 +2,11 @@
  *
  * campaign.c - `canwire campaign`: the command line.
  */
-#include "cli/cli.h"
-
+#include "base/options.h"
 #include "base/text/plain.h"
 #include "campaign/pool.h"
 #include "cli/campaign/parts.h"
+#include "cli/cli.h"
 
 #include <getopt.h>
 #include <stdio.h>
@@ -20,7 +20,6 @@ static const char usage[] =
     "       canwire campaign files FILE\n";
 
 static const char help[] =
-    "\n"
     "Runs a scenario with many values of what varies, as FILE says (canwire-campaign(7)). `plan`\n"
     "tells how many rows that makes, how long they will take, and the first ones. `run` writes a\n"
     "row of JSON for each. `show` prints the scenario of a row, `files` the paths of all files\n"
@@ -47,92 +46,45 @@ static const char exit_status[] =
 typedef struct options {
     campaign_run_options run;
     bool has_shard;
-    unsigned seen; /* options, as a set */
 } options;
 
-enum { SEEN_RUN = 1u, SEEN_JOBS = 2u };
-
-static int campaign_refuse(void)
-{
-    fputs(usage, stderr);
-    fputs(campaign_report_usage, stderr);
-    return CLI_USAGE;
-}
-
-static bool campaign_complain(const char *option, const char *text, const char *expected)
+bool campaign_complain(const char *option, const char *text, const char *expected)
 {
     plain_print(stderr, "canwire campaign: %s %s: expected %s\n", option, text, expected);
     return false;
 }
 
-static bool take_jobs(options *o, const char *text)
+bool campaign_take_jobs(void *out, const char *option, const char *text)
 {
     uint64_t number = 0;
-    o->seen |= SEEN_JOBS;
     if (text_parse_uint(&number, text) || number < 1 || number > POOL_JOBS_MAX)
-        return campaign_complain("--jobs", text, "a whole number from 1 to 256");
-    o->run.jobs = (unsigned)number;
+        return campaign_complain(option, text, "a whole number from 1 to 256");
+    *(unsigned *)out = (unsigned)number;
     return true;
 }
 
-/* Returns false after a message about a bad value. */
-static bool campaign_take_option(options *o, int option)
+static bool take_row(void *out, const char *option, const char *text)
 {
-    if (option == 'j')
-        return take_jobs(o, optarg);
-    o->seen |= SEEN_RUN;
-    if (option == 'o')
-        o->run.out = strcmp(optarg, "-") == 0 ? NULL : optarg;
-    else if (option == 'r')
-        o->run.resume = true;
-    else if (option == 'R')
-        o->run.reload = true;
-    else if (option == 'w')
-        o->run.work = optarg;
-    else if (option == 'k')
-        o->run.keep = true;
-    else if (option == 'n') {
-        o->run.has_only = true;
-        return !text_parse_uint(&o->run.only, optarg) ||
-               campaign_complain("--only", optarg, "the number of a row, from 0 on");
-    } else {
-        o->has_shard = true;
-        return shard_parse(&o->run.shard, optarg) ||
-               campaign_complain("--shard", optarg, "K/N, such as 1/4");
-    }
-    return true;
+    return !text_parse_uint(out, text) ||
+           campaign_complain(option, text, "the number of a row, from 0 on");
 }
 
-/* Returns -1 to go on, otherwise the exit status. */
-static int campaign_parse_options(options *o, int argc, char **argv)
+static bool take_shard(void *out, const char *option, const char *text)
 {
-    static const struct option known[] = {
-        {"out", required_argument, NULL, 'o'},   {"resume", no_argument, NULL, 'r'},
-        {"shard", required_argument, NULL, 's'}, {"jobs", required_argument, NULL, 'j'},
-        {"only", required_argument, NULL, 'n'},  {"reload", no_argument, NULL, 'R'},
-        {"work", required_argument, NULL, 'w'},  {"keep", no_argument, NULL, 'k'},
-        {"help", no_argument, NULL, 'h'},        {NULL, 0, NULL, 0},
-    };
-    int c;
-    while ((c = getopt_long(argc, argv, "h", known, NULL)) != -1) {
-        if (c == 'h') {
-            fputs(usage, stdout);
-            fputs(campaign_report_usage, stdout);
-            fputs(help, stdout);
-            fputs(campaign_report_help, stdout);
-            fputs(exit_status, stdout);
-            return CLI_OK;
-        }
-        if (c == '?')
-            return campaign_refuse();
-        if (!campaign_take_option(o, c))
-            return CLI_BAD_INPUT;
-    }
-    if (o->run.resume && !o->run.out) {
-        fputs("canwire campaign: --resume needs --out F\n", stderr);
-        return CLI_USAGE;
-    }
-    return -1;
+    return shard_parse(out, text) || campaign_complain(option, text, "K/N, such as 1/4");
+}
+
+/* The usage of `report` stands behind that of the others. */
+static int campaign_refuse(const option_table *table)
+{
+    const int status = options_refuse(table);
+    fputs(campaign_report_usage, stderr);
+    return status;
+}
+
+static void campaign_print_help(FILE *out)
+{
+    fprintf(out, "%s\n%s\n%s%s", campaign_report_usage, help, campaign_report_help, exit_status);
 }
 
 /* Takes the shard from the environment when no option says it. */
@@ -165,22 +117,53 @@ static int run_part(options *o, const char *name, const char *file, const char *
     return status;
 }
 
-int cli_campaign(int argc, char **argv)
+/* Runs the part that the words name. Returns -1 when they name none, or one that has not these
+ * options: run is one of `run` alone. */
+static int run_words(options *o, char **words, int count, bool run)
 {
-    options o = {.run.shard = {.k = 1, .n = 1}};
-    if (argc > 1 && strcmp(argv[1], "report") == 0)
-        return campaign_report(argc - 1, argv + 1);
-    const int status = campaign_parse_options(&o, argc, argv);
-    if (status >= 0)
-        return status;
-    const int words = argc - optind;
-    const char *name = words > 0 ? argv[optind] : "";
+    const char *name = count > 0 ? words[0] : "";
     const bool shows = strcmp(name, "show") == 0;
     const bool plans = strcmp(name, "plan") == 0;
     const bool lists = strcmp(name, "files") == 0;
     const bool runs = strcmp(name, "run") == 0;
-    if ((!shows && !plans && !lists && !runs) || words != (shows ? 3 : 2) ||
-        ((shows || lists) && o.seen) || (plans && (o.seen & SEEN_RUN)))
-        return campaign_refuse();
-    return run_part(&o, name, argv[optind + 1], shows ? argv[optind + 2] : NULL);
+    if ((!shows && !plans && !lists && !runs) || count != (shows ? 3 : 2) ||
+        ((shows || lists) && (run || o->run.jobs > 0)) || (plans && run))
+        return -1;
+    return run_part(o, name, words[1], shows ? words[2] : NULL);
+}
+
+int cli_campaign(int argc, char **argv)
+{
+    options o = {.run.shard = {.k = 1, .n = 1}};
+    campaign_run_options *r = &o.run;
+    const option_row rows[] = {
+        {"out", .text = &r->out},
+        {"resume", .flag = &r->resume},
+        {"shard", .read = take_shard, .out = &r->shard, .flag = &o.has_shard},
+        {"jobs", .read = campaign_take_jobs, .out = &r->jobs},
+        {"only", .read = take_row, .out = &r->only, .flag = &r->has_only},
+        {"reload", .flag = &r->reload},
+        {"work", .text = &r->work},
+        {"keep", .flag = &r->keep},
+        {.name = NULL},
+    };
+    const option_table table = {
+        .usage = usage, .help = "", .more = campaign_print_help, .rows = rows};
+    if (argc > 1 && strcmp(argv[1], "report") == 0)
+        return campaign_report(argc - 1, argv + 1);
+    int status = options_read(&table, argc, argv);
+    if (status == OPTIONS_WRONG_USAGE)
+        fputs(campaign_report_usage, stderr);
+    if (status >= 0)
+        return status;
+    const bool run = r->out || r->resume || o.has_shard || r->has_only || r->reload || r->work ||
+                     r->keep;
+    if (r->out && strcmp(r->out, "-") == 0)
+        r->out = NULL;
+    if (r->resume && !r->out) {
+        fputs("canwire campaign: --resume needs --out F\n", stderr);
+        return CLI_USAGE;
+    }
+    status = run_words(&o, argv + optind, argc - optind, run);
+    return status < 0 ? campaign_refuse(&table) : status;
 }

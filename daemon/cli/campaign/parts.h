@@ -8,6 +8,8 @@
 #include "campaign/campaign.h"
 #include "campaign/shard.h"
 
+#include <stdbool.h>
+
 typedef struct campaign_run_options {
     const char *out; /* NULL: standard output */
     shard shard;
@@ -27,6 +29,12 @@ int campaign_files(const campaign *c);
 
 /* Has a command line of its own; argv[0] is `report`. */
 int campaign_report(int argc, char **argv);
+
+/* Complains about the value of an option. Returns false. */
+bool campaign_complain(const char *option, const char *text, const char *expected);
+
+/* Takes the value of --jobs into an unsigned, see option_row. */
+bool campaign_take_jobs(void *out, const char *option, const char *text);
 
 /* Parts of --help. */
 extern const char campaign_report_usage[];

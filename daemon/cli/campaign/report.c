@@ -2,12 +2,11 @@
  *
  * report.c - `canwire campaign report`: what the rows of a campaign show together.
  */
-#include "cli/campaign/parts.h"
-
+#include "base/options.h"
 #include "base/text/plain.h"
-#include "campaign/pool.h"
 #include "campaign/report/intake.h"
 #include "campaign/report/memory.h"
+#include "cli/campaign/parts.h"
 #include "cli/campaign/report_view.h"
 #include "cli/campaign/rowfile.h"
 #include "cli/cli.h"
@@ -33,7 +32,6 @@ const char campaign_report_usage[] =
     "       [--minimise TIME] [--jobs J]\n";
 
 const char campaign_report_help[] =
-    "\n"
     "`report` reads rows of `canwire campaign run` or `canwire sim --seeds`: classes with\n"
     "confidence intervals, coverage, and detection latency. Several files are parts of one\n"
     "campaign. \"-\" is standard input.\n"
@@ -145,118 +143,58 @@ static bool report_outputs_spare(const report_outputs *out, const char *source)
     return true;
 }
 
-static void print_usage(FILE *out)
-{
-    fprintf(out, "usage: %s", campaign_report_usage + strlen("       "));
-}
-
-static bool report_complain(const char *option, const char *text, const char *expected)
-{
-    plain_print(stderr, "canwire campaign: %s %s: expected %s\n", option, text, expected);
-    return false;
-}
-
 /* ---- Options --------------------------------------------------------------------------------- */
 
-static bool take_ftti(options *o, const char *text)
+static bool take_ftti(void *out, const char *option, const char *text)
 {
     cfg_time time = {.ns = 0};
     if (text_parse_time(&time, text) || time.bits > 0 || time.ns == 0)
-        return report_complain("--ftti", text, "a time such as 50ms, in units of seconds");
-    o->ftti_ns = time.ns;
+        return campaign_complain(option, text, "a time such as 50ms, in units of seconds");
+    *(uint64_t *)out = time.ns;
     return true;
 }
 
-static bool take_confidence(options *o, const char *text)
+static bool take_confidence(void *out, const char *option, const char *text)
 {
     char *end = NULL;
     const double percent = strtod(text, &end);
     if (end == text || strcmp(end, "%") != 0 || !(percent >= 50 && percent <= 99.9999))
-        return report_complain("--confidence", text, "50% to 99.9999%");
-    o->confidence = percent / 100;
+        return campaign_complain(option, text, "50% to 99.9999%");
+    *(double *)out = percent / 100;
     return true;
 }
 
-static bool take_minimise(options *o, const char *text)
+static bool take_minimise(void *out, const char *option, const char *text)
 {
     cfg_time time = {.ns = 0};
     if (text_parse_time(&time, text) || time.bits > 0 || time.ns > MINIMISE_NS_MAX)
-        return report_complain("--minimise", text, "a time such as 60s, up to 24h");
-    o->minimise_ns = time.ns;
+        return campaign_complain(option, text, "a time such as 60s, up to 24h");
+    *(uint64_t *)out = time.ns;
     return true;
-}
-
-static bool report_take_jobs(options *o, const char *text)
-{
-    uint64_t number = 0;
-    if (text_parse_uint(&number, text) || number == 0 || number > POOL_JOBS_MAX)
-        return report_complain("--jobs", text, "a whole number from 1 to 256");
-    o->jobs = (unsigned)number;
-    return true;
-}
-
-/* Returns false after a message about a bad value. */
-static bool report_take_option(options *o, int option)
-{
-    switch (option) {
-    case 'c':
-        o->campaign = optarg;
-        return true;
-    case 'p':
-        o->partial = true;
-        return true;
-    case 'J':
-        o->json = optarg;
-        return true;
-    case 'H':
-        o->html = optarg;
-        return true;
-    case 'U':
-        o->junit = optarg;
-        return true;
-    case 's':
-        o->scenarios = optarg;
-        return true;
-    case 'm':
-        return take_minimise(o, optarg);
-    case 'l':
-        return take_ftti(o, optarg);
-    case 'j':
-        return report_take_jobs(o, optarg);
-    default:
-        return take_confidence(o, optarg);
-    }
 }
 
 /* Returns -1 to go on, otherwise the exit status. */
 static int report_parse_options(options *o, int argc, char **argv)
 {
-    static const struct option known[] = {
-        {"campaign", required_argument, NULL, 'c'},   {"partial", no_argument, NULL, 'p'},
-        {"ftti", required_argument, NULL, 'l'},       {"json", required_argument, NULL, 'J'},
-        {"confidence", required_argument, NULL, 'C'}, {"help", no_argument, NULL, 'h'},
-        {"html", required_argument, NULL, 'H'},       {"junit", required_argument, NULL, 'U'},
-        {"scenarios", required_argument, NULL, 's'},  {"minimise", required_argument, NULL, 'm'},
-        {"jobs", required_argument, NULL, 'j'},       {NULL, 0, NULL, 0},
+    const option_row rows[] = {
+        {"campaign", .text = &o->campaign},
+        {"partial", .flag = &o->partial},
+        {"ftti", .read = take_ftti, .out = &o->ftti_ns},
+        {"confidence", .read = take_confidence, .out = &o->confidence},
+        {"json", .text = &o->json},
+        {"html", .text = &o->html},
+        {"junit", .text = &o->junit},
+        {"scenarios", .text = &o->scenarios},
+        {"minimise", .read = take_minimise, .out = &o->minimise_ns},
+        {"jobs", .read = campaign_take_jobs, .out = &o->jobs},
+        {.name = NULL},
     };
-    int c;
-    while ((c = getopt_long(argc, argv, "h", known, NULL)) != -1) {
-        if (c == 'h') {
-            print_usage(stdout);
-            fputs(campaign_report_help, stdout);
-            return CLI_OK;
-        }
-        if (c == '?') {
-            print_usage(stderr);
-            return CLI_USAGE;
-        }
-        if (!report_take_option(o, c))
-            return CLI_BAD_INPUT;
-    }
-    if (optind < argc)
-        return -1;
-    print_usage(stderr);
-    return CLI_USAGE;
+    char usage[sizeof campaign_report_usage];
+    (void)snprintf(usage, sizeof usage, "usage: %s",
+                   campaign_report_usage + strlen("       "));
+    const option_table table = {.usage = usage, .help = campaign_report_help, .rows = rows};
+    const int status = options_read(&table, argc, argv);
+    return status < 0 && optind == argc ? options_refuse(&table) : status;
 }
 
 /* ---- Outputs --------------------------------------------------------------------------------- */

@@ -2,9 +2,9 @@
  *
  * sim.c - `canwire sim`: the bus of a configuration in virtual time, without sockets.
  */
-#include "cli/cli.h"
-
+#include "base/options.h"
 #include "base/text/plain.h"
+#include "cli/cli.h"
 #include "cli/sim/sim_endless.h"
 #include "cli/sim/sim_journal.h"
 #include "cli/sim/sim_judge.h"
@@ -79,7 +79,6 @@ static const char usage[] =
     "       canwire sim FILE --seeds A..B [--jobs J] [--until TIME] [--step]\n";
 
 static const char help[] =
-    "\n"
     "Runs the bus that FILE describes in virtual time: same engine, no sockets, no LCM. Nodes\n"
     "with a port are there but send nothing. FILE may be a rig of several buses: all options but\n"
     "--vcd and --svg then are for all of them. The event of --until-event is that of any bus.\n"
@@ -381,62 +380,35 @@ static int sim_refuse(const char *what, const char *why)
     return CLI_USAGE;
 }
 
-static bool take_time(time_option *out, const char *option, const char *text)
+static bool sim_take_time(void *out, const char *option, const char *text)
 {
-    const char *wrong = text_parse_time(&out->time, text);
-    out->text = text;
+    time_option *time = out;
+    const char *wrong = text_parse_time(&time->time, text);
+    time->text = text;
     if (wrong)
         plain_print(stderr, "canwire sim: %s %s: %s\n", option, text, wrong);
     return !wrong;
 }
 
-static bool take_seed(sim_options *o, const char *text)
+static bool take_seed(void *out, const char *option, const char *text)
 {
-    o->has_seed = true;
-    if (!text_parse_uint(&o->seed, text))
+    if (!text_parse_uint(out, text))
         return true;
-    plain_print(stderr,
-                "canwire sim: --seed %s: a whole number from 0 to %" PRIu64 " is expected\n", text,
-                UINT64_MAX);
+    plain_print(stderr, "canwire sim: %s %s: a whole number from 0 to %" PRIu64 " is expected\n",
+                option, text, UINT64_MAX);
     return false;
 }
 
-static bool take_seeds(sim_options *o, int option)
+static bool take_seeds(void *out, const char *option, const char *text)
 {
-    o->has_seeds = o->has_seeds || option == 'R';
-    o->has_jobs = o->has_jobs || option == 'j';
-    return option == 'R' ? sim_seeds_parse(&o->seeds, optarg)
-                         : sim_seeds_parse_jobs(&o->seeds.jobs, "canwire sim", optarg);
+    (void)option;
+    return sim_seeds_parse(out, text);
 }
 
-#define OPTION_OUTPUT 256 /* first value of the outputs for getopt */
-
-/* Returns false after a message about a bad value. */
-static bool sim_take_option(sim_options *o, int option)
+static bool sim_take_jobs(void *out, const char *option, const char *text)
 {
-    if (option >= OPTION_OUTPUT)
-        o->outputs[option - OPTION_OUTPUT] = optarg;
-    else if (option == 'u')
-        return take_time(&o->until, "--until", optarg);
-    else if (option == 'f')
-        return take_time(&o->from, "--from", optarg);
-    else if (option == 'o')
-        return take_time(&o->to, "--to", optarg);
-    else if (option == 's')
-        return take_seed(o, optarg);
-    else if (option == 'E')
-        o->until_event = optarg;
-    else if (option == 'J')
-        o->journal = optarg;
-    else if (option == 'R' || option == 'j')
-        return take_seeds(o, option);
-    else if (option == 'y')
-        o->sync = true;
-    else if (option == 'c')
-        o->captures = true;
-    else
-        o->step = true;
-    return true;
+    (void)option;
+    return sim_seeds_parse_jobs(out, "canwire sim", text);
 }
 
 /* Checks combinations of options. Returns -1 to go on, otherwise the exit status. */
@@ -463,46 +435,33 @@ static int check_options(const sim_options *o)
 /* Returns -1 to go on, otherwise the exit status. */
 static int sim_parse_options(sim_options *o, int argc, char **argv)
 {
-    static const struct option options[] = {
-        {"until", required_argument, NULL, 'u'},
-        {"until-event", required_argument, NULL, 'E'},
-        {"seed", required_argument, NULL, 's'},
-        {"seeds", required_argument, NULL, 'R'},
-        {"jobs", required_argument, NULL, 'j'},
-        {"journal", required_argument, NULL, 'J'},
-        {"from", required_argument, NULL, 'f'},
-        {"to", required_argument, NULL, 'o'},
-        {"sync", no_argument, NULL, 'y'},
-        {"captures", no_argument, NULL, 'c'},
-        {"step", no_argument, NULL, 'S'},
-        {"help", no_argument, NULL, 'h'},
-        {"events", required_argument, NULL, OPTION_OUTPUT + OUT_EVENTS},
-        {"log", required_argument, NULL, OPTION_OUTPUT + OUT_LOG},
-        {"pcapng", required_argument, NULL, OPTION_OUTPUT + OUT_PCAPNG},
-        {"stats", required_argument, NULL, OPTION_OUTPUT + OUT_STATS},
-        {"vcd", required_argument, NULL, OPTION_OUTPUT + OUT_VCD},
-        {"svg", required_argument, NULL, OPTION_OUTPUT + OUT_SVG},
-        {"junit", required_argument, NULL, OPTION_OUTPUT + OUT_JUNIT},
-        {NULL, 0, NULL, 0},
+    const option_row rows[] = {
+        {"until", .read = sim_take_time, .out = &o->until},
+        {"until-event", .text = &o->until_event},
+        {"seed", .read = take_seed, .out = &o->seed, .flag = &o->has_seed},
+        {"seeds", .read = take_seeds, .out = &o->seeds, .flag = &o->has_seeds},
+        {"jobs", .read = sim_take_jobs, .out = &o->seeds.jobs, .flag = &o->has_jobs},
+        {"journal", .text = &o->journal},
+        {"from", .read = sim_take_time, .out = &o->from},
+        {"to", .read = sim_take_time, .out = &o->to},
+        {"sync", .flag = &o->sync},
+        {"captures", .flag = &o->captures},
+        {"step", .flag = &o->step},
+        {"events", .text = &o->outputs[OUT_EVENTS]},
+        {"log", .text = &o->outputs[OUT_LOG]},
+        {"pcapng", .text = &o->outputs[OUT_PCAPNG]},
+        {"stats", .text = &o->outputs[OUT_STATS]},
+        {"vcd", .text = &o->outputs[OUT_VCD]},
+        {"svg", .text = &o->outputs[OUT_SVG]},
+        {"junit", .text = &o->outputs[OUT_JUNIT]},
+        {.name = NULL},
     };
-    int c;
-    while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
-        if (c == 'h') {
-            fputs(usage, stdout);
-            fputs(help, stdout);
-            return CLI_OK;
-        }
-        if (c == '?') {
-            fputs(usage, stderr);
-            return CLI_USAGE;
-        }
-        if (!sim_take_option(o, c))
-            return CLI_BAD_INPUT;
-    }
-    if (optind + (o->journal ? 0 : 1) != argc) {
-        fputs(usage, stderr);
-        return CLI_USAGE;
-    }
+    const option_table table = {.usage = usage, .help = help, .rows = rows};
+    const int status = options_read(&table, argc, argv);
+    if (status >= 0)
+        return status;
+    if (optind + (o->journal ? 0 : 1) != argc)
+        return options_refuse(&table);
     o->file = argv[optind];
     return check_options(o);
 }

@@ -235,6 +235,8 @@ static bool wants_check(int argc, char **argv)
     return false;
 }
 
+#define LIMIT(name, reader, into) {name, .read = reader, .out = into, .flag = &limits.given}
+
 int cli_status(int argc, char **argv)
 {
     bool json = false, checks = false;
@@ -246,14 +248,13 @@ int cli_status(int argc, char **argv)
                                 "       [--losses LEVEL]]",
                        .help = help,
                        .words_max = 1,
-                       .options = {{.name = "json", .flag = &json},
-                                   {.name = "check", .flag = &checks},
-                                   {.name = "load", .text = check_take_load},
-                                   {.name = "state", .text = check_take_state},
-                                   {.name = "sinks", .text = check_take_sinks},
-                                   {.name = "links", .text = check_take_links},
-                                   {.name = "losses", .text = check_take_losses}},
-                       .user = &limits};
+                       .options = {{"json", .flag = &json},
+                                   {"check", .flag = &checks},
+                                   LIMIT("load", check_take_load, &limits),
+                                   LIMIT("state", check_take_state, &limits),
+                                   LIMIT("sinks", check_take_level, &limits.sinks),
+                                   LIMIT("links", check_take_level, &limits.links),
+                                   LIMIT("losses", check_take_level, &limits.losses)}};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return monitors && status != CLI_OK ? (int)CHECK_UNKNOWN : status;

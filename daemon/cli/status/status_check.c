@@ -28,7 +28,7 @@ static const char *const states[] = {"error-active", "error-warning", "error-pas
 
 static bool status_check_refuse(const char *option, const char *text, const char *expected)
 {
-    plain_print(stderr, "canwire status: --%s %s: expected %s\n", option, text, expected);
+    plain_print(stderr, "canwire status: %s %s: expected %s\n", option, text, expected);
     return false;
 }
 
@@ -43,12 +43,11 @@ static bool split(char parts[2][32], const char *text)
     return true;
 }
 
-bool check_take_load(void *user, const char *text)
+bool check_take_load(void *out, const char *option, const char *text)
 {
-    check_limits *limits = user;
+    check_limits *limits = out;
     char parts[2][32];
     bool good = split(parts, text);
-    limits->given = true;
     for (size_t i = 0; good && i < 2; i++) {
         uint64_t percent = 0;
         good = *parts[i] == '\0' || (!text_parse_uint(&percent, parts[i]) && percent <= 100);
@@ -56,10 +55,10 @@ bool check_take_load(void *user, const char *text)
     }
     if (good && limits->load_permille[CHECK_CRITICAL] > 0 &&
         limits->load_permille[CHECK_WARNING] > limits->load_permille[CHECK_CRITICAL])
-        return status_check_refuse("load", text,
+        return status_check_refuse(option, text,
                                    "a limit for WARNING that is at most the one for CRITICAL, such "
                                    "as 70,90");
-    return good || status_check_refuse("load", text, "two percentages, such as 70,90");
+    return good || status_check_refuse(option, text, "two percentages, such as 70,90");
 }
 
 static bool status_check_find(unsigned *place, const char *const *words, size_t count,
@@ -71,50 +70,29 @@ static bool status_check_find(unsigned *place, const char *const *words, size_t 
     return false;
 }
 
-bool check_take_state(void *user, const char *text)
+bool check_take_state(void *out, const char *option, const char *text)
 {
-    check_limits *limits = user;
+    check_limits *limits = out;
     char parts[2][32];
     bool good = split(parts, text);
-    limits->given = true;
     for (size_t i = 0; good && i < 2; i++)
         good = status_check_find(&limits->state[CHECK_WARNING + i], states, COUNT_OF(states),
                                  parts[i]);
     const unsigned warning = limits->state[CHECK_WARNING];
     good = good && (warning <= limits->state[CHECK_CRITICAL] || warning == NONE);
-    return good || status_check_refuse("state", text,
+    return good || status_check_refuse(option, text,
                                        "two of error-active, error-warning, error-passive, "
                                        "bus-off and none, the worse one last, such as "
                                        "error-passive,bus-off");
 }
 
-static bool take_level(check_limits *limits, check_level *level, const char *option,
-                       const char *text)
+bool check_take_level(void *out, const char *option, const char *text)
 {
     unsigned place;
-    limits->given = true;
     if (!status_check_find(&place, levels, COUNT_OF(levels), text))
         return status_check_refuse(option, text, "ok, warning or critical");
-    *level = (check_level)place;
+    *(check_level *)out = (check_level)place;
     return true;
-}
-
-bool check_take_sinks(void *user, const char *text)
-{
-    check_limits *limits = user;
-    return take_level(limits, &limits->sinks, "sinks", text);
-}
-
-bool check_take_links(void *user, const char *text)
-{
-    check_limits *limits = user;
-    return take_level(limits, &limits->links, "links", text);
-}
-
-bool check_take_losses(void *user, const char *text)
-{
-    check_limits *limits = user;
-    return take_level(limits, &limits->losses, "losses", text);
 }
 
 /* ---- Findings -------------------------------------------------------------------------------- */

@@ -32,12 +32,11 @@ typedef struct check_limits {
     (check_limits){.state = {0, 2, 3}, .sinks = CHECK_WARNING, .links = CHECK_WARNING,             \
                    .losses = CHECK_WARNING}
 
-/* Take the texts of options; user is a check_limits. They return false after a message. */
-bool check_take_load(void *user, const char *text);
-bool check_take_state(void *user, const char *text);
-bool check_take_sinks(void *user, const char *text);
-bool check_take_links(void *user, const char *text);
-bool check_take_losses(void *user, const char *text);
+/* Take the arguments of options; `out` is a check_limits, or of a level that. They return false
+ * after a message. */
+bool check_take_load(void *out, const char *option, const char *text);
+bool check_take_state(void *out, const char *option, const char *text);
+bool check_take_level(void *out, const char *option, const char *text);
 
 /* Judges a bus, whose status is NULL when it is not there; why says why. A status that is not one
  * is unknown. Prints its part of the line and, for check_end(), of the figures. */

@@ -3,11 +3,11 @@
  * timing.c - canwire timing: the segments of a bit, from bit rate, clock and delays, or those of a
  *            configuration.
  */
-#include "cli/cli.h"
-
+#include "base/options.h"
 #include "base/text/nearest.h"
 #include "base/text/number.h"
 #include "base/text/plain.h"
+#include "cli/cli.h"
 #include "cli/timing/timing_text.h"
 #include "config/config.h"
 
@@ -50,7 +50,6 @@ static const char usage[] =
     "       canwire timing FILE [--json]\n";
 
 static const char help[] =
-    "\n"
     "Finds the segments of a bit, so that two nodes at the ends of a line understand each other.\n"
     "A bit has exactly the bit rate, and 8 to 25 time quanta (tq). prop-seg covers the round "
     "trip:\n"
@@ -135,31 +134,46 @@ static bool take_number(uint32_t *out, const char *option, const char *text, uin
     return refuse_value(option, text, allowed);
 }
 
-static bool take_clock(uint32_t *out, const char *text)
+static bool take_bitrate(void *out, const char *option, const char *text)
+{
+    return take_number(out, option, text, BITRATE_MIN, BITRATE_MAX);
+}
+
+static bool take_quanta(void *out, const char *option, const char *text)
+{
+    return take_number(out, option, text, TIMING_QUANTA_MIN, TIMING_QUANTA_MAX);
+}
+
+static bool take_sjw(void *out, const char *option, const char *text)
+{
+    return take_number(out, option, text, 1, SJW_MAX);
+}
+
+static bool take_clock(void *out, const char *option, const char *text)
 {
     uint64_t hz;
     const char *wrong = text_parse_frequency(&hz, text);
 
     if (wrong)
-        return refuse_value("--clock", text, wrong);
+        return refuse_value(option, text, wrong);
     if (hz < CLOCK_MIN || hz > CLOCK_MAX)
-        return refuse_value("--clock", text, "expected 100kHz to 1GHz");
-    *out = (uint32_t)hz;
+        return refuse_value(option, text, "expected 100kHz to 1GHz");
+    *(uint32_t *)out = (uint32_t)hz;
     return true;
 }
 
-static bool take_sample(uint32_t *out, const char *option, const char *text)
+static bool take_sample(void *out, const char *option, const char *text)
 {
     uint16_t permille;
     const char *wrong = text_parse_sample_point(&permille, text);
 
     if (wrong)
         return refuse_value(option, text, wrong);
-    *out = permille;
+    *(uint32_t *)out = permille;
     return true;
 }
 
-static bool take_delay(uint64_t *out, const char *option, const char *text)
+static bool take_delay(void *out, const char *option, const char *text)
 {
     cfg_time time;
     const char *wrong = text_parse_time(&time, text);
@@ -168,37 +182,39 @@ static bool take_delay(uint64_t *out, const char *option, const char *text)
         return refuse_value(option, text, wrong);
     if (time.bits > 0 || time.ns > DELAY_MAX_NS)
         return refuse_value(option, text, "expected a time such as 600ns, up to 100ms");
-    *out = time.ns;
+    *(uint64_t *)out = time.ns;
     return true;
 }
 
-static bool take_length(uint64_t *out, const char *text)
+static bool take_length(void *out, const char *option, const char *text)
 {
-    const char *wrong = text_parse_length(out, text);
+    uint64_t *mm = out;
+    const char *wrong = text_parse_length(mm, text);
 
     if (wrong)
-        return refuse_value("--length", text, wrong);
-    return *out <= LENGTH_MAX_MM || refuse_value("--length", text, "expected up to 10km");
+        return refuse_value(option, text, wrong);
+    return *mm <= LENGTH_MAX_MM || refuse_value(option, text, "expected up to 10km");
 }
 
-static bool take_controller(const timing_limits **out, const char *text)
+static bool take_controller(void *out, const char *option, const char *text)
 {
+    const timing_limits **limits = out;
     nearest guess = {.word = text};
     size_t count;
     const timing_limits *all = timing_controllers(&count);
 
-    *out = timing_controller(text);
-    if (*out)
+    *limits = timing_controller(text);
+    if (*limits)
         return true;
     for (size_t i = 0; i < count; i++)
         nearest_consider(&guess, all[i].name);
-    plain_print(stderr, "canwire timing: --controller %s: expected a name as in --help%s%s\n", text,
+    plain_print(stderr, "canwire timing: %s %s: expected a name as in --help%s%s\n", option, text,
                 guess.best ? ", did you mean " : "", guess.best ? guess.best : "");
     return false;
 }
 
 /* Reads 5.10 as 510. */
-static bool take_version(uint32_t *out, const char *text)
+static bool take_version(void *out, const char *option, const char *text)
 {
     unsigned major = 0, minor = 0;
     int end = 0;
@@ -206,10 +222,10 @@ static bool take_version(uint32_t *out, const char *text)
     if (strspn(text, "0123456789.") == strlen(text) &&
         sscanf(text, "%2u.%2u%n", &major, &minor, &end) == 2 && text[end] == '\0' &&
         major * 100 + minor >= TIMING_LINUX_MIN) {
-        *out = major * 100 + minor;
+        *(uint32_t *)out = major * 100 + minor;
         return true;
     }
-    return refuse_value("--kernel", text, "expected a version such as 6.12, 4.8 or later");
+    return refuse_value(option, text, "expected a version such as 6.12, 4.8 or later");
 }
 
 /* ---- Command line ---------------------------------------------------------------------------- */
@@ -232,54 +248,11 @@ static void print_controllers(FILE *out)
     fputc('\n', out);
 }
 
-static void timing_print_help(void)
-{
-    fputs(usage, stdout);
-    fputs(help, stdout);
-    print_controllers(stdout);
-}
-
 /* Complains; returns the exit status. */
 static int timing_refuse(const char *what, const char *why)
 {
     plain_print(stderr, "canwire timing: %s: %s\n%s", what, why, usage);
     return CLI_USAGE;
-}
-
-/* Returns false after a message about a bad value. */
-static bool timing_take_option(timing_options *o, int option)
-{
-    timing_request *r = &o->request;
-
-    if (option == 'b')
-        return take_number(&r->bitrate_bps, "--bitrate", optarg, BITRATE_MIN, BITRATE_MAX);
-    if (option == 'c')
-        return take_clock(&r->clock_hz, optarg);
-    if (option == 'q')
-        return take_number(&r->quanta, "--tq", optarg, TIMING_QUANTA_MIN, TIMING_QUANTA_MAX);
-    if (option == 's')
-        return take_sample(&r->sample_permille, "--sample-point", optarg);
-    if (option == 'B')
-        return take_number(&o->data.bitrate_bps, "--dbitrate", optarg, BITRATE_MIN, BITRATE_MAX);
-    if (option == 'S')
-        return take_sample(&o->data.sample_permille, "--dsample-point", optarg);
-    if (option == 'w')
-        return take_number(&r->sjw, "--sjw", optarg, 1, SJW_MAX);
-    if (option == 'n')
-        return take_controller(&r->limits, optarg);
-    o->has_delay = o->has_delay || option == 'd';
-    o->has_line = o->has_line || option == 'l' || option == 't' || option == 'r';
-    o->kernel = o->kernel || option == 'k';
-    o->json = o->json || option == 'j';
-    if (option == 'k')
-        return !optarg || take_version(&r->linux_version, optarg);
-    if (option == 'd')
-        return take_delay(&o->delay_ns, "--delay", optarg);
-    if (option == 'l')
-        return take_length(&o->length_mm, optarg);
-    if (option == 't')
-        return take_delay(&o->tx_ns, "--tx-delay", optarg);
-    return option != 'r' || take_delay(&o->rx_ns, "--rx-delay", optarg);
 }
 
 /* Checks combinations of options. Returns -1 to go on, otherwise the exit status. */
@@ -304,31 +277,33 @@ static int check_options(const timing_options *o, const char *word)
 /* Returns -1 to go on, otherwise the exit status. */
 static int timing_parse_options(timing_options *o, int argc, char **argv)
 {
-    static const struct option options[] = {
-        {"bitrate", required_argument, NULL, 'b'},  {"clock", required_argument, NULL, 'c'},
-        {"tq", required_argument, NULL, 'q'},       {"sample-point", required_argument, NULL, 's'},
-        {"sjw", required_argument, NULL, 'w'},      {"controller", required_argument, NULL, 'n'},
-        {"delay", required_argument, NULL, 'd'},    {"length", required_argument, NULL, 'l'},
-        {"tx-delay", required_argument, NULL, 't'}, {"rx-delay", required_argument, NULL, 'r'},
-        {"kernel", optional_argument, NULL, 'k'},   {"json", no_argument, NULL, 'j'},
-        {"help", no_argument, NULL, 'h'},           {"dbitrate", required_argument, NULL, 'B'},
-        {"dsample-point", required_argument, NULL, 'S'}, {NULL, 0, NULL, 0},
+    timing_request *r = &o->request;
+    bool *any = &o->has_numbers;
+    const option_row rows[] = {
+        {"bitrate", .read = take_bitrate, .out = &r->bitrate_bps, .flag = any},
+        {"clock", .read = take_clock, .out = &r->clock_hz, .flag = any},
+        {"tq", .read = take_quanta, .out = &r->quanta, .flag = any},
+        {"sample-point", .read = take_sample, .out = &r->sample_permille, .flag = any},
+        {"sjw", .read = take_sjw, .out = &r->sjw, .flag = any},
+        {"controller", .read = take_controller, .out = &r->limits, .flag = any},
+        {"dbitrate", .read = take_bitrate, .out = &o->data.bitrate_bps, .flag = any},
+        {"dsample-point", .read = take_sample, .out = &o->data.sample_permille, .flag = any},
+        {"kernel", .read = take_version, .out = &r->linux_version, .flag = &o->kernel,
+         .may_lack = true},
+        {"delay", .read = take_delay, .out = &o->delay_ns, .flag = &o->has_delay},
+        {"length", .read = take_length, .out = &o->length_mm, .flag = &o->has_line},
+        {"tx-delay", .read = take_delay, .out = &o->tx_ns, .flag = &o->has_line},
+        {"rx-delay", .read = take_delay, .out = &o->rx_ns, .flag = &o->has_line},
+        {"json", .flag = &o->json},
+        {.name = NULL},
     };
-    int c;
+    const option_table table = {
+        .usage = usage, .help = help, .more = print_controllers, .rows = rows};
+    const int status = options_read(&table, argc, argv);
 
-    while ((c = getopt_long(argc, argv, "h", options, NULL)) != -1) {
-        if (c == 'h') {
-            timing_print_help();
-            return CLI_OK;
-        }
-        if (c == '?') {
-            fputs(usage, stderr);
-            return CLI_USAGE;
-        }
-        if (!timing_take_option(o, c))
-            return CLI_BAD_INPUT;
-        o->has_numbers = o->has_numbers || c != 'j';
-    }
+    if (status >= 0)
+        return status;
+    o->has_numbers = o->has_numbers || o->kernel || o->has_delay || o->has_line;
     if (!o->has_numbers && optind == argc - 1) {
         o->file = argv[optind];
         return -1;

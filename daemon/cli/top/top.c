@@ -346,16 +346,16 @@ static int print_once(top *t)
     return CLI_OK;
 }
 
-static bool take_interval(void *user, const char *text)
+static bool take_interval(void *out, const char *option, const char *text)
 {
-    top *t = user;
+    top *t = out;
     cfg_time time = {.ns = 0};
     const char *wrong = text_parse_time(&time, text);
     if (!wrong && (time.bits > 0 || time.ns < INTERVAL_MIN_NS || time.ns > INTERVAL_MAX_NS))
         wrong = "expected a time from 100ms to 60s";
     t->interval_ns = time.ns;
     if (wrong)
-        plain_print(stderr, "canwire top: --interval %s: %s\n", text, wrong);
+        plain_print(stderr, "canwire top: %s %s: %s\n", option, text, wrong);
     return !wrong;
 }
 
@@ -398,9 +398,8 @@ int cli_top(int argc, char **argv)
     const command c = {.usage = "canwire top [BUS...] [--interval T] [--once]",
                        .help = help,
                        .words_max = -1,
-                       .options = {{.name = "interval", .text = take_interval},
-                                   {.name = "once", .flag = &t.once}},
-                       .user = &t};
+                       .options = {{"interval", .read = take_interval, .out = &t},
+                                   {"once", .flag = &t.once}}};
     int status = command_parse(&c, &first, argc, argv);
     if (status >= 0)
         return status;
