@@ -59,6 +59,23 @@ static const char state_waiting[] = "waiting"; /* LCM cannot start yet */
 static const char state_failing[] = "failing"; /* messages cannot be sent */
 static const char state_blocked[] = "blocked"; /* a server has answered or taken none for long */
 
+/* The sorts of messages, each with a channel of its own. */
+typedef enum channel {
+    CHANNEL_BUS = 0,
+    CHANNEL_QUALITY,
+    CHANNEL_NODE,
+    CHANNEL_TIMING,
+    CHANNEL_LOCALTIME,
+    CHANNEL_EVENT,
+    CHANNEL_FILE,
+    CHANNEL_GATEWAY,
+    CHANNEL_FDBUS,
+    CHANNEL_FDNODE,
+    CHANNEL_CONTROLLER,
+    CHANNEL_TUNNEL,
+    CHANNELS
+} channel;
+
 /* A period in which messages cannot be sent. */
 typedef struct outage {
     uint64_t lost;
@@ -68,7 +85,7 @@ typedef struct outage {
 } outage;
 
 typedef struct message {
-    const char *channel; /* a text in the publisher */
+    channel on;
     void *data;
     unsigned size;
 } message;
@@ -76,18 +93,7 @@ typedef struct message {
 struct publisher {
     const cfg *config;
     char *url; /* of the thread: the configuration may change */
-    char channel_bus[CHANNEL_MAX];
-    char channel_quality[CHANNEL_MAX];
-    char channel_node[CHANNEL_MAX];
-    char channel_timing[CHANNEL_MAX];
-    char channel_time[CHANNEL_MAX];
-    char channel_event[CHANNEL_MAX];
-    char channel_file[CHANNEL_MAX];
-    char channel_gateway[CHANNEL_MAX];
-    char channel_bus_fd[CHANNEL_MAX];
-    char channel_node_fd[CHANNEL_MAX];
-    char channel_controller[CHANNEL_MAX];
-    char channel_tunnel[CHANNEL_MAX];
+    char channels[CHANNELS][CHANNEL_MAX];
     cw_bus_stats last_bus;
     uint64_t last_tx_bits[CW_NODES_MAX];
     memo event; /* reused */
@@ -112,10 +118,13 @@ struct publisher {
 
 /* ---- The thread ------------------------------------------------------------------------------ */
 
-static void free_message(message *m)
+/* Takes the first message out of the queue, which has one. The lock is held. */
+static message take_first(publisher *p)
 {
-    free(m->data);
-    m->data = NULL;
+    const message first = p->queue[p->first];
+    p->first = (p->first + 1) % QUEUE_MESSAGES;
+    p->count--;
+    return first;
 }
 
 /* Returns what may help against a failure, after what says so; "" when multicast is not used. */
@@ -242,9 +251,7 @@ static bool next_message(publisher *p, message *out)
         (void)pthread_cond_wait(&p->changed, &p->lock);
     if (p->count == 0 || (p->stopping && thread_is_past(&p->deadline)))
         return false;
-    *out = p->queue[p->first];
-    p->first = (p->first + 1) % QUEUE_MESSAGES;
-    p->count--;
+    *out = take_first(p);
     return true;
 }
 
@@ -279,11 +286,9 @@ static bool wait_without_lcm(publisher *p, outage *o)
     o->pause_s = 2 * o->pause_s < RETRY_MAX_S ? 2 * o->pause_s : RETRY_MAX_S;
     (void)pthread_mutex_lock(&p->lock);
     while (!p->stopping && !thread_is_past(&until)) {
-        for (; p->count > 0; p->count--) {
-            free_message(&p->queue[p->first]);
-            p->first = (p->first + 1) % QUEUE_MESSAGES;
+        for (; p->count > 0; o->lost++) {
+            free(take_first(p).data);
             p->dropped++;
-            o->lost++;
         }
         (void)pthread_cond_timedwait(&p->changed, &p->lock, &until);
     }
@@ -295,7 +300,7 @@ static bool wait_without_lcm(publisher *p, outage *o)
 static bool publish_message(publisher *p, lcm_t *lcm, const message *m)
 {
     begin_call(p);
-    const bool good = lcm_publish(lcm, m->channel, m->data, m->size) == 0;
+    const bool good = lcm_publish(lcm, p->channels[m->on], m->data, m->size) == 0;
     const int error = errno;
     end_call(p);
     errno = error;
@@ -314,7 +319,7 @@ static void send_all(publisher *p, lcm_t *lcm)
         (void)pthread_mutex_unlock(&p->lock);
         bool good = publish_message(p, lcm, &m);
         note_sent(p, &now, good);
-        free_message(&m);
+        free(m.data);
         if (!good) {
             p->dropped++;
             p->has_failed = true;
@@ -344,27 +349,18 @@ static void *publish_run(void *argument)
 
 static void name_channels(publisher *p)
 {
-    const char *bus = p->config->bus_name;
-    (void)snprintf(p->channel_bus, CHANNEL_MAX, "CANWIRE.%s.BUS", bus);
-    (void)snprintf(p->channel_quality, CHANNEL_MAX, "CANWIRE.%s.QUALITY", bus);
-    (void)snprintf(p->channel_node, CHANNEL_MAX, "CANWIRE.%s.NODE", bus);
-    (void)snprintf(p->channel_timing, CHANNEL_MAX, "CANWIRE.%s.TIMING", bus);
-    (void)snprintf(p->channel_time, CHANNEL_MAX, "CANWIRE.%s.LOCALTIME", bus);
-    (void)snprintf(p->channel_event, CHANNEL_MAX, "CANWIRE.%s.EVENT", bus);
-    (void)snprintf(p->channel_file, CHANNEL_MAX, "CANWIRE.%s.FILE", bus);
-    (void)snprintf(p->channel_gateway, CHANNEL_MAX, "CANWIRE.%s.GATEWAY", bus);
-    (void)snprintf(p->channel_bus_fd, CHANNEL_MAX, "CANWIRE.%s.FDBUS", bus);
-    (void)snprintf(p->channel_node_fd, CHANNEL_MAX, "CANWIRE.%s.FDNODE", bus);
-    (void)snprintf(p->channel_controller, CHANNEL_MAX, "CANWIRE.%s.CONTROLLER", bus);
-    (void)snprintf(p->channel_tunnel, CHANNEL_MAX, "CANWIRE.%s.TUNNEL", bus);
+    static const char *const names[CHANNELS] = {
+        "BUS",  "QUALITY", "NODE",  "TIMING", "LOCALTIME",  "EVENT",
+        "FILE", "GATEWAY", "FDBUS", "FDNODE", "CONTROLLER", "TUNNEL",
+    };
+    for (unsigned i = 0; i < CHANNELS; i++)
+        (void)snprintf(p->channels[i], CHANNEL_MAX, "CANWIRE.%s.%s", p->config->bus_name, names[i]);
 }
 
 static void free_publisher(publisher *p)
 {
-    for (; p->count > 0; p->count--) {
-        free_message(&p->queue[p->first]);
-        p->first = (p->first + 1) % QUEUE_MESSAGES;
-    }
+    while (p->count > 0)
+        free(take_first(p).data);
     memo_end(&p->event);
     free(p->url);
     free(p);
@@ -424,14 +420,14 @@ void publisher_remap(publisher *p, const uint8_t from[CW_NODES_MAX])
 }
 
 /* Takes over data, which may be NULL without memory. */
-static void enqueue(publisher *p, const char *channel, void *data, int size)
+static void enqueue(publisher *p, channel on, void *data, int size)
 {
-    unsigned limit = channel == p->channel_event ? QUEUE_EVENTS : QUEUE_MESSAGES;
+    unsigned limit = on == CHANNEL_EVENT ? QUEUE_EVENTS : QUEUE_MESSAGES;
     (void)pthread_mutex_lock(&p->lock);
     bool room = data && size >= 0 && p->count < limit;
     if (room) {
         p->queue[(p->first + p->count) % QUEUE_MESSAGES] =
-            (message){.channel = channel, .data = data, .size = (unsigned)size};
+            (message){.on = on, .data = data, .size = (unsigned)size};
         p->count++;
         (void)pthread_cond_signal(&p->changed);
     }
@@ -499,6 +495,12 @@ static int64_t ticks_to_ns(uint64_t ticks)
     return (int64_t)text_ticks_ns(ticks);
 }
 
+/* The first fields of all messages. */
+#define HEAD(p, ticks)                                                                             \
+    .utime_us = realtime_us(), .bus_time_ns = ticks_to_ns(ticks), .bus = (p)->config->bus_name
+#define HEAD_OF_NODE(p, bus, i)                                                                    \
+    HEAD(p, cw_bus_now(bus)), .node = (p)->config->nodes[i].name
+
 /* Sets the field of a message that has the name of a counter. */
 #define SET(form, type, name, unit, shown, also, column, sentence) SET_##also(name)
 #define SET_NONE(name)
@@ -524,29 +526,25 @@ static void set_tunnel_counters(canwire_tunnel_t *m, const port_tunnel_info *s)
 static void publish_bus(publisher *p, const cw_bus_stats *s)
 {
     canwire_bus_stats_t m = {
-        .utime_us = realtime_us(),
-        .bus_time_ns = ticks_to_ns(s->ticks),
-        .bus = p->config->bus_name,
+        HEAD(p, s->ticks),
         .bitrate_bps = (int32_t)p->config->bitrate_bps,
         .load_second_permille = s->load_permille,
         .load_period_permille = (int32_t)cw_load_permille(&p->last_bus, s),
         .events_dropped = (int64_t)p->dropped,
     };
     set_bus_counters(&m, s);
-    PUBLISH(p, p->channel_bus, canwire_bus_stats_t, &m);
+    PUBLISH(p, CHANNEL_BUS, canwire_bus_stats_t, &m);
 }
 
 static void publish_quality(publisher *p, const cw_bus_stats *s)
 {
     const canwire_bus_quality_t m = {
-        .utime_us = realtime_us(),
-        .bus_time_ns = ticks_to_ns(s->ticks),
-        .bus = p->config->bus_name,
+        HEAD(p, s->ticks),
         .improper_arbitrations = (int64_t)s->improper_arbitrations,
         .error_rate_ppm = (int64_t)residual_error_ppm(s),
         .undetected_expected_ppt = (int64_t)residual_expected_ppt(s),
     };
-    PUBLISH(p, p->channel_quality, canwire_bus_quality_t, &m);
+    PUBLISH(p, CHANNEL_QUALITY, canwire_bus_quality_t, &m);
 }
 
 static void set_delay(canwire_node_stats_t *m, const cw_delay *d)
@@ -588,9 +586,7 @@ static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_st
     uint64_t bits = bus->bits - p->last_bus.bits;
     char none[] = "";
     canwire_node_stats_t m = {
-        .utime_us = realtime_us(),
-        .bus_time_ns = ticks_to_ns(bus->ticks),
-        .bus = p->config->bus_name,
+        HEAD(p, bus->ticks),
         .node = node->name,
         .port = node->port ? node->port : none,
         .state = (char *)(uintptr_t)cw_state_name(s->state), /* only read when encoded */
@@ -606,7 +602,7 @@ static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_st
     m.pushed_back = (int64_t)interface->pushed_back;
     m.error_frames_left_out = (int64_t)interface->errors_left_out;
     m.error_frames_ignored = (int64_t)interface->errors_ignored;
-    PUBLISH(p, p->channel_node, canwire_node_stats_t, &m);
+    PUBLISH(p, CHANNEL_NODE, canwire_node_stats_t, &m);
 }
 
 static void publish_timing(publisher *p, const cw_bus *bus, unsigned i)
@@ -615,17 +611,14 @@ static void publish_timing(publisher *p, const cw_bus *bus, unsigned i)
     if (!output_sync_stats(&s, p->config, bus, i))
         return;
     const canwire_node_timing_t m = {
-        .utime_us = realtime_us(),
-        .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
-        .bus = p->config->bus_name,
-        .node = p->config->nodes[i].name,
+        HEAD_OF_NODE(p, bus, i),
         .hard_syncs = (int64_t)s.hard_syncs,
         .resyncs = (int64_t)s.resyncs,
         .phase_error_tq = s.phase_error_tq,
         .phase_error_ps = text_span_ps(s.phase_error),
         .margin_ps = s.margin == CW_NO_MARGIN ? -1 : text_span_ps(s.margin),
     };
-    PUBLISH(p, p->channel_timing, canwire_node_timing_t, &m);
+    PUBLISH(p, CHANNEL_TIMING, canwire_node_timing_t, &m);
 }
 
 static void publish_time(publisher *p, const cw_bus *bus, unsigned i)
@@ -637,10 +630,7 @@ static void publish_time(publisher *p, const cw_bus *bus, unsigned i)
     char none[] = "";
     const bool known = t.has_global && t.master < p->config->node_count;
     const canwire_node_time_t m = {
-        .utime_us = realtime_us(),
-        .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
-        .bus = p->config->bus_name,
-        .node = p->config->nodes[i].name,
+        HEAD_OF_NODE(p, bus, i),
         .local_time = (int64_t)t.local,
         .captured = (int64_t)t.captured,
         .captures = (int64_t)t.captures,
@@ -657,7 +647,7 @@ static void publish_time(publisher *p, const cw_bus *bus, unsigned i)
         .arbitration_lost = (int64_t)slots.lost,
         .late_max_ns = ticks_to_ns(slots.late_most),
     };
-    PUBLISH(p, p->channel_time, canwire_node_time_t, &m);
+    PUBLISH(p, CHANNEL_LOCALTIME, canwire_node_time_t, &m);
 }
 
 static void publish_bus_fd(publisher *p, const cw_bus_stats *s)
@@ -665,9 +655,7 @@ static void publish_bus_fd(publisher *p, const cw_bus_stats *s)
     const cw_bus_stats start = {.bits = 0};
     const rate_load nominal = rate_load_nominal(&start, s), data = rate_load_data(&start, s);
     const canwire_bus_fd_t m = {
-        .utime_us = realtime_us(),
-        .bus_time_ns = ticks_to_ns(s->ticks),
-        .bus = p->config->bus_name,
+        HEAD(p, s->ticks),
         .fd_frames = (int64_t)s->fd_frames,
         .nominal_bits = (int64_t)nominal.bits,
         .nominal_ns = ticks_to_ns(nominal.ticks),
@@ -676,7 +664,7 @@ static void publish_bus_fd(publisher *p, const cw_bus_stats *s)
         .data_ns = ticks_to_ns(data.ticks),
         .data_load_period_permille = (int32_t)rate_load_data(&p->last_bus, s).permille,
     };
-    PUBLISH(p, p->channel_bus_fd, canwire_bus_fd_t, &m);
+    PUBLISH(p, CHANNEL_FDBUS, canwire_bus_fd_t, &m);
 }
 
 static void publish_node_fd(publisher *p, const cw_bus *bus, unsigned i)
@@ -687,10 +675,7 @@ static void publish_node_fd(publisher *p, const cw_bus *bus, unsigned i)
         return;
     const bool has_rate = data_timing_now(&t, p->config, bus, i);
     const canwire_node_fd_t m = {
-        .utime_us = realtime_us(),
-        .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
-        .bus = p->config->bus_name,
-        .node = p->config->nodes[i].name,
+        HEAD_OF_NODE(p, bus, i),
         .dbitrate_bps = has_rate ? (int32_t)timing_bitrate_bps(&t.bit) : 0,
         .data_bit_errors = (int64_t)s.errors[CW_ERROR_BIT],
         .data_stuff_errors = (int64_t)s.errors[CW_ERROR_STUFF],
@@ -701,7 +686,7 @@ static void publish_node_fd(publisher *p, const cw_bus *bus, unsigned i)
         .tdcv = (int32_t)t.tdcv,
         .tdco = (int32_t)t.tdc.tdco,
     };
-    PUBLISH(p, p->channel_node_fd, canwire_node_fd_t, &m);
+    PUBLISH(p, CHANNEL_FDNODE, canwire_node_fd_t, &m);
 }
 
 static void publish_controller(publisher *p, const cw_bus *bus, unsigned i,
@@ -712,16 +697,13 @@ static void publish_controller(publisher *p, const cw_bus *bus, unsigned i,
     if (cw_node_get_host_stats(bus, i, &s) != CW_OK)
         return;
     canwire_node_controller_t m = {
-        .utime_us = realtime_us(),
-        .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
-        .bus = p->config->bus_name,
-        .node = config->name,
+        HEAD_OF_NODE(p, bus, i),
         .model = (char *)(uintptr_t)cfg_model_name(config->controller.model), /* only read */
         .stored = (int64_t)node->stored,
         .waiting = (int32_t)node->rx_held,
     };
     set_host_counters(&m, &s);
-    PUBLISH(p, p->channel_controller, canwire_node_controller_t, &m);
+    PUBLISH(p, CHANNEL_CONTROLLER, canwire_node_controller_t, &m);
 }
 
 static void publish_tunnel(publisher *p, const cw_bus *bus, unsigned i, const port *own)
@@ -730,14 +712,11 @@ static void publish_tunnel(publisher *p, const cw_bus *bus, unsigned i, const po
     if (!own || !port_tunnel(own, &info))
         return;
     canwire_tunnel_t m = {
-        .utime_us = realtime_us(),
-        .bus_time_ns = ticks_to_ns(cw_bus_now(bus)),
-        .bus = p->config->bus_name,
-        .node = p->config->nodes[i].name,
+        HEAD_OF_NODE(p, bus, i),
         .state = (char *)(uintptr_t)info.state, /* only read when encoded */
     };
     set_tunnel_counters(&m, &info);
-    PUBLISH(p, p->channel_tunnel, canwire_tunnel_t, &m);
+    PUBLISH(p, CHANNEL_TUNNEL, canwire_tunnel_t, &m);
 }
 
 void publisher_stats(publisher *p, const cw_bus *bus, const report *beyond)
@@ -783,7 +762,7 @@ static void publish_file(publisher *p, const sink_info *s)
         .lost = (int64_t)s->lost,
         .gaps = (int32_t)s->gaps,
     };
-    PUBLISH(p, p->channel_file, canwire_file_t, &m);
+    PUBLISH(p, CHANNEL_FILE, canwire_file_t, &m);
 }
 
 void publisher_sinks(publisher *p, const sink_list *all)
@@ -818,7 +797,7 @@ static void publish_gateway(publisher *p, const json_t *gateway)
         .lost = sum_of(rules, "lost"),
         .dropped = get_number(direction, "dropped"),
     };
-    PUBLISH(p, p->channel_gateway, canwire_gateway_t, &m);
+    PUBLISH(p, CHANNEL_GATEWAY, canwire_gateway_t, &m);
 }
 
 void publisher_gateways(publisher *p, const json_t *gateways)
@@ -844,7 +823,7 @@ static void publish_lines(publisher *p, const cw_event *event, char *text)
             .json = line,
         };
         left &= left - 1;
-        PUBLISH(p, p->channel_event, canwire_event_t, &m);
+        PUBLISH(p, CHANNEL_EVENT, canwire_event_t, &m);
     }
 }
 
