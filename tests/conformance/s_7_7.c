@@ -25,9 +25,9 @@ static void check_stuff_bit(const cw_bit_timing *timing, int late, bool glitch)
         timed_begin(&t, timing, i & 2);
         const unsigned e = (unsigned)(late < 0 ? -late : late);
         const unsigned rest = e - at_most(e, timing->sjw);
-        unsigned length = late < 0 ? t.sample + rest : t.sample - rest;
+        unsigned length = late < 0 ? t.n.sample + rest : t.n.sample - rest;
         timed_bits(&t, 0, TIMED_STUFF - 1);
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, (unsigned)((int)t.bit + late));
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, (unsigned)((int)t.n.bit + late));
         if (glitch) {
             timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 1);
             timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 1);
@@ -39,7 +39,7 @@ static void check_stuff_bit(const cw_bit_timing *timing, int late, bool glitch)
             timed_flag(&t);
         else
             timed_rest(&t, TIMED_STUFF + 1);
-        timed_play(&t, i & 4 ? 3 : 0, !cut, cut);
+        timed_play(&t, i & 4 ? 3 : 0, !cut, cut, 0);
     }
 }
 
@@ -113,10 +113,10 @@ static void run_7_7_2(void)
             timed t;
             timed_begin(&t, &timings[i / 2], i & 1);
             timed_bits(&t, 0, t.bits.length);
-            timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 3 * t.bit - e);
-            timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 6 * t.bit);
+            timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 3 * t.n.bit - e);
+            timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 6 * t.n.bit);
             timed_flag(&t);
-            timed_play(&t, 0, 1, 1);
+            timed_play(&t, 0, 1, 1, 0);
         }
 }
 
@@ -127,9 +127,9 @@ static void run_7_7_9_1(void)
             timed t;
             timed_begin(&t, &timings[i / 2], i & 1);
             timed_put(&t, CW_DOMINANT, CW_RECESSIVE, length);
-            timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 20 * t.bit);
+            timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 20 * t.n.bit);
             timed_rest(&t, 0);
-            timed_play(&t, 0, 1, 0);
+            timed_play(&t, 0, 1, 0, 0);
         }
 }
 
@@ -140,19 +140,19 @@ static void run_7_7_9_2(void)
         const bool cut = i & 1;
         timed t;
         timed_begin(&t, &timings[i / 2], false);
-        if (t.sample < 6)
+        if (t.n.sample < 6)
             continue;
         for (unsigned k = 0; k < 4; k++)
             timed_put(&t, k & 1, CW_RECESSIVE, 1);
-        timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.sample - 4 - cut);
+        timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.n.sample - 4 - cut);
         timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.timing.phase_seg2 + cut);
         if (cut) {
             timed_rest(&t, 0);
         } else {
-            timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 5 * t.bit);
+            timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 5 * t.n.bit);
             timed_flag(&t);
         }
-        timed_play(&t, 0, cut, !cut);
+        timed_play(&t, 0, cut, !cut, 0);
     }
 }
 
@@ -163,14 +163,14 @@ static void run_7_7_10(void)
         timed t;
         timed_begin(&t, &timings[i / 2], i & 1);
         timed_bits(&t, 0, TIMED_STUFF);
-        timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.sample);
+        timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.n.sample);
         timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 1);
         timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.timing.phase_seg2 - 1u);
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.sample - 1);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.sample - 1);
         timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 1);
         timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.timing.phase_seg2);
         timed_rest(&t, TIMED_STUFF + 2);
-        timed_play(&t, 0, 1, 0);
+        timed_play(&t, 0, 1, 0, 0);
     }
 }
 
@@ -179,17 +179,15 @@ static void run_7_7_11(void)
 {
     for (unsigned i = 0; i < 2 * TIMINGS; i++)
         for (unsigned e = 1; e <= timings[i / 2].sjw; e++) {
-            unsigned ack = 0;
             timed t;
             timed_begin(&t, &timings[i / 2], i & 1);
-            while (!cw_bits_is_at(&t.bits, ack, CW_FIELD_ACK_SLOT, 0))
-                ack++;
+            const unsigned ack = timed_at(&t, CW_FIELD_ACK_SLOT, 0);
             timed_bits(&t, 0, ack - 1);
-            timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit - e);
+            timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.bit - e);
             timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 1);
-            timed_put(&t, CW_DOMINANT, CW_DOMINANT, t.bit - 1);
+            timed_put(&t, CW_DOMINANT, CW_DOMINANT, t.n.bit - 1);
             timed_rest(&t, ack + 1);
-            timed_play(&t, 0, 1, 0);
+            timed_play(&t, 0, 1, 0, 0);
         }
 }
 

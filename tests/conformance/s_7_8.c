@@ -7,7 +7,7 @@
 /* Bits in which an edge to dominant is put. */
 typedef enum place { AT_ESI, AT_DATA, AT_CRC_DELIMITER } place;
 
-static fd_script script;
+static timed script;
 
 static unsigned at_most(unsigned quanta, unsigned most)
 {
@@ -21,24 +21,24 @@ static unsigned kind_for(place at, bool cut)
     return at == AT_ESI && cut ? FD_ESI : 0;
 }
 
-static unsigned bit_of(const fd_script *t, place at)
+static unsigned bit_of(const timed *t, place at)
 {
     if (at == AT_ESI)
-        return fd_at(t, CW_FIELD_ESI, 0);
-    return at == AT_DATA ? fd_stuff_bit(t) : fd_at(t, CW_FIELD_CRC_DELIMITER, 0);
+        return timed_at(t, CW_FIELD_ESI, 0);
+    return at == AT_DATA ? fd_stuff_bit(t) : timed_at(t, CW_FIELD_CRC_DELIMITER, 0);
 }
 
 /* The bit has been sampled at its sample point, in the data phase: goes on as that demands. */
-static void go_on(fd_script *t, place at, unsigned n, bool cut)
+static void go_on(timed *t, place at, unsigned n, bool cut)
 {
     const unsigned more = cut ? t->d.quantum : 0;
     const bool error = at == AT_DATA ? cut : at == AT_CRC_DELIMITER ? !cut : false;
     const bool nominal = error || at == AT_CRC_DELIMITER;
-    fd_put(t, CW_RECESSIVE, CW_RECESSIVE, more + (nominal ? t->n.rest : t->d.rest));
+    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, more + (nominal ? t->n.rest : t->d.rest));
     if (error)
-        fd_flag(t);
+        timed_flag(t);
     else
-        fd_rest(t, n + 1);
+        timed_rest(t, n + 1);
     fd_play(t, !error, error, 0);
 }
 
@@ -48,21 +48,22 @@ static void go_on(fd_script *t, place at, unsigned n, bool cut)
 static void check_edge(const fd_timing *timing, place at, int late, bool glitch)
 {
     for (unsigned cut = 0; cut < 2; cut++) {
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin(t, timing, kind_for(at, cut));
         const unsigned n = bit_of(t, at), q = t->d.quantum;
         const unsigned e = (unsigned)(late < 0 ? -late : late);
         const unsigned left = e - at_most(e, t->d.sjw);
         const unsigned to_sample = t->d.sample / q;
         unsigned length = late < 0 ? to_sample + left : to_sample - left;
-        fd_bits(t, 0, n - 1);
-        fd_put(t, CW_RECESSIVE, CW_RECESSIVE, (unsigned)((int)fd_length(t, n - 1) + late * (int)q));
+        timed_bits(t, 0, n - 1);
+        timed_put(t, CW_RECESSIVE, CW_RECESSIVE,
+                  (unsigned)((int)timed_length(t, n - 1) + late * (int)q));
         if (glitch) {
-            fd_put(t, CW_DOMINANT, CW_RECESSIVE, q);
-            fd_put(t, CW_RECESSIVE, CW_RECESSIVE, q);
+            timed_put(t, CW_DOMINANT, CW_RECESSIVE, q);
+            timed_put(t, CW_RECESSIVE, CW_RECESSIVE, q);
             length -= 2;
         }
-        fd_put(t, CW_DOMINANT, CW_RECESSIVE, (length - cut) * q);
+        timed_put(t, CW_DOMINANT, CW_RECESSIVE, (length - cut) * q);
         go_on(t, at, n, cut);
     }
 }
@@ -91,13 +92,13 @@ static void run_brs(void)
 {
     for (unsigned i = 0; i < 2 * FD_TIMINGS; i++) {
         const bool slow = i & 1;
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin(t, &fd_timings[i / 2], slow ? FD_SLOW : 0);
-        const unsigned n = fd_at(t, CW_FIELD_BRS, 0);
-        fd_bits(t, 0, n);
-        fd_put(t, CW_DOMINANT, CW_RECESSIVE, t->n.sample - (slow ? 0 : t->n.quantum));
-        fd_put(t, CW_RECESSIVE, CW_RECESSIVE, slow ? t->n.rest : t->n.quantum + t->d.rest);
-        fd_rest(t, n + 1);
+        const unsigned n = timed_at(t, CW_FIELD_BRS, 0);
+        timed_bits(t, 0, n);
+        timed_put(t, CW_DOMINANT, CW_RECESSIVE, t->n.sample - (slow ? 0 : t->n.quantum));
+        timed_put(t, CW_RECESSIVE, CW_RECESSIVE, slow ? t->n.rest : t->n.quantum + t->d.rest);
+        timed_rest(t, n + 1);
         fd_play(t, 1, 0, 0);
     }
 }
@@ -113,11 +114,11 @@ static void run_crc_delimiter(void)
 {
     for (unsigned i = 0; i < 2 * FD_TIMINGS; i++) {
         const bool cut = i & 1;
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin(t, &fd_timings[i / 2], FD_LAST_DOMINANT);
-        const unsigned n = fd_at(t, CW_FIELD_CRC_DELIMITER, 0);
-        fd_bits(t, 0, n);
-        fd_put(t, CW_DOMINANT, CW_RECESSIVE, t->d.sample - (cut ? t->d.quantum : 0));
+        const unsigned n = timed_at(t, CW_FIELD_CRC_DELIMITER, 0);
+        timed_bits(t, 0, n);
+        timed_put(t, CW_DOMINANT, CW_RECESSIVE, t->d.sample - (cut ? t->d.quantum : 0));
         go_on(t, AT_CRC_DELIMITER, n, cut);
     }
 }
@@ -128,14 +129,14 @@ static void run_crc_delimiter(void)
  * accordingly: it is recessive in the last quantum before that alone. */
 static void check_res(const fd_timing *timing, int late)
 {
-    fd_script *t = &script;
+    timed *t = &script;
     fd_begin(t, timing, 0);
-    const unsigned n = fd_at(t, CW_FIELD_RES, 0), q = t->n.quantum;
-    fd_bits(t, 0, n - 1);
-    fd_put(t, CW_RECESSIVE, CW_RECESSIVE, (unsigned)((int)t->n.bit + late * (int)q));
-    fd_put(t, CW_DOMINANT, CW_RECESSIVE, t->n.bit + t->n.sample - q);
-    fd_put(t, CW_RECESSIVE, CW_RECESSIVE, q + t->d.rest);
-    fd_rest(t, n + 2);
+    const unsigned n = timed_at(t, CW_FIELD_RES, 0), q = t->n.quantum;
+    timed_bits(t, 0, n - 1);
+    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, (unsigned)((int)t->n.bit + late * (int)q));
+    timed_put(t, CW_DOMINANT, CW_RECESSIVE, t->n.bit + t->n.sample - q);
+    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, q + t->d.rest);
+    timed_rest(t, n + 2);
     fd_play(t, 1, 0, 0);
 }
 
@@ -208,19 +209,19 @@ static void run_earlier_data(void)
 /* The ACK of the bench comes so many nominal quanta early: the CRC delimiter has been sampled. */
 static void check_early_ack(const fd_timing *timing, unsigned e)
 {
-    fd_script *t = &script;
+    timed *t = &script;
     fd_begin(t, timing, 0);
-    const unsigned ack = fd_at(t, CW_FIELD_ACK_SLOT, 0), q = t->n.quantum;
-    fd_bits(t, 0, ack - 1);
-    fd_put(t, CW_RECESSIVE, CW_RECESSIVE, fd_length(t, ack - 1) - e * q);
+    const unsigned ack = timed_at(t, CW_FIELD_ACK_SLOT, 0), q = t->n.quantum;
+    timed_bits(t, 0, ack - 1);
+    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, timed_length(t, ack - 1) - e * q);
     if (e <= t->n.sjw) {
-        fd_put(t, CW_DOMINANT, CW_RECESSIVE, q);
-        fd_put(t, CW_DOMINANT, CW_DOMINANT, t->n.bit - q);
+        timed_put(t, CW_DOMINANT, CW_RECESSIVE, q);
+        timed_put(t, CW_DOMINANT, CW_DOMINANT, t->n.bit - q);
     } else {
-        fd_put(t, CW_DOMINANT, CW_RECESSIVE, (e - t->n.sjw) * q);
-        fd_put(t, CW_DOMINANT, CW_DOMINANT, t->n.bit);
+        timed_put(t, CW_DOMINANT, CW_RECESSIVE, (e - t->n.sjw) * q);
+        timed_put(t, CW_DOMINANT, CW_DOMINANT, t->n.bit);
     }
-    fd_rest(t, ack + 1);
+    timed_rest(t, ack + 1);
     fd_play(t, 1, 0, 0);
 }
 
@@ -250,17 +251,17 @@ static void run_glitch_res(void)
 {
     for (unsigned i = 0; i < 2 * FD_TIMINGS; i++) {
         const bool cut = i & 1;
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin(t, &fd_timings[i / 2], 0);
-        const unsigned n = fd_at(t, CW_FIELD_RES, 0), q = t->n.quantum;
-        fd_bits(t, 0, n);
-        fd_put(t, CW_DOMINANT, CW_RECESSIVE, q);
-        fd_put(t, CW_RECESSIVE, CW_RECESSIVE, q);
-        fd_put(t, CW_DOMINANT, CW_RECESSIVE, t->n.sample - (cut ? 3 : 2) * q);
-        fd_put(t, CW_RECESSIVE, CW_RECESSIVE, t->n.rest + (cut ? q : 0));
+        const unsigned n = timed_at(t, CW_FIELD_RES, 0), q = t->n.quantum;
+        timed_bits(t, 0, n);
+        timed_put(t, CW_DOMINANT, CW_RECESSIVE, q);
+        timed_put(t, CW_RECESSIVE, CW_RECESSIVE, q);
+        timed_put(t, CW_DOMINANT, CW_RECESSIVE, t->n.sample - (cut ? 3 : 2) * q);
+        timed_put(t, CW_RECESSIVE, CW_RECESSIVE, t->n.rest + (cut ? q : 0));
         if (cut)
-            fd_put(t, CW_RECESSIVE, CW_RECESSIVE, 12 * t->n.bit);
-        fd_rest(t, cut ? 0 : n + 1);
+            timed_put(t, CW_RECESSIVE, CW_RECESSIVE, 12 * t->n.bit);
+        timed_rest(t, cut ? 0 : n + 1);
         fd_play(t, 1, 0, cut);
     }
 }
@@ -276,19 +277,19 @@ static void run_glitch_data(void)
 static void check_glitch_ack(const fd_timing *timing, bool early)
 {
     for (unsigned cut = 0; cut < 2; cut++) {
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin(t, timing, 0);
-        const unsigned ack = fd_at(t, CW_FIELD_ACK_SLOT, 0), q = t->n.quantum;
-        fd_bits(t, 0, ack - 1);
-        fd_put(t, CW_RECESSIVE, CW_RECESSIVE, fd_length(t, ack - 1) - (early ? q : 0));
-        fd_force(t, CW_DOMINANT, early ? CW_RECESSIVE : CW_DOMINANT, q);
-        fd_force(t, CW_RECESSIVE, CW_DOMINANT, q);
-        fd_force(t, CW_DOMINANT, CW_DOMINANT, t->n.sample - (2 + cut) * q);
-        fd_force(t, CW_RECESSIVE, CW_DOMINANT, t->n.rest + cut * q);
+        const unsigned ack = timed_at(t, CW_FIELD_ACK_SLOT, 0), q = t->n.quantum;
+        timed_bits(t, 0, ack - 1);
+        timed_put(t, CW_RECESSIVE, CW_RECESSIVE, timed_length(t, ack - 1) - (early ? q : 0));
+        timed_force(t, CW_DOMINANT, early ? CW_RECESSIVE : CW_DOMINANT, q);
+        timed_force(t, CW_RECESSIVE, CW_DOMINANT, q);
+        timed_force(t, CW_DOMINANT, CW_DOMINANT, t->n.sample - (2 + cut) * q);
+        timed_force(t, CW_RECESSIVE, CW_DOMINANT, t->n.rest + cut * q);
         if (cut)
-            fd_flag(t);
+            timed_flag(t);
         else
-            fd_rest(t, ack + 1);
+            timed_rest(t, ack + 1);
         fd_play(t, !cut, cut, 0);
     }
 }
@@ -321,32 +322,32 @@ static void run_before_ack(void)
 
 /* A recessive glitch follows right after the sample point of the dominant bit n - 1. The next bit
  * is recessive in the last quantum before its sample point alone. */
-static void check_after_dominant(fd_script *t, unsigned n, const fd_lengths *before,
-                                 const fd_lengths *rate, unsigned rest)
+static void check_after_dominant(timed *t, unsigned n, const timed_lengths *before,
+                                 const timed_lengths *rate, unsigned rest)
 {
-    fd_bits(t, 0, n - 1);
-    fd_put(t, CW_DOMINANT, CW_RECESSIVE, before->sample);
-    fd_put(t, CW_RECESSIVE, CW_RECESSIVE, before->quantum);
-    fd_put(t, CW_DOMINANT, CW_RECESSIVE, before->rest - before->quantum);
-    fd_put(t, CW_DOMINANT, CW_RECESSIVE, rate->sample - rate->quantum);
-    fd_put(t, CW_RECESSIVE, CW_RECESSIVE, rate->quantum + rest);
-    fd_rest(t, n + 1);
+    timed_bits(t, 0, n - 1);
+    timed_put(t, CW_DOMINANT, CW_RECESSIVE, before->sample);
+    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, before->quantum);
+    timed_put(t, CW_DOMINANT, CW_RECESSIVE, before->rest - before->quantum);
+    timed_put(t, CW_DOMINANT, CW_RECESSIVE, rate->sample - rate->quantum);
+    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, rate->quantum + rest);
+    timed_rest(t, n + 1);
     fd_play(t, 1, 0, 0);
 }
 
 static void run_dominant_res(void)
 {
     for (unsigned i = 0; i < FD_TIMINGS; i++) {
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin(t, &fd_timings[i], 0);
-        check_after_dominant(t, fd_at(t, CW_FIELD_BRS, 0), &t->n, &t->n, t->d.rest);
+        check_after_dominant(t, timed_at(t, CW_FIELD_BRS, 0), &t->n, &t->n, t->d.rest);
     }
 }
 
 static void run_dominant_data(void)
 {
     for (unsigned i = 0; i < FD_TIMINGS; i++) {
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin(t, &fd_timings[i], 0);
         check_after_dominant(t, fd_single_recessive(t), &t->d, &t->d, t->d.rest);
     }
@@ -355,9 +356,9 @@ static void run_dominant_data(void)
 static void run_dominant_crc(void)
 {
     for (unsigned i = 0; i < FD_TIMINGS; i++) {
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin(t, &fd_timings[i], FD_LAST_DOMINANT);
-        check_after_dominant(t, fd_at(t, CW_FIELD_CRC_DELIMITER, 0), &t->d, &t->d, t->n.rest);
+        check_after_dominant(t, timed_at(t, CW_FIELD_CRC_DELIMITER, 0), &t->d, &t->d, t->n.rest);
     }
 }
 

@@ -19,15 +19,15 @@ static void run_8_7_1(void)
         const bool short_one = i & 1;
         timed t;
         timed_begin_sending(&t, &timed_timings[i / 4], i & 2);
-        const unsigned n = timed_data_bit(&t, AFTER_DOMINANT);
+        const unsigned n = timed_at(&t, CW_FIELD_DATA, AFTER_DOMINANT);
         timed_sends(&t, 0, n);
-        timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.sample - short_one);
+        timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.n.sample - short_one);
         timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.timing.phase_seg2 + short_one);
         if (short_one)
             timed_sends_rest(&t, n + 1);
         else
-            timed_sends_again(&t, 6 * t.bit);
-        timed_play(&t, i & 1 ? 3 : 0, 1, !short_one);
+            timed_sends_again(&t, 6 * t.n.bit);
+        timed_play(&t, i & 1 ? 3 : 0, 1, !short_one, 0);
     }
 }
 
@@ -38,7 +38,7 @@ static void receive_with_offer(timed *t, unsigned i)
     timed_bits(t, 0, TIMED_STUFF);
     timed_offer(t);
     timed_bits(t, TIMED_STUFF, t->bits.length);
-    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, 2 * t->bit);
+    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, 2 * t->n.bit);
 }
 
 /* The edge comes in the last quantum before the sample point of the third bit of the intermission.
@@ -48,10 +48,10 @@ static void run_8_7_2(void)
     for (unsigned i = 0; i < 2 * TIMED_TIMINGS; i++) {
         timed t;
         receive_with_offer(&t, i);
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.sample - 1);
-        timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.bit);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.sample - 1);
+        timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.n.bit);
         timed_sends_rest(&t, 1);
-        timed_play(&t, 0, 2, 0);
+        timed_play(&t, 0, 2, 0, 0);
     }
 }
 
@@ -62,11 +62,11 @@ static void run_8_7_3(void)
     for (unsigned i = 0; i < 2 * TIMED_TIMINGS; i++) {
         timed t;
         receive_with_offer(&t, i);
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.sample);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.sample);
         timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 1);
-        timed_put(&t, CW_DOMINANT, CW_DOMINANT, t.bit - 1);
+        timed_put(&t, CW_DOMINANT, CW_DOMINANT, t.n.bit - 1);
         timed_sends_rest(&t, 1);
-        timed_play(&t, 0, 2, 0);
+        timed_play(&t, 0, 2, 0, 0);
     }
 }
 
@@ -75,19 +75,19 @@ static void check_early_edge(unsigned i, unsigned e)
 {
     timed t;
     timed_begin_sending(&t, &timed_timings[i / 2], i & 1);
-    const unsigned n = timed_data_bit(&t, AFTER_DOMINANT);
+    const unsigned n = timed_at(&t, CW_FIELD_DATA, AFTER_DOMINANT);
     const bool wholly = e <= t.timing.sjw;
     timed_sends(&t, 0, n);
-    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit - e);
+    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.bit - e);
     if (wholly) {
         timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 1);
-        timed_put(&t, CW_DOMINANT, CW_DOMINANT, t.bit - 1);
+        timed_put(&t, CW_DOMINANT, CW_DOMINANT, t.n.bit - 1);
     } else {
         timed_put(&t, CW_DOMINANT, CW_RECESSIVE, e - t.timing.sjw);
-        timed_put(&t, CW_DOMINANT, CW_DOMINANT, t.bit);
+        timed_put(&t, CW_DOMINANT, CW_DOMINANT, t.n.bit);
     }
     timed_sends_rest(&t, n + 2);
-    timed_play(&t, 0, 1, 0);
+    timed_play(&t, 0, 1, 0, 0);
 }
 
 static void run_early(bool wholly)
@@ -115,15 +115,15 @@ static void run_8_7_6(void)
     for (unsigned i = 0; i < 2 * TIMED_TIMINGS; i++) {
         timed t;
         timed_begin_sending(&t, &timed_timings[i / 2], i & 1);
-        const unsigned n = timed_data_bit(&t, FIRST_OF_TWO);
+        const unsigned n = timed_at(&t, CW_FIELD_DATA, FIRST_OF_TWO);
         timed_sends(&t, 0, n);
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit - 1);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.bit - 1);
         timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 1);
         timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 1);
         timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 1);
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit - 3);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.bit - 3);
         timed_sends_rest(&t, n + 2);
-        timed_play(&t, 0, 1, 0);
+        timed_play(&t, 0, 1, 0, 0);
     }
 }
 
@@ -134,12 +134,12 @@ static void run_8_7_7(void)
         for (unsigned e = 1; e < cw_bit_timing_sample_at(&timed_timings[i / 2]); e++) {
             timed t;
             timed_begin_sending(&t, &timed_timings[i / 2], i & 1);
-            const unsigned n = timed_data_bit(&t, AFTER_DOMINANT) + 1;
+            const unsigned n = timed_at(&t, CW_FIELD_DATA, AFTER_DOMINANT) + 1;
             timed_sends(&t, 0, n);
             timed_force(&t, CW_RECESSIVE, CW_DOMINANT, e);
-            timed_force(&t, CW_DOMINANT, CW_DOMINANT, t.bit - e);
+            timed_force(&t, CW_DOMINANT, CW_DOMINANT, t.n.bit - e);
             timed_sends_rest(&t, n + 1);
-            timed_play(&t, 0, 1, 0);
+            timed_play(&t, 0, 1, 0, 0);
         }
 }
 
@@ -150,14 +150,14 @@ static void run_8_7_8(void)
     for (unsigned i = 0; i < 2 * TIMED_TIMINGS; i++) {
         timed t;
         timed_begin_sending(&t, &timed_timings[i / 2], i & 1);
-        const unsigned n = timed_data_bit(&t, FIRST_OF_TWO);
+        const unsigned n = timed_at(&t, CW_FIELD_DATA, FIRST_OF_TWO);
         const unsigned earlier = at_most(t.timing.phase_seg2, t.timing.sjw);
         timed_sends(&t, 0, n);
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.sample);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.sample);
         timed_put(&t, CW_DOMINANT, CW_RECESSIVE, 1);
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 2 * t.bit - earlier - t.sample - 1);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 2 * t.n.bit - earlier - t.n.sample - 1);
         timed_sends_rest(&t, n + 2);
-        timed_play(&t, 0, 1, 0);
+        timed_play(&t, 0, 1, 0, 0);
     }
 }
 
@@ -168,12 +168,12 @@ static void run_8_7_9(void)
     for (unsigned i = 0; i < 2 * TIMED_TIMINGS; i++) {
         timed t;
         timed_begin_sending(&t, &timed_timings[i / 2], i & 1);
-        const unsigned n = timed_data_bit(&t, AFTER_DOMINANT) + 1;
+        const unsigned n = timed_at(&t, CW_FIELD_DATA, AFTER_DOMINANT) + 1;
         const unsigned earlier = at_most(t.timing.phase_seg2, t.timing.sjw);
         timed_sends(&t, 0, n);
-        timed_force(&t, CW_RECESSIVE, CW_DOMINANT, t.sample);
-        timed_sends_again(&t, 7 * t.bit - earlier - t.sample);
-        timed_play(&t, 0, 1, 1);
+        timed_force(&t, CW_RECESSIVE, CW_DOMINANT, t.n.sample);
+        timed_sends_again(&t, 7 * t.n.bit - earlier - t.n.sample);
+        timed_play(&t, 0, 1, 1, 0);
     }
 }
 

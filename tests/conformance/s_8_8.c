@@ -4,7 +4,7 @@
  */
 #include "timed_fd.h"
 
-static fd_script script;
+static timed script;
 
 /* A compensation that looks at each bit of the data phase in its second clock. */
 static const cw_tdc early_tdc = {.mode = CW_TDC_MANUAL, .tdco = 2};
@@ -13,17 +13,17 @@ static const cw_tdc early_tdc = {.mode = CW_TDC_MANUAL, .tdco = 2};
 
 /* Wire bit n is seen at the other level up to its sample point, or up to a quantum before it, or
  * from there on. rate: up to the sample point; rest: after it, where the bit is right. */
-static void check_bit(fd_script *t, unsigned n, const fd_lengths *rate, unsigned rest, bool wrong)
+static void check_bit(timed *t, unsigned n, const timed_lengths *rate, unsigned rest, bool wrong)
 {
     const bool level = cw_bits_level(&t->bits, n);
-    fd_sends(t, 0, n);
-    fd_force(t, !level, level, rate->sample - (wrong ? 0 : rate->quantum));
-    fd_force(t, level, level, wrong ? 0 : rate->quantum + rest);
+    timed_sends(t, 0, n);
+    timed_force(t, !level, level, rate->sample - (wrong ? 0 : rate->quantum));
+    timed_force(t, level, level, wrong ? 0 : rate->quantum + rest);
     if (wrong) {
-        fd_force(t, !level, level, t->n.rest);
-        fd_sends_again(t);
+        timed_force(t, !level, level, t->n.rest);
+        timed_sends_again(t, 6 * t->n.bit);
     } else {
-        fd_sends_rest(t, n + 1);
+        timed_sends_rest(t, n + 1);
     }
     fd_play(t, 1, wrong, 0);
 }
@@ -32,18 +32,18 @@ static void check_bit(fd_script *t, unsigned n, const fd_lengths *rate, unsigned
 static void check_res(const fd_timing *timing, bool tdc)
 {
     for (unsigned cut = 0; cut < 2; cut++) {
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin_sending(t, timing, 0);
         if (tdc)
             t->tdc = early_tdc;
-        const unsigned n = fd_at(t, CW_FIELD_RES, 0);
-        fd_sends(t, 0, n);
-        fd_force(t, CW_DOMINANT, CW_DOMINANT, t->n.sample - cut * t->n.quantum);
-        fd_force(t, CW_RECESSIVE, CW_DOMINANT, t->n.rest + cut * t->n.quantum);
+        const unsigned n = timed_at(t, CW_FIELD_RES, 0);
+        timed_sends(t, 0, n);
+        timed_force(t, CW_DOMINANT, CW_DOMINANT, t->n.sample - cut * t->n.quantum);
+        timed_force(t, CW_RECESSIVE, CW_DOMINANT, t->n.rest + cut * t->n.quantum);
         if (cut)
-            fd_sends_again(t);
+            timed_sends_again(t, 6 * t->n.bit);
         else
-            fd_sends_rest(t, n + 1);
+            timed_sends_rest(t, n + 1);
         fd_play(t, 1, cut, 0);
     }
 }
@@ -51,11 +51,11 @@ static void check_res(const fd_timing *timing, bool tdc)
 static void check_brs(const fd_timing *timing, bool tdc)
 {
     for (unsigned wrong = 0; wrong < 2; wrong++) {
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin_sending(t, timing, 0);
         if (tdc)
             t->tdc = early_tdc;
-        check_bit(t, fd_at(t, CW_FIELD_BRS, 0), &t->n, t->d.rest, wrong);
+        check_bit(t, timed_at(t, CW_FIELD_BRS, 0), &t->n, t->d.rest, wrong);
     }
 }
 
@@ -74,7 +74,7 @@ static void run_brs(void)
 static void run_data(void)
 {
     for (unsigned i = 0; i < 2 * FD_TIMINGS; i++) {
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin_sending(t, &fd_timings[i / 2], 0);
         check_bit(t, fd_single_recessive(t), &t->d, t->d.rest, i & 1);
     }
@@ -83,9 +83,9 @@ static void run_data(void)
 static void run_crc_delimiter(void)
 {
     for (unsigned i = 0; i < 2 * FD_TIMINGS; i++) {
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin_sending(t, &fd_timings[i / 2], FD_LAST_DOMINANT);
-        check_bit(t, fd_at(t, CW_FIELD_CRC_DELIMITER, 0), &t->d, t->n.rest, i & 1);
+        check_bit(t, timed_at(t, CW_FIELD_CRC_DELIMITER, 0), &t->d, t->n.rest, i & 1);
     }
 }
 
@@ -107,7 +107,7 @@ static void run_brs_with_tdc(void)
 static void check_delayed(const fd_timing *timing, const cw_tdc *tdc, unsigned delay, bool last)
 {
     fd_begin(&script, timing, 0);
-    fd_check_compared(&script, tdc, delay, last ? fd_at(&script, CW_FIELD_CRC_DELIMITER, 0) - 1
+    fd_check_compared(&script, tdc, delay, last ? timed_at(&script, CW_FIELD_CRC_DELIMITER, 0) - 1
                                                 : fd_single_recessive(&script));
 }
 
@@ -117,7 +117,7 @@ static void run_delayed(bool last)
 {
     for (unsigned i = 0; i < 2 * FD_TIMINGS; i++) {
         const fd_timing *timing = &fd_timings[i / 2];
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin(t, timing, 0);
         const unsigned most = last ? t->d.sample - 2 : t->n.sample - 2;
         for (unsigned delay = 0; delay < most && delay < 2 * t->d.bit; delay++) {
@@ -146,13 +146,13 @@ static void run_crc_with_tdc(void)
  * dominant, and begins when it would anyway. */
 static void check_early(unsigned i, bool after_brs, unsigned quanta)
 {
-    fd_script *t = &script;
+    timed *t = &script;
     fd_begin_sending(t, &fd_timings[i], 0);
-    const unsigned n = after_brs ? fd_at(t, CW_FIELD_BRS, 0) : fd_single_recessive(t);
-    fd_sends(t, 0, n);
-    fd_put(t, CW_RECESSIVE, CW_RECESSIVE, fd_length(t, n) - quanta * t->d.quantum);
-    fd_put(t, CW_DOMINANT, CW_RECESSIVE, quanta * t->d.quantum);
-    fd_sends_rest(t, n + 1);
+    const unsigned n = after_brs ? timed_at(t, CW_FIELD_BRS, 0) : fd_single_recessive(t);
+    timed_sends(t, 0, n);
+    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, timed_length(t, n) - quanta * t->d.quantum);
+    timed_put(t, CW_DOMINANT, CW_RECESSIVE, quanta * t->d.quantum);
+    timed_sends_rest(t, n + 1);
     fd_play(t, 1, 0, 0);
 }
 
@@ -177,16 +177,16 @@ static void run_early_data(void)
  * of the dominant bit after it. The first quantum of that bit is seen recessive. */
 static void check_two_edges(unsigned i, bool after_brs)
 {
-    fd_script *t = &script;
+    timed *t = &script;
     fd_begin_sending(t, &fd_timings[i], 0);
-    const unsigned n = after_brs ? fd_at(t, CW_FIELD_BRS, 0) : fd_single_recessive(t);
+    const unsigned n = after_brs ? timed_at(t, CW_FIELD_BRS, 0) : fd_single_recessive(t);
     const unsigned q = t->d.quantum;
-    fd_sends(t, 0, n);
-    fd_force(t, CW_RECESSIVE, CW_RECESSIVE, fd_length(t, n) - q);
-    fd_force(t, CW_DOMINANT, CW_RECESSIVE, q);
-    fd_force(t, CW_RECESSIVE, CW_DOMINANT, q);
-    fd_force(t, CW_DOMINANT, CW_DOMINANT, t->d.bit - q);
-    fd_sends_rest(t, n + 2);
+    timed_sends(t, 0, n);
+    timed_force(t, CW_RECESSIVE, CW_RECESSIVE, timed_length(t, n) - q);
+    timed_force(t, CW_DOMINANT, CW_RECESSIVE, q);
+    timed_force(t, CW_RECESSIVE, CW_DOMINANT, q);
+    timed_force(t, CW_DOMINANT, CW_DOMINANT, t->d.bit - q);
+    timed_sends_rest(t, n + 2);
     fd_play(t, 1, 0, 0);
 }
 
@@ -205,13 +205,13 @@ static void run_two_edges_data(void)
 /* The own dominant bit is seen so many data quanta late, up to its sample point. */
 static void check_late(unsigned i, bool esi, unsigned quanta)
 {
-    fd_script *t = &script;
+    timed *t = &script;
     fd_begin_sending(t, &fd_timings[i], 0);
-    const unsigned n = (esi ? fd_at(t, CW_FIELD_BRS, 0) : fd_single_recessive(t)) + 1;
-    fd_sends(t, 0, n);
-    fd_force(t, CW_RECESSIVE, CW_DOMINANT, quanta * t->d.quantum);
-    fd_force(t, CW_DOMINANT, CW_DOMINANT, t->d.bit - quanta * t->d.quantum);
-    fd_sends_rest(t, n + 1);
+    const unsigned n = (esi ? timed_at(t, CW_FIELD_BRS, 0) : fd_single_recessive(t)) + 1;
+    timed_sends(t, 0, n);
+    timed_force(t, CW_RECESSIVE, CW_DOMINANT, quanta * t->d.quantum);
+    timed_force(t, CW_DOMINANT, CW_DOMINANT, t->d.bit - quanta * t->d.quantum);
+    timed_sends_rest(t, n + 1);
     fd_play(t, 1, 0, 0);
 }
 

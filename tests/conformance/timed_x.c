@@ -15,11 +15,11 @@ void timed_run_intermission(void)
                 timed t;
                 timed_begin(&t, &timed_timings[i], false);
                 timed_bits(&t, 0, t.bits.length);
-                timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, second * t.bit + e);
+                timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, second * t.n.bit + e);
                 timed_put(&t, CW_DOMINANT, CW_RECESSIVE,
-                          second ? t.bit : t.bit + t.timing.sjw - e);
+                          second ? t.n.bit : t.n.bit + t.timing.sjw - e);
                 timed_flag(&t);
-                timed_play(&t, 0, 1, 0);
+                timed_play(&t, 0, 1, 0, 0);
             }
 }
 
@@ -30,20 +30,18 @@ void timed_run_triple_sampling(void)
         const unsigned looks = 1 + (i & 1);
         cw_bit_timing timing = timed_timings[i / 2];
         timing.triple_sampling = true;
-        unsigned delimiter = 0;
         timed t;
         timed_begin(&t, &timing, false);
-        while (!cw_bits_is_at(&t.bits, delimiter, CW_FIELD_ACK_DELIMITER, 0))
-            delimiter++;
+        const unsigned delimiter = timed_at(&t, CW_FIELD_ACK_DELIMITER, 0);
         timed_bits(&t, 0, delimiter);
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.sample - looks);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.sample - looks);
         timed_put(&t, CW_DOMINANT, CW_RECESSIVE, looks);
         timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, timing.phase_seg2);
         if (looks == 1)
             timed_rest(&t, delimiter + 1);
         else
             timed_flag(&t);
-        timed_play(&t, 0, looks == 1, looks == 2);
+        timed_play(&t, 0, looks == 1, looks == 2, 0);
     }
 }
 
@@ -56,14 +54,14 @@ static void check_suspend(const cw_bit_timing *timing, unsigned bit, unsigned e)
     timed_begin_sending(&t, timing, false);
     t.tec = 150;
     timed_sends(&t, 0, t.bits.length);
-    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 3 * t.bit);
+    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 3 * t.n.bit);
     timed_offer(&t);
-    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, bit * t.bit + e);
-    timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.sample + timing->sjw - e);
+    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, bit * t.n.bit + e);
+    timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.n.sample + timing->sjw - e);
     timed_put(&t, CW_RECESSIVE, CW_RECESSIVE,
-              (8 - bit) * t.bit - (t.sample + timing->sjw - e));
+              (8 - bit) * t.n.bit - (t.n.sample + timing->sjw - e));
     timed_sends_rest(&t, 0);
-    timed_play(&t, 0, 2, 0);
+    timed_play(&t, 0, 2, 0, 0);
 }
 
 void timed_run_suspend(void)
@@ -73,15 +71,6 @@ void timed_run_suspend(void)
              e < cw_bit_timing_sample_at(&timed_timings[i]); e++)
             for (unsigned bit = 0; bit < 8; bit++)
                 check_suspend(&timed_timings[i], bit, e);
-}
-
-/* Returns the wire bit of the ACK slot. */
-static unsigned ack_slot(const timed *t)
-{
-    unsigned n = 0;
-    while (!cw_bits_is_at(&t->bits, n, CW_FIELD_ACK_SLOT, 0))
-        n++;
-    return n;
 }
 
 /* M11: nobody but a listen-only controller has acknowledged. Its bit timing sees a recessive slot,
@@ -94,18 +83,18 @@ static void check_own_ack(const cw_bit_timing *timing, unsigned e)
     timed t;
     timed_begin(&t, timing, false);
     t.modes = CW_MODE_LISTEN_ONLY;
-    const unsigned ack = ack_slot(&t);
+    const unsigned ack = timed_at(&t, CW_FIELD_ACK_SLOT, 0);
     for (unsigned n = 0; n < ack; n++)
-        timed_put(&t, cw_bits_level(&t.bits, n), CW_RECESSIVE, t.bit);
+        timed_put(&t, cw_bits_level(&t.bits, n), CW_RECESSIVE, t.n.bit);
     for (unsigned bit = 0; bit < 2; bit++) {
         timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, e);
-        timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.sample - e);
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit - t.sample + timing->sjw);
+        timed_put(&t, CW_DOMINANT, CW_RECESSIVE, t.n.sample - e);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.bit - t.n.sample + timing->sjw);
     }
     for (unsigned n = ack + 2; n < t.bits.length; n++)
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit);
-    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 4 * t.bit);
-    timed_play(&t, 0, 1, 0);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.bit);
+    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, 4 * t.n.bit);
+    timed_play(&t, 0, 1, 0, 0);
 }
 
 void timed_run_listen_only(void)
@@ -126,14 +115,14 @@ static void check_recovery(const cw_bit_timing *timing, unsigned at, bool early)
     t.tec = 256;
     timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, at);
     timed_restart(&t);
-    const unsigned bits = 128u * 11u - (at < t.sample ? 1u : 0u) - early;
-    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit - at + bits * t.bit);
-    const unsigned ack = ack_slot(&t);
+    const unsigned bits = 128u * 11u - (at < t.n.sample ? 1u : 0u) - early;
+    timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.bit - at + bits * t.n.bit);
+    const unsigned ack = timed_at(&t, CW_FIELD_ACK_SLOT, 0);
     timed_bits(&t, 0, ack);
-    timed_put(&t, CW_RECESSIVE, early, t.bit);
+    timed_put(&t, CW_RECESSIVE, early, t.n.bit);
     for (unsigned n = ack + 1; n < t.bits.length; n++)
-        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.bit);
-    timed_play(&t, 0, !early, 0);
+        timed_put(&t, CW_RECESSIVE, CW_RECESSIVE, t.n.bit);
+    timed_play(&t, 0, !early, 0, 0);
 }
 
 void timed_run_recovery(void)

@@ -4,7 +4,7 @@
  */
 #include "timed_fd.h"
 
-static fd_script script;
+static timed script;
 
 /* ---- D12 ------------------------------------------------------------------------------------- */
 
@@ -15,13 +15,13 @@ void timed_run_transmitter_at_res(void)
     for (unsigned i = 0; i < FD_TIMINGS; i++)
         for (unsigned e = fd_timings[i].nominal.sjw + 1u;
              e <= fd_timings[i].nominal.phase_seg2; e++) {
-            fd_script *t = &script;
+            timed *t = &script;
             fd_begin_sending(t, &fd_timings[i], 0);
-            const unsigned fdf = fd_at(t, CW_FIELD_FDF, 0);
-            fd_sends(t, 0, fdf);
-            fd_put(t, CW_RECESSIVE, CW_RECESSIVE, t->n.bit - e * t->n.quantum);
-            fd_put(t, CW_DOMINANT, CW_RECESSIVE, (e - t->n.sjw) * t->n.quantum);
-            fd_sends_rest(t, fdf + 1);
+            const unsigned fdf = timed_at(t, CW_FIELD_FDF, 0);
+            timed_sends(t, 0, fdf);
+            timed_put(t, CW_RECESSIVE, CW_RECESSIVE, t->n.bit - e * t->n.quantum);
+            timed_put(t, CW_DOMINANT, CW_RECESSIVE, (e - t->n.sjw) * t->n.quantum);
+            timed_sends_rest(t, fdf + 1);
             fd_play(t, 1, 0, 0);
         }
 }
@@ -36,13 +36,13 @@ void timed_run_stuff_bit_after_fdf(void)
     for (unsigned i = 0; i < FD_TIMINGS; i++)
         for (unsigned e = fd_timings[i].nominal.sjw + 1u;
              e < cw_bit_timing_sample_at(&fd_timings[i].nominal); e++) {
-            fd_script *t = &script;
+            timed *t = &script;
             fd_begin(t, &fd_timings[i], 0);
             for (const char *bit = bits; *bit; bit++)
-                fd_put(t, *bit == 'r', CW_RECESSIVE, t->n.bit);
-            fd_put(t, CW_RECESSIVE, CW_RECESSIVE, e * t->n.quantum);
-            fd_put(t, CW_DOMINANT, CW_RECESSIVE, t->n.sample - (e - t->n.sjw) * t->n.quantum);
-            fd_put(t, CW_RECESSIVE, CW_RECESSIVE, 14 * t->n.bit);
+                timed_put(t, *bit == 'r', CW_RECESSIVE, t->n.bit);
+            timed_put(t, CW_RECESSIVE, CW_RECESSIVE, e * t->n.quantum);
+            timed_put(t, CW_DOMINANT, CW_RECESSIVE, t->n.sample - (e - t->n.sjw) * t->n.quantum);
+            timed_put(t, CW_RECESSIVE, CW_RECESSIVE, 14 * t->n.bit);
             fd_play(t, 0, 0, 1);
         }
 }
@@ -51,7 +51,7 @@ void timed_run_stuff_bit_after_fdf(void)
 
 /* Returns a delay that is too long. Shorter ones, from a sample point on, show the last bit of the
  * CRC at the sample point of the CRC delimiter. */
-static unsigned longest_delay(const fd_script *t)
+static unsigned longest_delay(const timed *t)
 {
     const unsigned most = t->n.sample - 2;
     return most < 2 * t->d.bit ? most : 2 * t->d.bit;
@@ -61,7 +61,7 @@ static unsigned longest_delay(const fd_script *t)
 void timed_run_delimiter_with_tdc(void)
 {
     for (unsigned i = 0; i < FD_TIMINGS; i++) {
-        fd_script *t = &script;
+        timed *t = &script;
         fd_begin(t, &fd_timings[i], 0);
         for (unsigned delay = t->d.sample; delay < longest_delay(t); delay++) {
             fd_begin_sending(t, &fd_timings[i], FD_LAST_DOMINANT);
@@ -76,16 +76,16 @@ void timed_run_delimiter_with_tdc(void)
  * one clock behind it. There the own level is another one. */
 static void check_last(const fd_timing *timing, unsigned delay, bool behind)
 {
-    fd_script *t = &script;
+    timed *t = &script;
     fd_begin_sending(t, timing, FD_LAST_DOMINANT);
     t->tdc = (cw_tdc){.mode = CW_TDC_AUTO, .tdco = t->d.bit + t->d.sample - delay + behind};
-    const unsigned sample = fd_begin_of(t, fd_at(t, CW_FIELD_CRC_DELIMITER, 0)) + t->d.sample;
+    const unsigned sample = fd_begin_of(t, timed_at(t, CW_FIELD_CRC_DELIMITER, 0)) + t->d.sample;
     if (behind) {
         fd_sends_delayed(t, delay, sample);
     } else {
         fd_sends_late(t, sample, delay, sample - 1);
-        fd_force(t, CW_RECESSIVE, CW_RECESSIVE, t->n.rest);
-        fd_error_frame(t);
+        timed_force(t, CW_RECESSIVE, CW_RECESSIVE, t->n.rest);
+        timed_error_frame(t, 6 * t->n.bit);
         fd_sends_delayed(t, delay, FD_NEVER);
     }
     fd_play(t, 1, !behind, 0);
@@ -119,21 +119,21 @@ void timed_run_first_compared(void)
  * one that still counts does not. */
 static void check_exception(const fd_timing *timing, unsigned bits, bool pulse)
 {
-    fd_script *t = &script;
+    timed *t = &script;
     fd_begin(t, timing, 0);
-    const unsigned res = fd_at(t, CW_FIELD_RES, 0), ack = fd_at(t, CW_FIELD_ACK_SLOT, 0);
-    fd_bits(t, 0, res);
-    fd_put(t, CW_RECESSIVE, CW_RECESSIVE, t->n.bit);
-    fd_put(t, CW_DOMINANT, CW_RECESSIVE, t->n.bit); /* now the eleven begin */
-    fd_put(t, CW_RECESSIVE, CW_RECESSIVE, bits * t->n.bit);
-    fd_put(t, pulse ? CW_DOMINANT : CW_RECESSIVE, CW_RECESSIVE, t->n.quantum);
-    fd_put(t, CW_RECESSIVE, CW_RECESSIVE, 11 * t->n.bit - bits * t->n.bit - t->n.quantum);
+    const unsigned res = timed_at(t, CW_FIELD_RES, 0), ack = timed_at(t, CW_FIELD_ACK_SLOT, 0);
+    timed_bits(t, 0, res);
+    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, t->n.bit);
+    timed_put(t, CW_DOMINANT, CW_RECESSIVE, t->n.bit); /* now the eleven begin */
+    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, bits * t->n.bit);
+    timed_put(t, pulse ? CW_DOMINANT : CW_RECESSIVE, CW_RECESSIVE, t->n.quantum);
+    timed_put(t, CW_RECESSIVE, CW_RECESSIVE, 11 * t->n.bit - bits * t->n.bit - t->n.quantum);
     if (!pulse) {
-        fd_rest(t, 0);
+        timed_rest(t, 0);
     } else {
         for (unsigned n = 0; n < t->bits.length; n++)
-            fd_put(t, cw_bits_level(&t->bits, n) && n != ack, CW_RECESSIVE, fd_length(t, n));
-        fd_put(t, CW_RECESSIVE, CW_RECESSIVE, 4 * t->n.bit);
+            timed_put(t, cw_bits_level(&t->bits, n) && n != ack, CW_RECESSIVE, timed_length(t, n));
+        timed_put(t, CW_RECESSIVE, CW_RECESSIVE, 4 * t->n.bit);
     }
     fd_play(t, !pulse, 0, 1);
 }
