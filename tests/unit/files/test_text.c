@@ -6,6 +6,8 @@
 #include "base/text/number.h"
 #include "trace/frametext.h"
 
+#include <inttypes.h>
+
 typedef struct frame_case {
     const char *text;
     const char *printed;
@@ -383,8 +385,33 @@ TEST(identifiers_stand_alone)
             fail_msg("'%s' was accepted", bad[i]);
 }
 
+/* A number that a text stands for. */
+typedef struct number_row {
+    const char *text; /* NULL ends a table */
+    uint64_t value;
+} number_row;
+
+typedef const char *number_parser(uint64_t *out, const char *text);
+
+/* Checks texts that stand for numbers, and texts that stand for none and leave the number as it
+ * is. */
+static void check_numbers(number_parser *parse, const number_row *good, const char *const *bad)
+{
+    for (; good->text; good++) {
+        uint64_t value = good->value + 1;
+        if (parse(&value, good->text) || value != good->value)
+            fail_msg("'%s' is %" PRIu64, good->text, value);
+    }
+    for (; *bad; bad++) {
+        uint64_t value = 7;
+        if (!parse(&value, *bad) || value != 7)
+            fail_msg("'%s' was accepted", *bad);
+    }
+}
+
 TEST(integers_are_strict)
 {
+    static const number_row good[] = {{"0", 0}, {"18446744073709551615", UINT64_MAX}, {NULL, 0}};
     static const char *const bad[] = {
         "",
         "+5",
@@ -400,25 +427,14 @@ TEST(integers_are_strict)
         "1e3",
         "18446744073709551616",
         "99999999999999999999",
+        NULL,
     };
-    uint64_t value = 7;
-
-    for (size_t i = 0; i < COUNT(bad); i++)
-        if (!text_parse_uint(&value, bad[i]))
-            fail_msg("'%s' was accepted", bad[i]);
-    assert_int_equal(value, 7);
-    assert_null(text_parse_uint(&value, "0"));
-    assert_int_equal(value, 0);
-    assert_null(text_parse_uint(&value, "18446744073709551615"));
-    assert_true(value == UINT64_MAX);
+    check_numbers(text_parse_uint, good, bad);
 }
 
 TEST(probabilities_are_exact)
 {
-    static const struct {
-        const char *text;
-        uint64_t value;
-    } cases[] = {
+    static const number_row good[] = {
         {"0", 0},
         {"0.0", 0},
         {"0.5", UINT64_C(1) << 63},
@@ -441,6 +457,7 @@ TEST(probabilities_are_exact)
         {"1e-5", UINT64_C(184467440737095)},
         {"10e-6", UINT64_C(184467440737095)},
         {"0.00001", UINT64_C(184467440737095)},
+        {NULL, 0},
     };
     static const char *const bad[] = {
         "",
@@ -469,16 +486,9 @@ TEST(probabilities_are_exact)
         "1.00000000000000000000001",
         "0.00000000000000000001",
         "nan",
+        NULL,
     };
-    uint64_t value;
-
-    for (size_t i = 0; i < COUNT(cases); i++) {
-        assert_null(text_parse_probability(&value, cases[i].text));
-        assert_true(value == cases[i].value);
-    }
-    for (size_t i = 0; i < COUNT(bad); i++)
-        if (!text_parse_probability(&value, bad[i]))
-            fail_msg("'%s' was accepted", bad[i]);
+    check_numbers(text_parse_probability, good, bad);
 }
 
 TEST(times_have_units)
@@ -781,10 +791,7 @@ TEST(spans_are_printed_in_their_unit)
 
 TEST(reads_sizes)
 {
-    static const struct {
-        const char *text;
-        uint64_t bytes; /* UINT64_MAX: refused */
-    } cases[] = {
+    static const number_row good[] = {
         {"0", 0},
         {"64kB", 64000},
         {"100MB", 100000000},
@@ -792,31 +799,25 @@ TEST(reads_sizes)
         {"1KiB", 1024},
         {"3MiB", 3145728},
         {"999999999GiB", UINT64_C(999999999) << 30},
-        {"", UINT64_MAX},
-        {"kB", UINT64_MAX},
-        {"1.5MB", UINT64_MAX},
-        {"1 MB", UINT64_MAX},
-        {"1mb", UINT64_MAX},
-        {"01", UINT64_MAX},
-        {"-1", UINT64_MAX},
-        {"1000000000", UINT64_MAX},
+        {NULL, 0},
     };
-
-    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        uint64_t bytes = UINT64_MAX;
-        bool good = text_parse_size(&bytes, cases[i].text) == NULL;
-
-        assert_int_equal(good, cases[i].bytes != UINT64_MAX);
-        assert_int_equal(bytes, cases[i].bytes);
-    }
+    static const char *const bad[] = {
+        "",
+        "kB",
+        "1.5MB",
+        "1 MB",
+        "1mb",
+        "01",
+        "-1",
+        "1000000000",
+        NULL,
+    };
+    check_numbers(text_parse_size, good, bad);
 }
 
 TEST(frequencies_are_whole_hertz)
 {
-    static const struct {
-        const char *text;
-        uint64_t hz; /* UINT64_MAX: refused */
-    } cases[] = {
+    static const number_row good[] = {
         {"16MHz", 16000000},
         {"80000000", 80000000},
         {"8.333MHz", 8333000},
@@ -826,48 +827,35 @@ TEST(frequencies_are_whole_hertz)
         {"1Hz", 1},
         {"0", 0},
         {"0.5kHz", 500},
-        {"8.3333333MHz", UINT64_MAX},
-        {"1.5", UINT64_MAX},
-        {"", UINT64_MAX},
-        {"MHz", UINT64_MAX},
-        {"16mhz", UINT64_MAX},
-        {"16 MHz", UINT64_MAX},
-        {"-1MHz", UINT64_MAX},
-        {"16MHzx", UINT64_MAX},
-        {"016MHz", UINT64_MAX},
-        {"18446744073709551615GHz", UINT64_MAX},
+        {NULL, 0},
     };
-
-    for (size_t i = 0; i < COUNT(cases); i++) {
-        uint64_t hz = UINT64_MAX;
-        const char *wrong = text_parse_frequency(&hz, cases[i].text);
-
-        assert_int_equal(wrong == NULL, cases[i].hz != UINT64_MAX);
-        assert_int_equal(hz, cases[i].hz);
-    }
+    static const char *const bad[] = {
+        "8.3333333MHz",
+        "1.5",
+        "",
+        "MHz",
+        "16mhz",
+        "16 MHz",
+        "-1MHz",
+        "16MHzx",
+        "016MHz",
+        "18446744073709551615GHz",
+        NULL,
+    };
+    check_numbers(text_parse_frequency, good, bad);
 }
 
 TEST(lengths_are_whole_millimetres)
 {
-    static const struct {
-        const char *text;
-        uint64_t mm; /* UINT64_MAX: refused */
-    } cases[] = {
-        {"40m", 40000},      {"12.5m", 12500},
-        {"30cm", 300},       {"7mm", 7},
-        {"1.5km", 1500000},  {"0", 0},
-        {"0m", 0},           {"0.001m", 1},
-        {"40", UINT64_MAX},  {"0.0001m", UINT64_MAX},
-        {"m", UINT64_MAX},   {"", UINT64_MAX},
-        {"4 m", UINT64_MAX}, {"4M", UINT64_MAX},
-        {"-4m", UINT64_MAX}, {"4ft", UINT64_MAX},
+    static const number_row good[] = {
+        {"40m", 40000}, {"12.5m", 12500},
+        {"30cm", 300}, {"7mm", 7},
+        {"1.5km", 1500000}, {"0", 0},
+        {"0m", 0}, {"0.001m", 1},
+        {NULL, 0},
     };
-
-    for (size_t i = 0; i < COUNT(cases); i++) {
-        uint64_t mm = UINT64_MAX;
-        const char *wrong = text_parse_length(&mm, cases[i].text);
-
-        assert_int_equal(wrong == NULL, cases[i].mm != UINT64_MAX);
-        assert_int_equal(mm, cases[i].mm);
-    }
+    static const char *const bad[] = {
+        "40", "0.0001m", "m", "", "4 m", "4M", "-4m", "4ft", NULL,
+    };
+    check_numbers(text_parse_length, good, bad);
 }
