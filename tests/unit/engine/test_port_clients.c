@@ -2,39 +2,17 @@
  *
  * test_port_clients.c - programs that share a port, and doors.
  */
-#include "rig.h"
+#include "port_rig.h"
 
 #include "port/door.h"
 #include "port/member.h"
-#include "port/open.h"
 #include "port/underway.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/can/error.h>
-#include <sys/socket.h>
-#include <sys/un.h>
-#include <unistd.h>
 
 #define INVERTED CAN_INV_FILTER
-
-typedef struct fixture {
-    char folder[64];
-    char path[80];
-    char name[90]; /* of the port */
-    port *port;
-} fixture;
-
-static int set_up_folder(void **state)
-{
-    fixture *f = calloc(1, sizeof *f);
-    strcpy(f->folder, "/tmp/canwire-test-XXXXXX");
-    assert_non_null(mkdtemp(f->folder));
-    snprintf(f->path, sizeof f->path, "%s/bus", f->folder);
-    snprintf(f->name, sizeof f->name, "unix:%s", f->path);
-    *state = f;
-    return 0;
-}
 
 static void share(fixture *f, port_echo echo)
 {
@@ -44,43 +22,23 @@ static void share(fixture *f, port_echo echo)
 
 static int set_up(void **state)
 {
-    char error[PORT_ERROR_TEXT_MAX];
-    (void)set_up_folder(state);
-    fixture *f = *state;
-    f->port = port_open(f->name, "bus", error);
-    assert_non_null(f->port);
-    share(f, PORT_ECHO_AT_ONCE);
+    (void)set_up_port(state);
+    share(*state, PORT_ECHO_AT_ONCE);
     return 0;
 }
 
 static int set_up_door(void **state)
 {
     char error[PORT_ERROR_TEXT_MAX];
-    (void)set_up_folder(state);
-    fixture *f = *state;
+    fixture *f = make_fixture(state);
     f->port = door_open(f->name, error);
     assert_non_null(f->port);
     return 0;
 }
 
-static int tear_down(void **state)
-{
-    fixture *f = *state;
-    port_close(f->port);
-    assert_int_equal(rmdir(f->folder), 0);
-    free(f);
-    return 0;
-}
-
 static int connect_to(const fixture *f)
 {
-    const struct sockaddr_un none = {.sun_family = AF_UNIX};
-    struct sockaddr_un address = {.sun_family = AF_UNIX};
-    strcpy(address.sun_path, f->path);
-    int fd = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    assert_int_equal(bind(fd, (const struct sockaddr *)&none, sizeof none.sun_family), 0);
-    assert_int_equal(connect(fd, (struct sockaddr *)&address, sizeof address), 0);
-    return fd;
+    return connect_with(f->path, SOCK_NONBLOCK);
 }
 
 static void send_to(int fd, unsigned type, unsigned number, const void *body, size_t size)
@@ -115,15 +73,6 @@ static bool receive(int fd, message *m)
     return size > 0;
 }
 
-static unsigned read_all(port *p, port_frame *frames)
-{
-    unsigned count = 0;
-    bool more = true;
-    while (more)
-        count += port_read(p, frames + count, PORT_BATCH, &more);
-    return count;
-}
-
 static void read_nothing(port *p)
 {
     port_frame frames[PORT_BATCH];
@@ -143,13 +92,6 @@ static int join(fixture *f, uint32_t options)
     assert_int_equal(m.hello.mtu, CANFD_MTU);
     assert_string_equal(m.hello.name, "engine");
     return fd;
-}
-
-static port_stats stats_of(port *p)
-{
-    port_stats s;
-    port_get_stats(p, &s);
-    return s;
 }
 
 /* ---- Filters --------------------------------------------------------------------------------- */

@@ -2,17 +2,14 @@
  *
  * test_port_gather.c - frames for a plain ECU that go with one call of the kernel.
  */
-#include "rig.h"
+#include "port_rig.h"
 
-#include "port/open.h"
 #include "port/port.h"
 
 #include <dlfcn.h>
 #include <errno.h>
 #include <linux/can.h>
 #include <linux/can/error.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #define MANY 100u
 
@@ -34,14 +31,14 @@ int sendmmsg(int fd, struct mmsghdr *messages, unsigned count, int flags)
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
-typedef struct fixture {
+typedef struct gathering {
     port *port;
     int ecu;
-} fixture;
+} gathering;
 
-static int set_up(void **state)
+static int set_up_pair(void **state)
 {
-    fixture *f = calloc(1, sizeof *f);
+    gathering *f = calloc(1, sizeof *f);
     char name[20], error[PORT_ERROR_TEXT_MAX];
     int pair[2];
     assert_int_equal(socketpair(AF_UNIX, SOCK_SEQPACKET, 0, pair), 0);
@@ -55,9 +52,9 @@ static int set_up(void **state)
     return 0;
 }
 
-static int tear_down(void **state)
+static int tear_down_pair(void **state)
 {
-    fixture *f = *state;
+    gathering *f = *state;
     port_close(f->port);
     if (f->ecu >= 0)
         close(f->ecu);
@@ -89,20 +86,13 @@ static void assert_numbered(int ecu, unsigned first, unsigned count)
     }
 }
 
-static port_stats stats_of(port *p)
-{
-    port_stats s;
-    port_get_stats(p, &s);
-    return s;
-}
-
-#define ON_PORT(test) TEST_WITH(test, set_up, tear_down)
+#define ON_PORT(test) TEST_WITH(test, set_up_pair, tear_down_pair)
 
 /* ---- Tests ----------------------------------------------------------------------------------- */
 
 ON_PORT(gathered_frames_go_in_one_call_in_order)
 {
-    fixture *f = *state;
+    gathering *f = *state;
     const errframe error = {.can_id = CAN_ERR_FLAG | CAN_ERR_BUSOFF};
     struct can_frame out;
     port_gather(f->port);
@@ -125,7 +115,7 @@ ON_PORT(gathered_frames_go_in_one_call_in_order)
 
 ON_PORT(many_frames_do_not_wait_for_the_flush)
 {
-    fixture *f = *state;
+    gathering *f = *state;
     port_gather(f->port);
     write_numbered(f->port, 0, MANY);
     assert_int_equal(calls, MANY / 32);
@@ -138,7 +128,7 @@ ON_PORT(many_frames_do_not_wait_for_the_flush)
 
 ON_PORT(a_kernel_that_takes_some_or_none_loses_nothing)
 {
-    fixture *f = *state;
+    gathering *f = *state;
     port_gather(f->port);
     write_numbered(f->port, 0x100, 5);
     most = 2;
@@ -156,7 +146,7 @@ ON_PORT(a_kernel_that_takes_some_or_none_loses_nothing)
 
 ON_PORT(gathered_frames_without_room_count_as_failed)
 {
-    fixture *f = *state;
+    gathering *f = *state;
     const cw_frame frame = rig_frame(0x123, 0, 8);
     uint64_t room = 0;
     while (port_write(f->port, &frame))
@@ -172,7 +162,7 @@ ON_PORT(gathered_frames_without_room_count_as_failed)
 
 ON_PORT(gathered_frames_for_an_ecu_that_has_gone_are_unheard)
 {
-    fixture *f = *state;
+    gathering *f = *state;
     port_gather(f->port);
     write_numbered(f->port, 0x100, 4);
     close(f->ecu);
@@ -184,7 +174,7 @@ ON_PORT(gathered_frames_for_an_ecu_that_has_gone_are_unheard)
 
 ON_PORT(whoever_asks_for_counts_has_all_of_them)
 {
-    fixture *f = *state;
+    gathering *f = *state;
     port_gather(f->port);
     write_numbered(f->port, 0x100, 2);
     assert_int_equal(stats_of(f->port).written, 2);

@@ -2,11 +2,10 @@
  *
  * test_port_unix.c - names of ports, ports on Unix sockets, and the engine on them.
  */
-#include "rig.h"
+#include "port_rig.h"
 
 #include "config/node/portname.h"
 #include "engine/engine.h"
-#include "port/open.h"
 
 #include <dlfcn.h>
 #include <errno.h>
@@ -15,12 +14,9 @@
 #include <linux/can/error.h>
 #include <poll.h>
 #include <sys/resource.h>
-#include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
-#include <sys/un.h>
 #include <time.h>
-#include <unistd.h>
 
 #define WAIT_MS 10000 /* for what has to come */
 #define CLOCKS_NS 500000 /* that two clocks may be read apart */
@@ -39,46 +35,6 @@ int recvmmsg(int fd, struct mmsghdr *messages, unsigned count, int flags, struct
 }
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
-
-typedef struct fixture {
-    char folder[64];
-    char path[80];
-    char name[90]; /* of the port */
-    port *port;
-} fixture;
-
-static int set_up(void **state)
-{
-    fixture *f = calloc(1, sizeof *f);
-    char error[PORT_ERROR_TEXT_MAX];
-    strcpy(f->folder, "/tmp/canwire-test-XXXXXX");
-    assert_non_null(mkdtemp(f->folder));
-    snprintf(f->path, sizeof f->path, "%s/ecu", f->folder);
-    snprintf(f->name, sizeof f->name, "unix:%s", f->path);
-    f->port = port_open(f->name, "bus", error);
-    assert_non_null(f->port);
-    *state = f;
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    fixture *f = *state;
-    port_close(f->port);
-    assert_int_equal(access(f->path, F_OK), -1);
-    assert_int_equal(rmdir(f->folder), 0);
-    free(f);
-    return 0;
-}
-
-static int connect_to(const char *path)
-{
-    struct sockaddr_un address = {.sun_family = AF_UNIX};
-    strcpy(address.sun_path, path);
-    int fd = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0);
-    assert_int_equal(connect(fd, (struct sockaddr *)&address, sizeof address), 0);
-    return fd;
-}
 
 static struct can_frame raw_frame(uint32_t id, unsigned length)
 {
@@ -100,31 +56,10 @@ static bool readable(int fd, int wait_ms)
     return poll(&p, 1, wait_ms) == 1;
 }
 
-/* Reads all waiting frames, as an engine does at a wake-up. */
-static unsigned read_all(port *p, port_frame *frames)
-{
-    unsigned count = 0;
-    bool more = true;
-    while (more) {
-        port_frame batch[PORT_BATCH];
-        unsigned some = port_read(p, batch, PORT_BATCH, &more);
-        memcpy(frames + count, batch, some * sizeof *batch);
-        count += some;
-    }
-    return count;
-}
-
 static unsigned read_none(port *p)
 {
     port_frame frames[PORT_BATCH];
     return read_all(p, frames);
-}
-
-static port_stats stats_of(port *p)
-{
-    port_stats s;
-    port_get_stats(p, &s);
-    return s;
 }
 
 /* ---- Calls of the kernel --------------------------------------------------------------------- */
@@ -138,7 +73,7 @@ int accept4(int fd, struct sockaddr *address, socklen_t *size, int flags)
     return (int)syscall(SYS_accept4, fd, address, size, flags);
 }
 
-#define ON_PORT(test) TEST_WITH(test, set_up, tear_down)
+#define ON_PORT(test) TEST_WITH(test, set_up_port, tear_down)
 
 ON_PORT(a_port_at_which_nothing_waits_accepts_nothing)
 {
@@ -147,7 +82,7 @@ ON_PORT(a_port_at_which_nothing_waits_accepts_nothing)
     for (unsigned i = 0; i < 10; i++)
         assert_int_equal(read_none(f->port), 0);
     assert_int_equal(accepts, 0);
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     for (unsigned i = 0; i < 10; i++)
         assert_int_equal(read_none(f->port), 0);
     assert_int_equal(stats_of(f->port).connected, 1);
@@ -159,7 +94,7 @@ ON_PORT(a_port_at_which_nothing_waits_accepts_nothing)
         assert_int_equal(read_none(f->port), 0);
     }
     assert_int_equal(accepts, 0);
-    int second = connect_to(f->path);
+    int second = connect_with(f->path, 0);
     assert_int_equal(read_none(f->port), 0);
     assert_int_equal(stats_of(f->port).refused, 1);
     assert_true(accepts > 0);
@@ -222,7 +157,7 @@ ON_PORT(frames_come_with_the_time_at_which_they_were_sent)
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
     struct timespec before, after;
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     assert_int_equal(read_none(f->port), 0);
     clock_gettime(CLOCK_REALTIME, &before);
     write_raw(ecu, 0x123);
@@ -247,7 +182,7 @@ ON_PORT(frames_go_to_the_ecu_and_error_frames_too)
 {
     fixture *f = *state;
     struct can_frame out;
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     const cw_frame frame = {
         .id = 0x1ABCDEF0, .flags = CW_FRAME_EXTENDED, .dlc = 3, .data = {1, 2, 3}};
     const errframe error = {.can_id = CAN_ERR_FLAG | CAN_ERR_BUSOFF};
@@ -279,7 +214,7 @@ ON_PORT(only_what_counts_in_a_frame_is_taken)
     };
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         struct can_frame raw = raw_frame(cases[i].can_id, 8);
         raw.len = cases[i].len;
@@ -300,7 +235,7 @@ ON_PORT(messages_that_are_no_frames_are_counted)
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
     unsigned char bytes[200] = {0};
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     assert_int_equal(read_none(f->port), 0);
     static const size_t sizes[] = {0, 1, 15, 17, 71, 73, 200};
     for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++)
@@ -343,7 +278,7 @@ ON_PORT(fd_frames_are_read_with_their_flags)
     };
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         write_fd(ecu, cases[i].can_id, 12, cases[i].flags);
         assert_int_equal(read_all(f->port, frames), 1);
@@ -366,7 +301,7 @@ ON_PORT(lengths_that_no_dlc_has_are_rounded_up_with_zeros_and_counted)
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
     unsigned dlc = 0, rounded = 0;
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     for (unsigned length = 0; length <= 64; length++) {
         write_fd(ecu, 0x123, length, CANFD_FDF);
         assert_int_equal(read_all(f->port, frames), 1);
@@ -395,7 +330,7 @@ ON_PORT(fd_frames_go_to_an_ecu_that_has_sent_one)
 {
     fixture *f = *state;
     struct canfd_frame out;
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     cw_frame frame = {.id = 0x123, .flags = CW_FRAME_FD | CW_FRAME_BRS, .dlc = 15, .data = {1, 2}};
     const errframe error = {.can_id = CAN_ERR_FLAG | CAN_ERR_BUSOFF};
     frame.data[63] = 0x64;
@@ -434,7 +369,7 @@ ON_PORT(an_ecu_that_has_sent_no_fd_frame_gets_none)
     const cw_frame fd = {.id = 0x123, .flags = CW_FRAME_FD, .dlc = 15};
     const cw_frame classical = rig_frame(0x124, 0, 3);
     for (unsigned round = 1; round <= 2; round++) {
-        int ecu = connect_to(f->path);
+        int ecu = connect_with(f->path, 0);
         write_raw(ecu, 0x100);
         assert_int_equal(send(ecu, &out, 71, 0), 71);
         assert_int_equal(read_none(f->port), 1);
@@ -474,7 +409,7 @@ ON_PORT(what_an_ecu_sent_before_it_went_still_counts)
     fixture *f = *state;
     port_frame frames[2 * PORT_BATCH];
     for (unsigned round = 0; round < 3; round++) {
-        int ecu = connect_to(f->path);
+        int ecu = connect_with(f->path, 0);
         for (unsigned i = 0; i < PORT_BATCH + 1; i++)
             write_raw(ecu, i);
         close(ecu);
@@ -493,13 +428,13 @@ ON_PORT(an_ecu_may_go_without_having_read)
 {
     fixture *f = *state;
     const cw_frame frame = rig_frame(0x123, 0, 1);
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     assert_int_equal(read_none(f->port), 0);
     assert_true(port_write(f->port, &frame));
     close(ecu);
     assert_int_equal(read_none(f->port), 0);
     assert_false(readable(port_fd(f->port), 0));
-    ecu = connect_to(f->path);
+    ecu = connect_with(f->path, 0);
     write_raw(ecu, 0x100);
     port_frame frames[PORT_BATCH];
     assert_int_equal(read_all(f->port, frames), 1);
@@ -512,7 +447,7 @@ ON_PORT(what_an_ecu_sent_counts_also_when_it_has_not_read)
     fixture *f = *state;
     port_frame frames[2 * PORT_BATCH];
     const cw_frame frame = rig_frame(0x123, 0, 1);
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     assert_int_equal(read_none(f->port), 0);
     assert_true(port_write(f->port, &frame));
     for (unsigned i = 0; i < PORT_BATCH + 1; i++)
@@ -528,10 +463,10 @@ ON_PORT(an_ecu_that_has_gone_unseen_leaves_its_place)
 {
     fixture *f = *state;
     port_frame frames[PORT_BATCH];
-    int first = connect_to(f->path);
+    int first = connect_with(f->path, 0);
     write_raw(first, 0x100);
     close(first);
-    int second = connect_to(f->path);
+    int second = connect_with(f->path, 0);
     write_raw(second, 0x101);
     assert_int_equal(read_all(f->port, frames), 2);
     assert_int_equal(frames[1].frame.id, 0x101);
@@ -562,7 +497,7 @@ ON_PORT(descriptors_that_an_ecu_sends_along_are_not_taken)
                              .msg_iovlen = 1,
                              .msg_control = control,
                              .msg_controllen = sizeof control};
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     assert_int_equal(read_none(f->port), 0);
     struct cmsghdr *c = CMSG_FIRSTHDR(&message);
     *c = (struct cmsghdr){.cmsg_level = SOL_SOCKET,
@@ -586,15 +521,15 @@ ON_PORT(a_second_ecu_is_refused_until_the_first_has_gone)
 {
     fixture *f = *state;
     char byte;
-    int first = connect_to(f->path);
+    int first = connect_with(f->path, 0);
     assert_int_equal(read_none(f->port), 0);
-    int second = connect_to(f->path);
+    int second = connect_with(f->path, 0);
     assert_int_equal(read_none(f->port), 0);
     assert_int_equal(recv(second, &byte, 1, 0), 0);
     close(second);
     assert_int_equal(stats_of(f->port).refused, 1);
     close(first);
-    second = connect_to(f->path);
+    second = connect_with(f->path, 0);
     write_raw(second, 0x100);
     port_frame frames[PORT_BATCH];
     assert_int_equal(read_all(f->port, frames), 1);
@@ -609,7 +544,7 @@ ON_PORT(reads_that_fail_are_counted_and_told)
     int error = 0;
     for (unsigned i = 0; i < sizeof refusals / sizeof refusals[0]; i++) {
         bool fails = refusals[i] == ENOMEM;
-        int ecu = connect_to(f->path);
+        int ecu = connect_with(f->path, 0);
         assert_int_equal(read_none(f->port), 0);
         write_raw(ecu, 0x100);
         refusal = refusals[i];
@@ -621,7 +556,7 @@ ON_PORT(reads_that_fail_are_counted_and_told)
         assert_int_equal(stats_of(f->port).read_failed, 1);
         close(ecu);
         (void)read_none(f->port);
-        ecu = connect_to(f->path);
+        ecu = connect_with(f->path, 0);
         write_raw(ecu, 0x100);
         port_frame frames[PORT_BATCH];
         assert_int_equal(read_all(f->port, frames), 1);
@@ -638,7 +573,7 @@ ON_PORT(what_a_slow_ecu_has_no_room_for_is_counted)
     const cw_frame frame = rig_frame(0x123, 0, 8);
     struct can_frame out;
     uint64_t room = 0;
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     assert_int_equal(read_none(f->port), 0);
     while (port_write(f->port, &frame))
         room++;
@@ -656,7 +591,7 @@ ON_PORT(running_out_of_descriptors_is_got_over)
     fixture *f = *state;
     struct rlimit limit, none;
     port_frame frames[PORT_BATCH];
-    int ecu = connect_to(f->path);
+    int ecu = connect_with(f->path, 0);
     write_raw(ecu, 0x100);
     assert_int_equal(getrlimit(RLIMIT_NOFILE, &limit), 0);
     none = (struct rlimit){.rlim_cur = 0, .rlim_max = limit.rlim_max};
@@ -668,7 +603,7 @@ ON_PORT(running_out_of_descriptors_is_got_over)
     assert_int_equal(read_all(f->port, frames), 1);
     close(ecu);
     assert_int_equal(read_none(f->port), 0);
-    ecu = connect_to(f->path);
+    ecu = connect_with(f->path, 0);
     assert_true(readable(port_fd(f->port), WAIT_MS));
     close(ecu);
     assert_int_equal(read_none(f->port), 0);

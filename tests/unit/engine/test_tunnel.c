@@ -3,15 +3,13 @@
  * test_tunnel.c - a tunnel over TCP whose peer goes: what it has sent is read and counted, and no
  * frame for it counts as written.
  */
-#include "rig.h"
+#include "port_rig.h"
 
 #include "port/tunnel/cannelloni.h"
 #include "port/kinds.h"
 
 #include <arpa/inet.h>
 #include <poll.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #define FRAMES 3
 #define FRAME_BYTES 5 /* of an empty frame with a base identifier */
@@ -50,13 +48,6 @@ static port_tunnel_info info_of(const port *p)
     port_tunnel_info info;
     assert_true(port_tunnel(p, &info));
     return info;
-}
-
-static port_stats stats_of(port *p)
-{
-    port_stats stats;
-    port_get_stats(p, &stats);
-    return stats;
 }
 
 /* Opens a port, and connects its peer, up to the greetings. */
