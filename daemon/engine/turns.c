@@ -133,14 +133,6 @@ static bool is_ready(const turn *one, int64_t now_ns)
     return one->state == TURN_WAITS && (one->ready || one->until_ns <= now_ns);
 }
 
-bool turns_any_ready(const turns *t, int64_t now_ns)
-{
-    for (unsigned i = 0; i < TURNS_MAX; i++)
-        if (is_ready(&t->all[i], now_ns))
-            return true;
-    return false;
-}
-
 /* Returns the first one that is ready, and behind the one given (NULL: any). */
 static unsigned first(const turns *t, int64_t now_ns, const turn *behind)
 {

@@ -69,9 +69,6 @@ bool turns_all_wait(const turns *t);
 /* Returns the program whose turn is next, TURNS_NONE when nobody is ready. It runs from now on. */
 unsigned turns_begin(turns *t, int64_t now_ns);
 
-/* Returns true when a program is ready. */
-bool turns_any_ready(const turns *t, int64_t now_ns);
-
 /* Returns when the first program wakes up by itself, TIMING_NEVER: none does. */
 int64_t turns_next_ns(const turns *t);
 

@@ -942,11 +942,6 @@ uint64_t journal_byte(const journal_reader *r)
     return r->byte;
 }
 
-uint64_t journal_tick(const journal_reader *r)
-{
-    return r->tick;
-}
-
 unsigned journal_version(const journal_reader *r)
 {
     return r->version;

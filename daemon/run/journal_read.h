@@ -62,10 +62,9 @@ bool journal_go_on(journal_reader *r);
 bool journal_is_at_end(journal_reader *r);
 
 /* Return the place in the text of the present or the missing next entry: the line, from 1, and its
- * first byte, from 0. The third returns the tick that the journal had reached before. */
+ * first byte, from 0. */
 size_t journal_line(const journal_reader *r);
 uint64_t journal_byte(const journal_reader *r);
-uint64_t journal_tick(const journal_reader *r);
 
 /* Return the contents of the first line. Missing texts are "". */
 unsigned journal_version(const journal_reader *r);

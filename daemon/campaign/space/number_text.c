@@ -144,11 +144,3 @@ void number_text_print(char out[NUMBER_TEXT_MAX], const number_text *n)
     at = chars_text(chars_text(at, n->unit), quote);
     *at = '\0';
 }
-
-double number_text_value(const number_text *n)
-{
-    double value = (double)n->mantissa;
-    for (unsigned i = 0; i < n->decimals; i++)
-        value /= 10;
-    return value;
-}

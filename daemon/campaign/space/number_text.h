@@ -29,7 +29,4 @@ bool number_text_align(number_text *const list[], unsigned count);
 /* Prints the number as JSON: in quotes when it has a unit. */
 void number_text_print(char out[NUMBER_TEXT_MAX], const number_text *n);
 
-/* Returns the value, without its unit. */
-double number_text_value(const number_text *n);
-
 #endif

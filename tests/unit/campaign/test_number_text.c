@@ -139,12 +139,3 @@ TEST(numbers_of_two_units_are_not_aligned)
     assert_false(align(n, "-1000000000000000", "0.1", "1"));
     assert_true(align(n, "100000000000000", "0.1", "1"));
 }
-
-TEST(values_are_those_of_the_texts)
-{
-    number_text n;
-    assert_true(number_text_parse(&n, "-12.5us"));
-    assert_true(number_text_value(&n) == -12.5);
-    assert_true(number_text_parse(&n, "0.001"));
-    assert_true(number_text_value(&n) > 0.000999 && number_text_value(&n) < 0.001001);
-}

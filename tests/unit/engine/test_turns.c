@@ -60,7 +60,7 @@ TEST(messages_wake_those_who_want_them)
     turns_told(&t, 1, TIMING_ROOM);
     turns_told(&t, 2, TIMING_MESSAGES);
     turns_told(&t, 3, TIMING_MESSAGES);
-    assert_false(turns_any_ready(&t, 0));
+    assert_int_equal(turns_begin(&t, 0), TURNS_NONE);
     turns_told(&t, 2, TIMING_ROOM);
     assert_int_equal(turns_begin(&t, 0), b);
     wait_until(&t, b, TIMING_NEVER);
