@@ -1247,7 +1247,7 @@ typedef struct cw_bus_config {
     uint16_t rule_count;
     uint16_t rule_room;          /* further rules that can be added while the bus runs */
     bool marks;                  /* room for the marks of cw_bit_view */
-    bool settled; /* no node gets a clock or delays later, or falls asleep, by settings or further
+    bool keeps_setup; /* no node gets a clock or delays later, or falls asleep, by settings or further
                      rules, and the bus takes over no other one. So where no node has any of this
                      from the start, there is no memory for it, and they are CW_INVALID */
     const cw_node_config *nodes; /* node_count of them; not kept */
@@ -1403,7 +1403,7 @@ void cw_bus_begin_again(cw_bus *bus, const void *state, uint64_t seed);
  * Frames for which a smaller queue has no room are dropped with an event. Flushed nodes stay off
  * the bus. Node i is off the bus when the old one is; a new node stays as cw_node_attach() has set
  * it. CW_INVALID, with nothing changed: another bit rate, no such node, a node that is named twice,
- * an inbox too small for the frames that wait, a settled bus. */
+ * an inbox too small for the frames that wait. A bus that keeps its setup takes over none. */
 cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from);
 
 /* Drops all frames of a node with events (CW_DROP_REMOVED), later ones too. The node leaves the bus
@@ -1501,8 +1501,8 @@ uint64_t cw_bus_work(const cw_bus *bus);
 void cw_bus_set_stepping(cw_bus *bus, bool stepping);
 
 /* Lets every node go by its own clock, from the next bit on, even where all clocks agree. The
- * results are the same; this mode is the reference. It is off after cw_bus_init(), and stays off
- * where a bit lasts longer than 1.6 s, and on a settled bus without clocks. */
+ * results are the same; this mode is the reference. It is off after cw_bus_init(). It stays off
+ * where a bit lasts longer than 1.6 s, and on a bus without clocks that keeps its setup. */
 void cw_bus_set_own_clocks(cw_bus *bus, bool own);
 
 /* Simulates each bit by itself, from the next bit on, for callers of cw_bus_get_bit(). Nodes that

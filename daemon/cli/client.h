@@ -43,8 +43,8 @@ void client_set_wait(uint64_t ns);
  * after a failure of another kind, and when that time is over. */
 bool client_wait(int error);
 
-/* Lets clients take the one bus that says to have a name, though there are others that say nothing
- * and may have it, too: for who only looks. By default they are refused. */
+/* Lets clients take the one bus that says to have a name, though others that say nothing may have
+ * it, too. This is for those who only look. By default they are refused. */
 void client_allow_doubt(void);
 
 /* Returns true for a bus that has a socket; it need not run. */

@@ -70,8 +70,8 @@ const char *kept_explain(int error);
 /* Says in the time of the file that the process lives; call it about once a second. */
 void kept_live(kept *k);
 
-/* Returns "2 injected rules were lost with the crash at T: a, b", which file was of no use, and
- * which texts the bus refuses, or "". It is there up to the next call. The first two stay, also over
+/* Returns "2 injected rules were lost with the crash at T: a, b", or "". It also has the file that
+ * was of no use, and the texts that the bus refuses. It is there up to the next call. The first two stay, also over
  * further crashes, until rules are injected or cleared or canwired is stopped. */
 const char *kept_trouble(kept *k);
 

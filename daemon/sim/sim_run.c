@@ -44,7 +44,7 @@ static void sim_run_describe(cw_bus_config *out, cw_node_config nodes[CW_NODES_M
     cfg_bus_config(out, nodes, s->config);
     out->inbox = INBOX_FRAMES;
     out->events = EVENT_RING;
-    out->settled = !s->roomy;
+    out->keeps_setup = !s->roomy;
     if (!s->roomy)
         return;
     for (unsigned i = 0; i < out->node_count; i++)
@@ -459,9 +459,9 @@ static void hand_in_due(sim_run *s, uint64_t tick)
     }
 }
 
-/* Hands in releases up to a tick before they are due, and advances to the last of them, so that the
- * bus goes over many frames at once. Whoever may end the run in between, or looks at its bits, has
- * them one by one. */
+/* Hands in releases up to a tick before they are due, and advances to the last of them. So the bus
+ * goes over many frames at once. Whoever may end the run in between, or looks at its bits, has them
+ * one by one. */
 static void release_ahead(sim_run *s, uint64_t end)
 {
     uint64_t last = 0;

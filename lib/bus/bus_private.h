@@ -77,8 +77,8 @@ void cw_set_way(cw_bus *bus, unsigned node, const cw_settings *settings);
 /* Puts the way of a node and its ringing into settings. */
 void cw_get_way(const cw_bus *bus, unsigned node, cw_settings *settings);
 
-/* Returns true when no node of a settled bus has, or may get, what off the grid needs memory, nor
- * sleeps. */
+/* Returns true for a bus that keeps its setup, when no node sleeps or has what needs memory off the
+ * grid. */
 bool cw_is_lean(const cw_bus_config *config);
 
 /* Sets up clocks and delays; the memory must have been laid out. */

@@ -94,7 +94,7 @@ static bool is_like_bus(const cw_node_timing *t)
 
 bool cw_is_lean(const cw_bus_config *c)
 {
-    bool lean = c->settled && !c->marks && !cw_has_data_rate(c);
+    bool lean = c->keeps_setup && !c->marks && !cw_has_data_rate(c);
     for (unsigned i = 0; i < c->node_count; i++)
         lean = lean && is_like_bus(&c->nodes[i].timing) && !c->nodes[i].sleeps;
     for (unsigned i = 0; i < c->rule_count; i++)

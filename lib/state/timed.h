@@ -82,7 +82,7 @@ typedef struct cw_clean_slot {
     cw_span arrival; /* of the first acknowledgement, if edges go along a line */
 } cw_clean_slot;
 
-/* What the ACK slots of a frame have in common. */
+/* All ACK slots of a frame. */
 typedef struct cw_clean_slots {
     uint64_t drivers;
     cw_span seen; /* the key of the first acknowledgement, if all nodes are at one place */

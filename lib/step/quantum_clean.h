@@ -144,8 +144,8 @@ typedef struct cw_frame_count {
  * synchronisation to SOF is left to the caller. */
 void cw_clean_count(const cw_bus *bus, cw_frame_count *count, const cw_clean_node *node);
 
-/* Returns how far behind the start of its quantum the edge of SOF comes to a receiver, if its bits
- * were as they are in the ACK slot. The difference to one quantum is that by which they turn. */
+/* Returns how far behind the start of its quantum the edge of SOF comes to a receiver. It takes the
+ * bits to be as they are in the ACK slot. The difference to one quantum is that by which they turn. */
 cw_span cw_clean_offset_at_sof(const cw_bus *bus, const cw_clean_frame *frame,
                                const cw_clean_node *node);
 

@@ -14,8 +14,8 @@ static bool are_counted(const cw_bus *bus)
     return bus->timed.records && !bus->timed.uniform;
 }
 
-/* Returns the most by which an edge of a frame, but for the acknowledgement, may come before the
- * start of a node's bit, or behind its Sync_Seg. */
+/* Returns the most by which an edge of a frame may come before the start of a node's bit, or behind
+ * its Sync_Seg. It is not for the acknowledgement. */
 static cw_span reach_of(const cw_clean *clean)
 {
     return CW_EDGE_GAP * (clean->most_bit - clean->least_bit) + clean->most_skew;

@@ -86,7 +86,7 @@ def test_of_several_errors_the_first_is_shown(tmp_path):
     ("faults: 1\n", "profile.yaml:1:9: faults: expected a list"),
 ])
 def test_of_a_profile_the_reason_is_shown(tmp_path, profile, why):
-    """Which file names it, the last line says."""
+    """The last line says which file names it."""
     if profile:
         (tmp_path / "profile.yaml").write_text(profile)
     done, told = ended(tmp_path, GOOD + "profiles: [ { file: ./profile.yaml } ]\n", "day")

@@ -667,25 +667,25 @@ static void end_side(side *s)
     free(s->events);
 }
 
-/* Returns true when an operation is what no settled bus may have. */
-static bool unsettles(const diff_scenario *s, const diff_op *op)
+/* Returns true when an operation is what no bus may have that keeps its setup. */
+static bool changes_setup(const diff_scenario *s, const diff_op *op)
 {
     const uint32_t later = CW_SET_CLOCKS | CW_SET_SLEEP | CW_SET_WAKE;
     return op->kind == DIFF_TAKE_OVER || (op->kind == DIFF_SET && (op->settings.which & later)) ||
            (op->kind == DIFF_ADD_RULE && !cw_rule_keeps_grid(&s->added[op->target].rule));
 }
 
-/* Returns true when the fast bus is a settled one: in half of the scenarios that allow it. */
-static bool is_settled(const diff_scenario *s)
+/* Returns true when the fast bus keeps its setup: in half of the scenarios that allow it. */
+static bool keeps_setup(const diff_scenario *s)
 {
-    bool settled = s->seed / 2 % 2 == 0;
+    bool keeps = s->seed / 2 % 2 == 0;
     for (unsigned i = 0; i < s->plans[0].config.node_count; i++)
-        settled = settled && s->plans[0].nodes[i].sleep.filter_ticks == 0 &&
+        keeps = keeps && s->plans[0].nodes[i].sleep.filter_ticks == 0 &&
                   s->plans[0].nodes[i].sleep.wake_ticks == 0 &&
                   s->plans[0].nodes[i].sleep.frame_count == 0;
     for (unsigned i = 0; i < s->op_count; i++)
-        settled = settled && !unsettles(s, &s->ops[i]);
-    return settled;
+        keeps = keeps && !changes_setup(s, &s->ops[i]);
+    return keeps;
 }
 
 void diff_run(diff_verdict *v, const diff_scenario *s, diff_coverage *c, FILE *out)
@@ -701,9 +701,9 @@ void diff_run(diff_verdict *v, const diff_scenario *s, diff_coverage *c, FILE *o
     p->verdict = v;
     const cw_bus_config *config = diff_fill_in(&p->plans.plans[0], rules);
     const bool counts = p->scenario->seed % 2;
-    p->plans.plans[0].config.settled = is_settled(s);
+    p->plans.plans[0].config.keeps_setup = keeps_setup(s);
     bool started = start(&p->fast, "fast", config, counts);
-    p->plans.plans[0].config.settled = false;
+    p->plans.plans[0].config.keeps_setup = false;
     started = start(&p->reference, "reference", config, counts) && started;
     if (started) {
         p->bit_ticks = config->bit_ticks;

@@ -137,7 +137,7 @@ static bool is_unit_of(const char *unit, const char *name)
            strcmp(instance + 1 + length, ".service") == 0;
 }
 
-/* What systemd says of a unit. */
+/* The state of a unit as systemd tells it. */
 typedef struct unit_state {
     const char *id, *active, *sub; /* NULL: not said */
     bool restarts;                 /* since somebody has started it */

@@ -42,8 +42,8 @@ static canwire_sim *open_bus(const char *text)
     return sim;
 }
 
-/* Takes the frame at a node. Waits for it in the given way: by the time of the bus, or as a program
- * does that has waited by its own clock up to the time at which a frame may come. */
+/* Takes the frame at a node. Waits for it by the time of the bus or, with `real`, up to `now`. A
+ * program has waited so far by its own clock, since no frame may come before. */
 static void receive(canwire_sim *sim, int node, int real, int64_t now)
 {
     canwire_sim_waited waited;

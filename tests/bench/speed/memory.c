@@ -10,7 +10,7 @@ static size_t bus_bytes(unsigned node_count, unsigned queue)
 {
     cw_node_config nodes[CW_NODES_MAX];
     const cw_bus_config config = {.bit_ticks = BENCH_BIT_TICKS, .node_count = (uint8_t)node_count,
-                                  .inbox = 64, .events = UINT16_MAX, .settled = true,
+                                  .inbox = 64, .events = UINT16_MAX, .keeps_setup = true,
                                   .nodes = nodes};
     for (unsigned i = 0; i < node_count; i++)
         nodes[i] = (cw_node_config){.queue = (uint16_t)queue, .warning_limit = 96};

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_settled.c - a settled bus has no memory for what no node has, and gives it to none.
+ * test_keeps_setup.c - a bus that keeps its setup has no memory for what no node has.
  */
 #include "rig.h"
 
@@ -19,11 +19,11 @@ static size_t bytes_of_node(rig *r, unsigned few, unsigned many)
 TEST(a_node_takes_no_more_than_512_bytes_on_a_bus_of_any_size)
 {
     RIG *r = rig_new(2);
-    r->config.settled = true;
+    r->config.keeps_setup = true;
     const size_t bytes = bytes_of_node(r, 2, 4);
     assert_in_range(bytes, 1, 512 - 1);
     assert_in_range(bytes_of_node(r, 32, 64), 1, bytes);
-    r->config.settled = false;
+    r->config.keeps_setup = false;
     assert_true(bytes_of_node(r, 32, 64) > 2 * bytes);
 }
 
@@ -42,7 +42,7 @@ TEST(clocks_delays_and_sleep_from_the_start_have_their_memory)
         RIG *r = rig_new(3);
         r->nodes[1] = kinds[i];
         const size_t size = cw_bus_size(&r->config);
-        r->config.settled = true;
+        r->config.keeps_setup = true;
         assert_int_equal(cw_bus_size(&r->config), size);
     }
 }
@@ -59,7 +59,7 @@ static cw_status set(rig *r, uint32_t which)
 TEST(a_node_gets_no_clock_no_delay_and_no_sleep_later)
 {
     RIG *r = rig_new(3);
-    r->config.settled = true;
+    r->config.keeps_setup = true;
     rig_start(r);
     assert_int_equal(set(r, CW_SET_QUANTUM), CW_INVALID);
     assert_int_equal(set(r, CW_SET_SEGMENTS), CW_INVALID);
@@ -76,17 +76,18 @@ TEST(a_node_gets_no_clock_no_delay_and_no_sleep_later)
 
 TEST(a_rule_that_would_need_a_clock_is_refused_or_has_its_memory)
 {
-    const cw_rule stuck = {.name = "stuck", .trigger = CW_TRIGGER_ARMED, .manual = true, .time_end = CW_NEVER,
-                           .every = 1, .probability = UINT64_MAX, .action = CW_ACTION_STUCK,
-                           .line = CW_LINE_WIRE, .level = CW_DOMINANT, .for_ticks = BIT / 2};
+    const cw_rule stuck = {.name = "stuck", .trigger = CW_TRIGGER_ARMED, .manual = true,
+                           .time_end = CW_NEVER, .every = 1, .probability = UINT64_MAX,
+                           .action = CW_ACTION_STUCK, .line = CW_LINE_WIRE,
+                           .level = CW_DOMINANT, .for_ticks = BIT / 2};
     unsigned index;
     RIG *r = rig_new(3);
-    r->config.settled = true;
+    r->config.keeps_setup = true;
     r->config.rule_room = 1;
     rig_start(r);
     assert_int_equal(cw_bus_add_rule(r->bus, &index, &stuck), CW_INVALID);
     RIG *from_start = rig_new(3);
-    from_start->config.settled = true;
+    from_start->config.keeps_setup = true;
     from_start->config.rule_count = 1;
     from_start->rules[0] = stuck;
     rig_start(from_start);
@@ -95,14 +96,14 @@ TEST(a_rule_that_would_need_a_clock_is_refused_or_has_its_memory)
     assert_int_equal(rig_bus_stats(from_start).faults, 1);
 }
 
-TEST(a_settled_bus_takes_over_no_other_one_and_stays_on_the_grid)
+TEST(a_bus_that_keeps_its_setup_takes_over_no_other_one_and_stays_on_the_grid)
 {
     const uint8_t from[] = {0, 1, 2};
     const cw_frame frame = rig_frame(0x123, 0, 8);
     RIG *old = rig_new(3);
     rig_start(old);
     RIG *r = rig_new(3);
-    r->config.settled = true;
+    r->config.keeps_setup = true;
     rig_start(r);
     assert_int_equal(cw_bus_take_over(r->bus, old->bus, from), CW_INVALID);
     assert_int_equal(cw_bus_take_over(old->bus, r->bus, from), CW_INVALID);
