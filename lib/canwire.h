@@ -1247,9 +1247,10 @@ typedef struct cw_bus_config {
     uint16_t rule_count;
     uint16_t rule_room;          /* further rules that can be added while the bus runs */
     bool marks;                  /* room for the marks of cw_bit_view */
-    bool keeps_setup; /* no node gets a clock or delays later, or falls asleep, by settings or further
-                     rules, and the bus takes over no other one. So where no node has any of this
-                     from the start, there is no memory for it, and they are CW_INVALID */
+    bool keeps_setup; /* no node gets a clock or delays later, or falls asleep, by settings or
+                         further rules, and the bus takes over no other one. So where no node has
+                         any of this from the start, there is no memory for it, and they are
+                         CW_INVALID */
     const cw_node_config *nodes; /* node_count of them; not kept */
     const cw_rule *rules;        /* rule_count of them; not kept */
     uint32_t protection_count;

@@ -47,8 +47,8 @@ void log_as_is(const char *lines);
 void log_warnings(const char *lines);
 
 /* Waits until the journal has read all messages, for a second at most. It looks up the unit of each
- * in /proc. It does not find that of a process that is gone, and then `journalctl -u` would not show
- * why that has ended. exit() does it; call it before _exit(). */
+ * in /proc. It does not find that of a process that is gone, and then `journalctl -u` would not
+ * show why that has ended. exit() does it; call it before _exit(). */
 void log_end(void);
 
 #define LOG_LAST_BYTES 512

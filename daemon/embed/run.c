@@ -129,8 +129,8 @@ static uint64_t rests_until(const embed_bus *b)
     return least(cw_bus_next(bus), release_next_tick(b->run.plan));
 }
 
-/* Lets a bus pause at an event. Returns false where it cannot: several buses, and nodes with bits of
- * their own, have events at several ticks in a step. A run to the end looks at each bit. */
+/* Lets a bus pause at an event. Returns false where it cannot: several buses, and nodes with bits
+ * of their own, have events at several ticks in a step. A run to the end looks at each bit. */
 static bool pauses(canwire_sim *sim, uint64_t until)
 {
     sim_run *run = &sim->buses[0].run;

@@ -71,8 +71,8 @@ const char *kept_explain(int error);
 void kept_live(kept *k);
 
 /* Returns "2 injected rules were lost with the crash at T: a, b", or "". It also has the file that
- * was of no use, and the texts that the bus refuses. It is there up to the next call. The first two stay, also over
- * further crashes, until rules are injected or cleared or canwired is stopped. */
+ * was of no use, and the texts that the bus refuses. It is there up to the next call. The first two
+ * stay, also over further crashes, until rules are injected or cleared or canwired is stopped. */
 const char *kept_trouble(kept *k);
 
 /* Puts `kept_rules`, `lost_rules` and `unread_rules` of canwire-control(7). */

@@ -2,8 +2,8 @@
  *
  * memory.c - a bus in its caller's memory: its size by the configuration, and its state at tick 0.
  *
- * Its state at tick 0 lies in front, so that a copy of it takes the bus back to there. Behind it lies
- * room that is empty at tick 0, and the memo of lengths, which stays true.
+ * Its state at tick 0 lies in front, so that a copy of it takes the bus back to there. Behind it
+ * lies room that is empty at tick 0, and the memo of lengths, which stays true.
  */
 #include "bus/bus_private.h"
 #include "format/layout.h"

@@ -265,7 +265,9 @@ cw_status cw_node_get_sleep_stats(const cw_bus *bus, unsigned i, cw_sleep_stats 
 {
     if (i >= bus->node_count)
         return CW_INVALID;
-    *stats = bus->lean ? (cw_sleep_stats){.wake_ups = 0} : bus->sleeps[i].stats;
+    *stats = (cw_sleep_stats){.wake_ups = 0};
+    if (!bus->lean)
+        *stats = bus->sleeps[i].stats;
     if (bus->asleep >> i & 1u)
         stats->ticks += cw_now(bus) - bus->sleeps[i].since;
     return CW_OK;

@@ -235,7 +235,7 @@ struct cw_bus {
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped, nothing shared */
     bool watching; /* nothing is skipped */
-    bool lean; /* there is no memory for clocks, delays and sleep: see `keeps_setup` of cw_bus_config */
+    bool lean; /* no memory for clocks, delays and sleep: see `keeps_setup` of cw_bus_config */
     bool pending; /* pending: a rule or a setting has changed something at a controller */
     cw_event unwanted_event; /* written to when the kind is not wanted */
     cw_event lost_event; /* written to when the ring is full */

@@ -114,7 +114,7 @@ typedef struct cw_clean_node {
     cw_span last_arrival; /* the longest delay of a recessive edge from it */
     cw_span near;         /* the shortest delay of a dominant edge to another node, */
     cw_span far;          /* ... and the longest one */
-    cw_span round;        /* the longest delay of such an edge and a recessive one that follows it */
+    cw_span round;        /* the longest delay of such an edge and of a recessive one after it */
     bool sure;            /* all who acknowledge read its ACK slots right */
     uint64_t harmless;    /* nodes that read it right, or not at all, see step/quantum_proof.c */
 } cw_clean_node;

@@ -2,10 +2,10 @@
  *
  * frame_seen.c - the rest of a frame that traces look at, bit by bit but without controllers.
  *
- * Controllers take the bits of such a frame as long as several nodes send, which see the arbitration
- * in different ways. If the names of bits differ, as with SRR and FDF, they go on up to the DLC.
- * From there on a clean frame follows from its encoding, as in each frame step, and so does what
- * traces see of it.
+ * Controllers take the bits of such a frame as long as several nodes send, which see the
+ * arbitration in different ways. If the names of bits differ, as with SRR and FDF, they go on up to
+ * the DLC. From there on a clean frame follows from its encoding, as in each frame step, and so
+ * does what traces see of it.
  */
 #include "step/frame.h"
 

@@ -274,25 +274,23 @@ void cw_sync_commit(cw_bus *bus, unsigned node);
  * in the node. */
 void cw_sync_count_sample(cw_bus *bus, unsigned node, bool level, cw_span moment);
 
-/* ---- quantum_rest.c -------------------------------------------------------------------------- */
+/* ---- quantum_park.c -------------------------------------------------------------------------- */
 
 /* Puts a node into the recessive bit in which it is at a moment; it must have no entry on the
  * agenda. It goes by its own clock from the start of one of its bits on, the first of those that it
  * has not sampled. Returns how many of them it has sampled by then. */
 unsigned cw_timed_place(cw_bus *bus, unsigned node, cw_span first, cw_span moment);
 
-/* ---- quantum_park.c -------------------------------------------------------------------------- */
-
 /* Moves the epoch forward, which has been done for the bus. */
 void cw_clean_rebase(cw_bus *bus, cw_span by);
-
-/* Ends parking where the bus could go back to the grid, or may have bits of two rates. */
-void cw_clean_settle(cw_bus *bus);
 
 /* Counts bit times for load and statistics, in which nodes are parked and no frame begins. */
 void cw_clean_count_rest(cw_bus *bus, uint64_t bits);
 
 /* ---- quantum_grid.c -------------------------------------------------------------------------- */
+
+/* Ends parking where the bus could go back to the grid, or may have bits of two rates. */
+void cw_clean_settle(cw_bus *bus);
 
 /* Leaves the grid: all nodes begin a bit at the present tick. */
 void cw_timed_enter(cw_bus *bus);

@@ -60,14 +60,22 @@ cw_span cw_clean_ready(const cw_bus *bus, unsigned node, cw_span moment);
 /* Returns true when all nodes, which are parked, take an edge at a moment for SOF. */
 bool cw_clean_takes_sof(const cw_bus *bus, cw_span moment);
 
+/* Counts bit times of clean frames, or between them, for load and statistics. */
+static inline void cw_clean_count_bits(cw_bus *bus, uint64_t bits, bool busy)
+{
+    bus->stats.busy_bits += busy ? bits : 0;
+    if (bits > 0)
+        cw_load_add(&bus->load, bits * bus->load.unit, busy);
+}
+
 /* ---- quantum_edge.c -------------------------------------------------------------------------- */
 
 /* Plans the ACK slot of each node. Returns false when an edge may come too early or too late for a
  * node. Then a sample of the slot, or of a bit beside it, may go wrong. */
 bool cw_clean_acknowledge(cw_bus *bus, cw_clean_frame *frame);
 
-/* Returns how far behind the planned start of its ACK slot the first acknowledgement comes to a node,
- * its own one included. slots: index of the slots. */
+/* Returns how far behind the planned start of its ACK slot the first acknowledgement comes to a
+ * node, its own one included. slots: index of the slots. */
 static inline cw_span cw_clean_behind(const cw_clean *clean, unsigned slots,
                                       const cw_clean_node *node)
 {
@@ -145,7 +153,8 @@ typedef struct cw_frame_count {
 void cw_clean_count(const cw_bus *bus, cw_frame_count *count, const cw_clean_node *node);
 
 /* Returns how far behind the start of its quantum the edge of SOF comes to a receiver. It takes the
- * bits to be as they are in the ACK slot. The difference to one quantum is that by which they turn. */
+ * bits to be as they are in the ACK slot. The difference to one quantum is that by which they
+ * turn. */
 cw_span cw_clean_offset_at_sof(const cw_bus *bus, const cw_clean_frame *frame,
                                const cw_clean_node *node);
 

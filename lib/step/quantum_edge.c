@@ -14,8 +14,8 @@
 
 /* ---- The plan -------------------------------------------------------------------------------- */
 
-/* Plans the ACK slots of receivers in a row as if nobody acknowledged. The bits of a node begin with
- * the quantum in which the last edge came. key: of this edge. up: the receivers are above the
+/* Plans the ACK slots of receivers in a row as if nobody acknowledged. The bits of a node begin
+ * with the quantum in which the last edge came. key: of this edge. up: the receivers are above the
  * sender. seen: the first key of an acknowledgement that goes up from below. along: such edges have
  * to go along the line. Returns the first key with those of the receivers. */
 static inline __attribute__((always_inline)) cw_span

@@ -170,14 +170,6 @@ static bool is_undisturbed(const cw_bus *bus, const cw_clean_frame *f, uint64_t 
 
 /* ---- Its effects ----------------------------------------------------------------------------- */
 
-/* Counts bit times for load and statistics. */
-static void count_bits(cw_bus *bus, uint64_t bits, bool busy)
-{
-    bus->stats.busy_bits += busy ? bits : 0;
-    if (bits > 0)
-        cw_load_add(&bus->load, bits * bus->load.unit, busy);
-}
-
 /* Returns the bit times, of those to come, that begin before a moment. */
 static uint64_t bit_times_before(const cw_bus *bus, cw_span moment, uint64_t most)
 {
@@ -188,15 +180,6 @@ static uint64_t bit_times_before(const cw_bus *bus, cw_span moment, uint64_t mos
                     most);
 }
 
-void cw_clean_count_rest(cw_bus *bus, uint64_t bits)
-{
-    const uint64_t busy = cw_least(cw_clean_busy_bits(bus), bits);
-    cw_count_clean_bits(bus);
-    count_bits(bus, busy, true);
-    count_bits(bus, bits - busy, false);
-    bus->stats.bits += bits;
-}
-
 /* The bus is busy up to the end of the intermission of the frame before, and from SOF on. */
 static void count_load(cw_bus *bus, const cw_clean_frame *f)
 {
@@ -204,9 +187,9 @@ static void count_load(cw_bus *bus, const cw_clean_frame *f)
     const uint64_t busy = cw_least(cw_clean_busy_bits(bus), f->bit_times);
     const uint64_t idle = before > busy ? before - busy : 0;
     cw_count_clean_bits(bus);
-    count_bits(bus, busy, true);
-    count_bits(bus, idle, false);
-    count_bits(bus, f->bit_times - busy - idle, true);
+    cw_clean_count_bits(bus, busy, true);
+    cw_clean_count_bits(bus, idle, false);
+    cw_clean_count_bits(bus, f->bit_times - busy - idle, true);
     bus->stats.bits += f->bit_times;
 }
 

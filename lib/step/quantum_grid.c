@@ -180,6 +180,16 @@ void cw_timed_leave(cw_bus *bus)
         cw_rules_emit_rest(&bus->rules);
 }
 
+/* The bus may go back to the grid when all clocks agree. Bits of two rates begin together. */
+void cw_clean_settle(cw_bus *bus)
+{
+    const cw_timed *t = &bus->timed;
+    if (!t->clean.parked || (!t->rates && (!t->uniform || t->requested)))
+        return;
+    cw_clean_resume(bus);
+    cw_timed_leave(bus);
+}
+
 void cw_timed_rebase(cw_bus *bus)
 {
     cw_timed *t = &bus->timed;

@@ -3,8 +3,9 @@
  * quantum_park.c - nodes with clocks of their own between two frames, without their bits.
  *
  * A node that is idle, away, or in the intermission goes on by whole bits. So one moment says where
- * it is: the start of the ACK delimiter of the last frame, or of another bit before. All nodes are parked like this from one clean frame to the next one, and their
- * controllers look idle. When anybody else needs the nodes, each gets its present place.
+ * it is: the start of the ACK delimiter of the last frame, or of another bit before. All nodes are
+ * parked like this from one clean frame to the next one, and their controllers look idle. When
+ * anybody else needs the nodes, each gets its present place.
  */
 #include "step/quantum_clean.h"
 
@@ -114,6 +115,33 @@ bool cw_clean_park(cw_bus *bus)
     return true;
 }
 
+/* ---- Places ---------------------------------------------------------------------------------- */
+
+/* Returns the samples from a bit on up to a moment, the moment included. */
+static cw_span samples(cw_span begin, cw_span to_sample, cw_span bit, cw_span moment)
+{
+    return begin + to_sample > moment ? 0 : (moment - begin - to_sample) / bit + 1;
+}
+
+/* A bit that begins at the moment itself is still to begin, as after a bit time. */
+unsigned cw_timed_place(cw_bus *bus, unsigned i, cw_span first, cw_span moment)
+{
+    cw_timed_node *n = &bus->timed.nodes[i];
+    const cw_span bit = n->timing.quantum * cw_bit_timing_quanta(&n->timing);
+    const cw_span to_sample = n->timing.quantum * cw_bit_timing_sample_at(&n->timing);
+    const cw_span sampled = samples(first, to_sample, bit, moment);
+    const cw_span begin = first + sampled * bit;
+    const bool begun = begin < moment;
+    cw_pcs_begin_bit(&n->pcs, &n->timing);
+    n->pcs.synchronised = false;
+    n->pcs.sampled = !begun;
+    n->begin = n->looked = begun ? begin : begin - bit;
+    n->next_begin = begun ? begin + bit : begin;
+    cw_agenda_put(&bus->timed.agenda, i, begun ? CW_LOOKS : CW_BEGINS,
+                  begun ? begin + to_sample : begin);
+    return (unsigned)cw_least((uint64_t)sampled, UINT32_MAX);
+}
+
 /* ---- Back to single bits --------------------------------------------------------------------- */
 
 /* A margin after the last bit of EOF would count, one after the first bit of intermission does not
@@ -152,16 +180,6 @@ void cw_clean_resume(cw_bus *bus)
         resume_node(bus, i);
     bus->timed.moment = cw_moment_of(bus, cw_now(bus));
     bus->timed.clean.parked = false;
-}
-
-/* The bus may go back to the grid when all clocks agree. Bits of two rates begin together. */
-void cw_clean_settle(cw_bus *bus)
-{
-    const cw_timed *t = &bus->timed;
-    if (!t->clean.parked || (!t->rates && (!t->uniform || t->requested)))
-        return;
-    cw_clean_resume(bus);
-    cw_timed_leave(bus);
 }
 
 /* ---- While nodes are parked ------------------------------------------------------------------ */
@@ -243,4 +261,13 @@ void cw_clean_rebase(cw_bus *bus, cw_span by)
         put_delimiter(clean, c, delimiters[i] + idle);
         c->origin = c->slot[clean->last].ack;
     }
+}
+
+void cw_clean_count_rest(cw_bus *bus, uint64_t bits)
+{
+    const uint64_t busy = cw_least(cw_clean_busy_bits(bus), bits);
+    cw_count_clean_bits(bus);
+    cw_clean_count_bits(bus, busy, true);
+    cw_clean_count_bits(bus, bits - busy, false);
+    bus->stats.bits += bits;
 }

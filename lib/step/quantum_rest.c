@@ -98,31 +98,6 @@ static uint64_t reach(const cw_bus *bus, uint64_t tick)
     return cw_least(bits, cw_rate_bits(cw_wire_rate(&bus->time), CW_LEAP_TICKS));
 }
 
-/* Returns the samples from a bit on up to a moment, the moment included. */
-static cw_span samples(cw_span begin, cw_span to_sample, cw_span bit, cw_span moment)
-{
-    return begin + to_sample > moment ? 0 : (moment - begin - to_sample) / bit + 1;
-}
-
-/* A bit that begins at the moment itself is still to begin, as after a bit time. */
-unsigned cw_timed_place(cw_bus *bus, unsigned i, cw_span first, cw_span moment)
-{
-    cw_timed_node *n = &bus->timed.nodes[i];
-    const cw_span bit = bit_of(n);
-    const cw_span to_sample = n->timing.quantum * cw_bit_timing_sample_at(&n->timing);
-    const cw_span sampled = samples(first, to_sample, bit, moment);
-    const cw_span begin = first + sampled * bit;
-    const bool begun = begin < moment;
-    cw_pcs_begin_bit(&n->pcs, &n->timing);
-    n->pcs.synchronised = false;
-    n->pcs.sampled = !begun;
-    n->begin = n->looked = begun ? begin : begin - bit;
-    n->next_begin = begun ? begin + bit : begin;
-    cw_agenda_put(&bus->timed.agenda, i, begun ? CW_LOOKS : CW_BEGINS,
-                  begun ? begin + to_sample : begin);
-    return (unsigned)cw_least((uint64_t)sampled, UINT32_MAX);
-}
-
 uint64_t cw_timed_rest_reach(const cw_bus *bus, uint64_t tick)
 {
     return all_rest(bus) ? reach(bus, tick) : 0;

@@ -462,8 +462,10 @@ static const jsonread_value *counterpart(const jsonread_value *one, const jsonre
     while (other && one != v) {
         const jsonread_value *in = jsonread_first(one);
         size_t place = 0;
-        for (; v >= in + in->span; in = jsonread_next(one, in))
+        for (; in && v >= in + in->span; in = jsonread_next(one, in))
             place++;
+        if (!in)
+            return NULL;
         const jsonread_value *match = jsonread_first(other);
         if (one->kind == JSONREAD_OBJECT)
             match = jsonread_find(other, NULL, in->key, in->key_length);

@@ -46,8 +46,8 @@ void jsontext_quoted(buffer *out, const char *text)
 /* Puts a comma where one is needed. There must be room. */
 static void put_comma(buffer *out)
 {
-    const char last = buffer_length(out) > 0 ? out->data[out->end - 1] : '\0';
-    if (last != '\0' && last != '{' && last != '[' && last != ':' && last != '\n')
+    const char last = buffer_length(out) > 0 ? out->data[out->end - 1] : '{';
+    if (last != '{' && last != '[' && last != ':' && last != '\n')
         out->data[out->end++] = ',';
 }
 

@@ -2,8 +2,8 @@
  *
  * digest.c - what a report takes of a row, as bytes that another process can write.
  *
- * Texts with a final 0 follow a head with numbers. First come the values of the factors; a fault of a
- * space has frame and field behind it. Then come expectations, losses, the first error, and the
+ * Texts with a final 0 follow a head with numbers. First come the values of the factors; a fault of
+ * a space has frame and field behind it. Then come expectations, losses, the first error, and the
  * texts of a candidate.
  */
 #include "campaign/report/digest.h"

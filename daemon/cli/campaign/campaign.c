@@ -48,21 +48,6 @@ typedef struct options {
     bool has_shard;
 } options;
 
-bool campaign_complain(const char *option, const char *text, const char *expected)
-{
-    plain_print(stderr, "canwire campaign: %s %s: expected %s\n", option, text, expected);
-    return false;
-}
-
-bool campaign_take_jobs(void *out, const char *option, const char *text)
-{
-    uint64_t number = 0;
-    if (text_parse_uint(&number, text) || number < 1 || number > POOL_JOBS_MAX)
-        return campaign_complain(option, text, "a whole number from 1 to 256");
-    *(unsigned *)out = (unsigned)number;
-    return true;
-}
-
 static bool take_row(void *out, const char *option, const char *text)
 {
     return !text_parse_uint(out, text) ||

@@ -4,6 +4,7 @@
  */
 #include "base/options.h"
 #include "base/text/plain.h"
+#include "campaign/pool.h"
 #include "campaign/report/intake.h"
 #include "campaign/report/memory.h"
 #include "cli/campaign/parts.h"
@@ -144,6 +145,21 @@ static bool report_outputs_spare(const report_outputs *out, const char *source)
 }
 
 /* ---- Options --------------------------------------------------------------------------------- */
+
+bool campaign_complain(const char *option, const char *text, const char *expected)
+{
+    plain_print(stderr, "canwire campaign: %s %s: expected %s\n", option, text, expected);
+    return false;
+}
+
+bool campaign_take_jobs(void *out, const char *option, const char *text)
+{
+    uint64_t number = 0;
+    if (text_parse_uint(&number, text) || number < 1 || number > POOL_JOBS_MAX)
+        return campaign_complain(option, text, "a whole number from 1 to 256");
+    *(unsigned *)out = (unsigned)number;
+    return true;
+}
 
 static bool take_ftti(void *out, const char *option, const char *text)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * report_figures.h - the figures of a report as SVG and HTML: plots, and heat maps that show how much has
- * failed for each pair of values.
+ * report_figures.h - the figures of a report as SVG and HTML: plots, and heat maps that show how
+ * much has failed for each pair of values.
  */
 #ifndef CANWIRE_CLI_CAMPAIGN_REPORT_FIGURES_H
 #define CANWIRE_CLI_CAMPAIGN_REPORT_FIGURES_H

@@ -137,8 +137,8 @@ static const schema_choice tdc_modes[] = {
                "phase-seg2, as Linux does.", .needs = NULL)
 
 /* All that depend on `port` follow it. It excludes `traffic`. Of the others `peer`, `missing-port`,
- * `clients` and `when-full` need it. The defaults of `queue` and `when-full` depend on it. Modes are
- * in the order of `ip`. */
+ * `clients` and `when-full` need it. The defaults of `queue` and `when-full` depend on it. Modes
+ * are in the order of `ip`. */
 const schema_key cfg_node_keys[] = {
     {.name = "name", .read = cfg_read_node_name, .required = true, NODES, .type = "name",
      .help = "Distinct."},

@@ -370,7 +370,8 @@ def replaced(lines, number, old, new):
     lambda lines: replaced(lines, 5000, b"large.yaml", b"small.yaml"),
     lambda lines: replaced(lines, len(lines) - 1, b"\n", b""),
     lambda lines: [*lines[:-1], lines[-1][:100]],
-], ids=["whole", "backwards", "long", "double", "other seed", "key twice", "other", "no end", "cut"])
+], ids=["whole", "backwards", "long", "double", "other seed", "key twice", "other", "no end",
+        "cut"])
 def test_several_processes_read_the_same(change, large):
     folder, lines = large
     (folder / "changed").write_bytes(b"".join(change(lines)))

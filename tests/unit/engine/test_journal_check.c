@@ -120,7 +120,8 @@ TEST(the_checksum_is_that_of_zlib)
     assert_int_equal(journal_crc32(journal_crc32(0, "1234", 4), "56789", 5), 0xCBF43926);
 }
 
-/* Returns the digest of two frames. The first one has one bit changed; behind the last bit, none. */
+/* Returns the digest of two frames. The first one has one bit changed; behind the last bit,
+ * none. */
 static uint64_t digest_with(unsigned bit)
 {
     cw_frame frame = {.id = 0x123, .flags = CW_FRAME_FD, .dlc = 15};

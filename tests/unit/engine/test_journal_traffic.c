@@ -274,8 +274,8 @@ TEST(frames_that_are_not_written_come_all_the_same)
         fail_msg("%zu lines for %zu frames", lines, frames);
 }
 
-/* The second advance drops a frame. A frame of the configuration behind it has no line, and the next
- * line must have the advance all the same. */
+/* The second advance drops a frame. A frame of the configuration behind it has no line, and the
+ * next line must have the advance all the same. */
 TEST(an_advance_before_a_frame_that_is_not_written_is_repeated)
 {
     const cw_frame frame = {.id = 0x123};
