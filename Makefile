@@ -61,8 +61,11 @@ HARDEN := -D_FORTIFY_SOURCE=2 -fstack-protector-strong -fstack-clash-protection 
   -Wformat -Werror=format-security
 HARDEN += $(if $(filter x86_64% i%86%,$(shell $(CC) -dumpmachine)),-fcf-protection)
 HARDEN_LINK := -pie -Wl,-z,relro -Wl,-z,now
+endif
 # The engine is exempt from options that cost instructions in each function (2 to 3 % of a frame).
-# It reads no files and no sockets, its arrays are of fixed size, and it calls only mem*.
+# It reads no files and no sockets, its arrays are of fixed size, and it calls only mem*. Its
+# training must be the same program.
+ifneq ($(filter release train,$(VARIANT)),)
 LIB_EXEMPT := -fno-stack-protector -fno-stack-clash-protection -U_FORTIFY_SOURCE
 endif
 

@@ -14,6 +14,7 @@
 #include "run/bus_make.h"
 
 #include <assert.h>
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -131,6 +132,18 @@ static bool open_port(reload *r, unsigned i, FILE *errors)
     return r->setup.ports[i] != NULL;
 }
 
+/* Returns false, after a complaint, when the next start would refuse the port of a node that is
+ * missing now. */
+static bool may_be_missing(const reload *r, unsigned i, FILE *errors)
+{
+    const cfg_node *node = &r->config->nodes[i];
+    if (cfg_waits_for_port(r->config, node) || port_exists(node->port))
+        return true;
+    print_place(errors, r->config, node->port_place);
+    fprintf(errors, "node %s: port %s: %s\n", node->name, node->port, strerror(ENODEV));
+    return false;
+}
+
 /* Returns the port of a pending reload: an interface is opened once, so that its port is
  * borrowed. */
 static port *borrow_port(const reload *pending, const char *interface)
@@ -165,8 +178,10 @@ static bool match_nodes(reload *r, const cfg *old, const reload *pending, FILE *
         if (!node->port || node->guest > 0)
             continue;
         r->port_from[i] = find_port(old, node->port);
-        if (r->port_from[i] != CW_NO_NODE)
+        if (r->port_from[i] != CW_NO_NODE) {
+            good = may_be_missing(r, i, errors) && good;
             continue;
+        }
         r->setup.ports[i] = borrow_port(pending, node->port);
         if (!r->setup.ports[i])
             good = open_port(r, i, errors) && good;

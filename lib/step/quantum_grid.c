@@ -201,7 +201,7 @@ void cw_timed_rebase(cw_bus *bus)
     cw_cable_rebase(&t->cable, by);
     cw_disturb_rebase(&t->disturbances, by);
     cw_agenda_rebase(&t->agenda, by);
-    t->moment -= by;
+    cw_moment_rebase(&t->moment, by); /* it is old while nodes are parked */
     cw_timed_rebase_wires(t, by);
     cw_timed_rebase_ringing(t, by);
     for (unsigned i = 0; i < bus->node_count; i++) {

@@ -110,6 +110,7 @@ bool cw_clean_park(cw_bus *bus)
     begin_slots(clean);
     for (unsigned i = 0; i < bus->node_count; i++)
         park_node(bus, i);
+    cw_agenda_clear(&bus->timed.agenda); /* it knows nodes again when they resume */
     clean->parked = true;
     bus->timed.steady_at = CW_NEVER;
     return true;
@@ -175,7 +176,6 @@ void cw_clean_resume(cw_bus *bus)
     if (!bus->timed.clean.parked)
         return;
     cw_clean_take_counts(bus);
-    cw_agenda_clear(&bus->timed.agenda);
     for (unsigned i = 0; i < bus->node_count; i++)
         resume_node(bus, i);
     bus->timed.moment = cw_moment_of(bus, cw_now(bus));

@@ -341,7 +341,8 @@ def test_interfaces_that_are_missing_at_the_start_are_waited_for(vcan, bus):
 
 
 def test_a_bus_waits_for_the_ports_of_nodes_that_say_so(vcan, bus, launch):
-    vcan(1)
+    vcan(2)
+    ip("link del vcan1")
     text = THREE.replace("port: vcan2", "port: vcan2, missing-port: wait")
     daemon = launch(text)
     assert daemon.wait() == 1

@@ -220,7 +220,7 @@ def test_a_node_says_that_its_port_is_that_of_hardware(rig, canwired):
     ip("link del door-can")
     assert rig("down") == "removed v0\n"
     text = PAIR.replace("v0", "can0").replace("v1", "can1, missing-port: fail") + WAITS
-    assert rig("up", text) == "made can1\nleft can0 to hardware: missing-port: wait\n"
+    assert rig("up", text) == "left can0 to hardware: missing-port: wait\nmade can1\n"
 
 
 def test_an_interface_that_is_down_is_set_up(rig):

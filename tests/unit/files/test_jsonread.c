@@ -98,8 +98,8 @@ static const char *const texts[] = {
     "\"\"", "\"a\\\"\\\\\\/\\b\\f\\n\\r\\t\\u0041\\u20AC\\ud83d\\ude00z\"",
     "\"\xC3\xA4 \xE2\x82\xAC \xF0\x9F\x98\x80 \xEF\xBB\xBF\"",
     "{\"a\":1,\"b\":[true,null,{\"c\":\"d\"},[]],\"\":{},\"e\":-1.5}",
-    "\n{ \"number\" : 0 ,\r\"factors\":{\"seed\":1},\t\"t\":0.100000000,\"nodes\":{\"engine\":"
-    "{\"state\":\"error-active\",\"tec\":0,\"rec\":0}},\"lost\":[],\"repeat\":\"x --only 0\"}\n",
+    ("\n{ \"number\" : 0 ,\r\"factors\":{\"seed\":1},\t\"t\":0.100000000,\"nodes\":{\"engine\":"
+    "{\"state\":\"error-active\",\"tec\":0,\"rec\":0}},\"lost\":[],\"repeat\":\"x --only 0\"}\n"),
     "[[[[[[1],2],3],4],5],6]", "9223372036854775807", "-9223372036854775808",
     "[1,22,333,4444,55555,666666,7777777,88888888]",
 };
