@@ -591,7 +591,7 @@ $(BUILD)/lto: MODE = $(LTO)
 $(BUILD)/pgo: MODE = $(PGO)
 $(BUILD)/lto $(BUILD)/pgo: always
 	@mkdir -p $(@D)
-	@[ "$$(cat $@ 2>/dev/null)" = '$(MODE)' ] || echo '$(MODE)' >$@
+	@echo '$(MODE)' | cmp -s - $@ || echo '$(MODE)' >$@
 always:
 endif
 INLINING := --param max-inline-insns-auto=200 --param inline-unit-growth=300

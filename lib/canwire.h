@@ -1567,8 +1567,13 @@ bool cw_node_attached(const cw_bus *bus, unsigned node);
  * restart_ticks != 0. */
 cw_status cw_node_restart(cw_bus *bus, unsigned node);
 
+/* Returns false when a rule may take nodes off the grid, or let them sleep: a bus that keeps its
+ * setup takes it only from its configuration. */
+bool cw_rule_keeps_setup(const cw_rule *rule);
+
 /* Adds a rule while the bus runs; *index is its index in calls, events and statistics. CW_FULL: no
- * room for it. CW_INVALID: it names nodes, rules or values that do not exist. */
+ * room for it. CW_INVALID: it names nodes, rules or values that do not exist, or the bus keeps its
+ * setup and the rule does not. */
 cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule);
 
 /* Ends the action of a rule and removes the rule; its index may be used again. Frames that it holds

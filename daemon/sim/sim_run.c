@@ -119,6 +119,15 @@ static bool rules_need_no_room(const cfg *config)
     return true;
 }
 
+/* Returns true when no rule needs what a bus that keeps its setup has no memory for. */
+static bool rules_keep_setup(const cfg *config)
+{
+    bool keep = true;
+    for (size_t i = 0; i < config->rule_count; i++)
+        keep = keep && cw_rule_keeps_setup(&config->rules[i]);
+    return keep;
+}
+
 /* Keeps the state of the bus, which has no rules yet. */
 static void keep_start(sim_run *s)
 {
@@ -146,12 +155,13 @@ static bool make_again(sim_run *s)
     cw_node_config nodes[CW_NODES_MAX];
     cw_bus_config bus_config;
     sim_run_describe(&bus_config, nodes, s);
-    if (!reserve(s, &bus_config))
-        return false;
     if (!rules_need_no_room(s->config))
-        return sim_run_make(s, &bus_config);
+        return reserve(s, &bus_config) && sim_run_make(s, &bus_config);
     bus_config.rule_room = (uint16_t)(bus_config.rule_room + bus_config.rule_count);
     bus_config.rule_count = 0;
+    bus_config.keeps_setup = bus_config.keeps_setup && rules_keep_setup(s->config);
+    if (!reserve(s, &bus_config))
+        return false;
     s->bus = bus_init(s->memory, &bus_config);
     if (s->bus)
         keep_start(s);

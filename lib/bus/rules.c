@@ -90,7 +90,7 @@ static bool settings_fit(const cw_bus *bus, const cw_rule *r)
 cw_status cw_bus_add_rule(cw_bus *bus, unsigned *index, const cw_rule *rule)
 {
     unsigned place;
-    const bool fits = settings_fit(bus, rule) && (!bus->lean || cw_rule_keeps_grid(rule));
+    const bool fits = settings_fit(bus, rule) && (!bus->lean || cw_rule_keeps_setup(rule));
     cw_status status = fits ? cw_rules_may_add(&bus->rules, &place, rule) : CW_INVALID;
     if (status != CW_OK)
         return status;

@@ -98,7 +98,7 @@ bool cw_is_lean(const cw_bus_config *c)
     for (unsigned i = 0; i < c->node_count; i++)
         lean = lean && is_like_bus(&c->nodes[i].timing) && !c->nodes[i].sleeps;
     for (unsigned i = 0; i < c->rule_count; i++)
-        lean = lean && cw_rule_keeps_grid(&c->rules[i]);
+        lean = lean && cw_rule_keeps_setup(&c->rules[i]);
     return lean;
 }
 

@@ -337,9 +337,6 @@ static inline bool cw_rules_has(const cw_rule_set *set, unsigned rule)
  * whether its nodes can have them. */
 cw_status cw_rules_may_add(const cw_rule_set *set, unsigned *place, const cw_rule *rule);
 
-/* Returns false when a rule may take nodes off the grid, or let them sleep. */
-bool cw_rule_keeps_grid(const cw_rule *rule);
-
 /* Adds the rule at that place, where it may be added; its name is not kept. */
 void cw_rules_add(cw_rule_set *set, unsigned place, const cw_rule *rule);
 

@@ -99,7 +99,7 @@ bool cw_rule_valid(const cw_rule_set *set, const cw_rule *r)
            (r->again_ticks == 0 || r->trigger == CW_TRIGGER_TIME);
 }
 
-bool cw_rule_keeps_grid(const cw_rule *r)
+bool cw_rule_keeps_setup(const cw_rule *r)
 {
     const uint32_t leaving = CW_SET_CLOCKS | CW_SET_SLEEP | CW_SET_WAKE;
     return !(cw_actions[r->action].traits & (CW_IN_TIME | CW_ON_LINE)) &&

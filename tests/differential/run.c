@@ -7,8 +7,6 @@
  */
 #include "differential.h"
 
-#include "rule/rule.h"
-
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -672,7 +670,7 @@ static bool changes_setup(const diff_scenario *s, const diff_op *op)
 {
     const uint32_t later = CW_SET_CLOCKS | CW_SET_SLEEP | CW_SET_WAKE;
     return op->kind == DIFF_TAKE_OVER || (op->kind == DIFF_SET && (op->settings.which & later)) ||
-           (op->kind == DIFF_ADD_RULE && !cw_rule_keeps_grid(&s->added[op->target].rule));
+           (op->kind == DIFF_ADD_RULE && !cw_rule_keeps_setup(&s->added[op->target].rule));
 }
 
 /* Returns true when the fast bus keeps its setup: in half of the scenarios that allow it. */

@@ -9,6 +9,7 @@
 #include "base/text/plain.h"
 
 #include <float.h>
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 
@@ -255,13 +256,13 @@ static bool take_number(reading *p)
 
 /* ---- Lists and objects ----------------------------------------------------------------------- */
 
-/* Returns the hash of a key as a set of one of 64. */
-static uint64_t hash_of(const char *key, size_t length)
+/* Returns the hash of a key as a set of one, as large as a length. */
+static size_t hash_of(const char *key, size_t length)
 {
     const unsigned first = (unsigned char)key[0];
     const unsigned middle = (unsigned char)key[length / 2];
     const unsigned last = length > 0 ? (unsigned char)key[length - 1] : 0;
-    return UINT64_C(1) << ((first * 5 + middle * 11 + last * 3 + length * 7) % 64);
+    return (size_t)1 << ((first * 5 + middle * 11 + last * 3 + length * 7) % (CHAR_BIT * sizeof(size_t)));
 }
 
 /* Looks for the key among those of the object that is open. */
@@ -282,7 +283,7 @@ static bool take_key(reading *p)
         return fail(p, JSONREAD_NO_JSON);
     if (!take_string(p, &p->key, &p->key_length))
         return false;
-    const uint64_t hash = hash_of(p->key, p->key_length);
+    const size_t hash = hash_of(p->key, p->key_length);
     jsonread_value *object = &p->r->values[p->parent];
     if ((object->length & hash) && has_key(p))
         return fail(p, JSONREAD_TWICE);
