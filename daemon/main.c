@@ -283,7 +283,7 @@ static size_t find_inherited(const process *p, int inherited)
 
 static bool start_engines(process *p)
 {
-    live *lives[RIG_BUSES_MAX];
+    live *lives[RIG_BUSES_MAX] = {NULL};
     for (size_t i = 0; i < p->host.count; i++)
         lives[i] = service_live(p->host.buses[i]);
     if (p->host.rig)

@@ -1567,8 +1567,8 @@ bool cw_node_attached(const cw_bus *bus, unsigned node);
  * restart_ticks != 0. */
 cw_status cw_node_restart(cw_bus *bus, unsigned node);
 
-/* Returns false when a rule may take nodes off the grid, or let them sleep: a bus that keeps its
- * setup takes it only from its configuration. */
+/* Returns false when a rule may take nodes off the grid, or let them sleep. A bus that keeps its
+ * setup takes such a rule only from its configuration. */
 bool cw_rule_keeps_setup(const cw_rule *rule);
 
 /* Adds a rule while the bus runs; *index is its index in calls, events and statistics. CW_FULL: no

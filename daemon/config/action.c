@@ -118,7 +118,7 @@ static const schema_choice checksum_faults[] = {
     }
 #define LEVEL(key, told)                                                                           \
     {                                                                                              \
-        .name = (key), .read = cfg_read_level, .type = TYPE_CHOICE, .arg = cfg_levels,               \
+        .name = (key), .read = cfg_read_level, .type = TYPE_CHOICE, .arg = cfg_levels,             \
         .help = (told)                                                                             \
     }
 #define BITS                                                                                       \

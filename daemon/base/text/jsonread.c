@@ -262,7 +262,8 @@ static size_t hash_of(const char *key, size_t length)
     const unsigned first = (unsigned char)key[0];
     const unsigned middle = (unsigned char)key[length / 2];
     const unsigned last = length > 0 ? (unsigned char)key[length - 1] : 0;
-    return (size_t)1 << ((first * 5 + middle * 11 + last * 3 + length * 7) % (CHAR_BIT * sizeof(size_t)));
+    const size_t sum = first * 5 + middle * 11 + last * 3 + length * 7;
+    return (size_t)1 << sum % (CHAR_BIT * sizeof sum);
 }
 
 /* Looks for the key among those of the object that is open. */

@@ -46,7 +46,9 @@ void jsontext_quoted(buffer *out, const char *text)
 /* Puts a comma where one is needed. There must be room. */
 static void put_comma(buffer *out)
 {
-    const char last = buffer_length(out) > 0 ? out->data[out->end - 1] : '{';
+    char last = '{';
+    if (buffer_length(out) > 0)
+        last = out->data[out->end - 1];
     if (last != '{' && last != '[' && last != ':' && last != '\n')
         out->data[out->end++] = ',';
 }

@@ -14,6 +14,6 @@ from .rows import row
 from .scenario import Scenario
 from .virtualtime import Deadlock, VirtualTime
 
-__all__ = ["Bus", "BusInfo", "CampaignError", "CampaignResult", "Columns", "ConfigError", "Deadlock",
-           "Error", "ExpectationError", "Frame", "Node", "NodeStatus", "Scenario", "Stop", "Time",
-           "VirtualTime", "campaign", "row"]
+__all__ = ["Bus", "BusInfo", "CampaignError", "CampaignResult", "Columns", "ConfigError",
+           "Deadlock", "Error", "ExpectationError", "Frame", "Node", "NodeStatus", "Scenario",
+           "Stop", "Time", "VirtualTime", "campaign", "row"]
