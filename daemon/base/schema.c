@@ -120,21 +120,25 @@ static void read_preset_list(schema *self, const schema_key *key, void *object)
     yaml_document_delete(&list);
 }
 
+void schema_read_preset(schema *self, const schema_key *key, void *object)
+{
+    yaml_node_t value = {.type = YAML_SCALAR_NODE,
+                         .start_mark = {.line = SIZE_MAX, .column = SIZE_MAX}}; /* 0:0 */
+
+    if (!key->preset)
+        return;
+    value.data.scalar.value = (yaml_char_t *)(uintptr_t)key->preset;
+    value.data.scalar.length = strlen(key->preset);
+    if (*key->preset == '[')
+        read_preset_list(self, key, object);
+    else
+        key->read(self, key, &value, object);
+}
+
 void schema_read_presets(schema *self, const schema_key *keys, void *object)
 {
-    for (; keys->name; keys++) {
-        yaml_node_t value = {.type = YAML_SCALAR_NODE,
-                             .start_mark = {.line = SIZE_MAX, .column = SIZE_MAX}}; /* 0:0 */
-
-        if (!keys->preset)
-            continue;
-        value.data.scalar.value = (yaml_char_t *)(uintptr_t)keys->preset;
-        value.data.scalar.length = strlen(keys->preset);
-        if (*keys->preset == '[')
-            read_preset_list(self, keys, object);
-        else
-            keys->read(self, keys, &value, object);
-    }
+    for (; keys->name; keys++)
+        schema_read_preset(self, keys, object);
 }
 
 void *schema_member(const schema_key *key, void *object)

@@ -78,7 +78,8 @@ void schema_map(schema *self, const char *what, yaml_node_t *map, const schema_k
 void schema_map_in(schema *self, const char *what, yaml_node_t *map, const schema_key *keys,
                    uint8_t kind, void *object);
 
-/* Reads the `preset` of each key into the object. */
+/* Reads the `preset` of a key, if it has one, or of each key of a table into the object. */
+void schema_read_preset(schema *self, const schema_key *key, void *object);
 void schema_read_presets(schema *self, const schema_key *keys, void *object);
 
 /* Returns the member of an object that a key stands for. */

@@ -43,8 +43,6 @@ typedef struct cfg_live {
 #define CFG_IN_DEFAULTS 2u
 #define CFG_IN_GUESTS 4u
 
-#define CFG_WARNING_LIMIT_DEFAULT 96
-
 /* All keys of nodes, in the order of reading and of lists. */
 extern const schema_key cfg_node_keys[];
 

@@ -52,16 +52,26 @@ const schema_key cfg_usb_keys[] = {
 
 static const char no_name[] = "";
 
+/* Returns true for a key that gives a node time of its own as soon as it is read. Without it the
+ * node has the time of the bus, so its preset is for people alone. */
+static bool gives_time(const schema_key *key)
+{
+    return cfg_is_retime(key) || key->read == cfg_read_controller;
+}
+
 void cfg_node_defaults(cfg_node *node)
 {
+    schema self = {.has_open = false};
+
     *node = (cfg_node){
         .name = (char *)no_name, /* nobody writes to it */
         .missing_port = CFG_MISSING_PORT_UNSET,
         .queue = QUEUE_DEFAULT,
-        .warning_limit = CFG_WARNING_LIMIT_DEFAULT,
-        .sleep = {.filter_ticks = WAKE_FILTER_DEFAULT_TICKS},
     };
-    schema_read_presets(&(schema){.has_open = false}, cfg_clients_keys, node);
+    for (const schema_key *key = cfg_node_keys; key->name; key++)
+        if (!gives_time(key))
+            schema_read_preset(&self, key, node);
+    schema_read_presets(&self, cfg_clients_keys, node);
 }
 
 static void check_peer(schema *self, const schema_key *key, const yaml_node_t *value,

@@ -17,8 +17,6 @@
 #include <string.h>
 
 #define TICKS_PER_MS (CW_CLOCK_HZ / 1000u)
-#define TEXT(number) #number
-#define TEXT_OF(number) TEXT(number)
 
 static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
@@ -193,12 +191,13 @@ const schema_key cfg_node_keys[] = {
      .help = "Which of the waiting frames goes first."},
     {.name = "warning-limit", .read = schema_read_uint, MEMBER(warning_limit),
      .arg = &warning_range, NUMBER(CW_SET_WARNING, warning_limit, uint16_t, 1),
-     .preset = TEXT_OF(CFG_WARNING_LIMIT_DEFAULT),
+     .preset = "96",
      .help = "Counter from which on the node is error-warning."},
     {.name = "sleep", .read = schema_read_bool, MEMBER(sleeps),
      LIVE(.kind = CFG_LIVE_SLEEP, .which = CW_SET_SLEEP), .preset = "false",
      .help = "The node sleeps: it neither acknowledges nor signals until something wakes it. At "
              "the start; `set` changes it."},
+    /* 5 us: the longest filter time of ISO 11898-2 */
     WAKE_TIME("wake-filter", CW_SET_WAKE_FILTER, filter_ticks, "5us",
               "How long the wire must be dominant to wake the node, 0 to 1s."),
     WAKE_TIME("wake-time", CW_SET_WAKE_TIME, wake_ticks, "0",

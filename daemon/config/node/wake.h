@@ -7,8 +7,6 @@
 
 #include "config/source.h"
 
-#define WAKE_FILTER_DEFAULT_TICKS (CW_CLOCK_HZ / 1000000 * 5) /* 5 us: the longest filter time of
-                                                                 ISO 11898-2 */
 #define WAKE_TEXT_MAX 256 /* bytes of a printed value with its final 0 */
 
 /* Reads a value: "5us", "123,100:700", "off". Returns NULL, or what is allowed. */

@@ -6,6 +6,9 @@
 #include "cases.h"
 #include "configs.h"
 
+#include "config/change/live.h"
+#include "config/parts.h"
+
 #define UDP "cannelloni:udp,listen="
 #define TCP "cannelloni:tcp,"
 #define REST(timeout) ",timeout=" timeout ",mtu=1472"
@@ -117,6 +120,25 @@ TEST(nodes_have_defaults_and_may_say_otherwise)
     assert_int_equal(socket->when_full, CFG_WHEN_FULL_DROP);
     assert_false(socket->berr_reporting);
     assert_int_equal(config->nodes[4].queue, 7);
+}
+
+/* Whoever writes the default of a key has what the key has by itself. */
+TEST(defaults_of_nodes_are_those_of_the_table)
+{
+    CFG *config = load_good(GOOD "faults.yaml");
+    schema self = {.has_open = false};
+    cfg_node node = config->nodes[0];
+    unsigned count = 0;
+
+    for (const schema_key *key = cfg_node_keys; key->name; key++) {
+        if (!key->preset || cfg_is_retime(key) || key->read == cfg_read_controller)
+            continue;
+        schema_read_preset(&self, key, &node);
+        if (memcmp(&node, &config->nodes[0], sizeof node) != 0)
+            fail_msg("%s is not %s", key->name, key->preset);
+        count++;
+    }
+    assert_true(count > 10);
 }
 
 TEST(nodes_are_matched_by_name)
