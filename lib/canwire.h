@@ -559,14 +559,19 @@ bool cw_mac_drive(cw_mac *mac);
 /* Ends the bit with the level of the wire and overwrites *report. */
 void cw_mac_sample(cw_mac *mac, bool level, cw_mac_report *report);
 
-/* Asks for one or two overload frames, sent from the next expected intermission on (O1 a).
- * CW_INVALID when the number is not 1 or 2. */
+#define CW_OVERLOADS_MAX 2u /* that delay one frame (O1 a) */
+
+/* Asks for overload frames, sent from the next expected intermission on (O1 a). CW_INVALID when the
+ * number is not 1..CW_OVERLOADS_MAX. */
 cw_status cw_mac_request_overload(cw_mac *mac, unsigned frames);
 
 /* Asks to leave bus-off (R12). CW_REFUSED when the controller is not bus-off or already counting.*/
 cw_status cw_mac_request_restart(cw_mac *mac);
 
-/* Presets the counters: TEC 0..263, REC 0..255. A TEC above 255 is bus-off (R10), a TEC below 256
+#define CW_TEC_MAX 263u /* the highest value that bus-off can leave (R10) */
+#define CW_REC_MAX 255u /* R8, ruling: an 8-bit counter */
+
+/* Presets the counters: TEC 0..CW_TEC_MAX, REC 0..CW_REC_MAX. A TEC above 255 is bus-off (R10), a TEC below 256
  * ends a bus-off. CW_INVALID: out of range. The next report has a changed state, and the drop of an
  * offer that follows from it. */
 cw_status cw_mac_set_counters(cw_mac *mac, unsigned tec, unsigned rec);
@@ -861,7 +866,8 @@ typedef enum cw_counter_fault {
 
 #define CW_KEEP UINT16_MAX
 #define CW_PATTERN_MAX 64 /* bits of a glitch */
-#define CW_BURST_MAX 16 /* bits of a burst of noise */
+#define CW_BURST_MAX 16   /* bits of a burst of noise */
+#define CW_COPIES_MAX 16u /* copies that a rule can make of one frame */
 #define CW_RAW_MAX 192    /* bits of RAW, more than a classical frame has */
 
 /* Changes of a node's settings; fields whose CW_SET_* is not in `which` are ignored. */

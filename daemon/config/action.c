@@ -10,11 +10,6 @@
 
 #include <string.h>
 
-#define COPIES_MAX 16u /* of a frame by one hit, as in the library */
-#define OVERTAKING_MAX CW_QUEUE_MAX
-#define OVERLOAD_FRAMES_MAX 2u
-#define TEC_MAX 263u /* the limit of cw_mac_set_counters() */
-#define REC_MAX 255u
 #define DLC_MAX 15u
 
 /* Checks the keys of an action against each other and completes the rule; `map` is the value of
@@ -35,11 +30,11 @@ static action_completer complete_force, complete_stuck, complete_wrong_crc, comp
     complete_reply, complete_making;
 
 static const schema_range bits_range = {1, UINT16_MAX, sizeof(uint16_t)};
-static const schema_range tec_range = {0, TEC_MAX, sizeof(uint16_t)};
-static const schema_range rec_range = {0, REC_MAX, sizeof(uint16_t)};
-static const schema_range overload_range = {1, OVERLOAD_FRAMES_MAX, sizeof(uint32_t)};
-static const schema_range copies_range = {1, COPIES_MAX, sizeof(uint32_t)};
-static const schema_range overtaking_range = {1, OVERTAKING_MAX, sizeof(uint32_t)};
+static const schema_range tec_range = {0, CW_TEC_MAX, sizeof(uint16_t)};
+static const schema_range rec_range = {0, CW_REC_MAX, sizeof(uint16_t)};
+static const schema_range overload_range = {1, CW_OVERLOADS_MAX, sizeof(uint32_t)};
+static const schema_range copies_range = {1, CW_COPIES_MAX, sizeof(uint32_t)};
+static const schema_range overtaking_range = {1, CW_QUEUE_MAX, sizeof(uint32_t)};
 static const schema_range dlc_range = {0, DLC_MAX, sizeof(uint8_t)};
 
 static const schema_choice sides[] = {

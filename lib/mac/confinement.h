@@ -12,8 +12,6 @@
 
 #define CW_PASSIVE_LIMIT 128u /* R9 */
 #define CW_BUS_OFF_LIMIT 256u /* R10 */
-#define CW_TEC_MAX 263u       /* the highest value that bus-off can leave (R10) */
-#define CW_REC_MAX 255u       /* R8, ruling: an 8-bit counter */
 
 /* Sets TEC = REC = 0, error active; also after bus-off (R12). */
 void cw_confinement_reset(cw_confinement *c);

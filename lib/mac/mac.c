@@ -182,7 +182,7 @@ cw_status cw_mac_withdraw(cw_mac *m)
 
 cw_status cw_mac_request_overload(cw_mac *m, unsigned frames)
 {
-    if (frames < 1 || frames > 2)
+    if (frames < 1 || frames > CW_OVERLOADS_MAX)
         return CW_INVALID;
     m->overloads_wanted = (uint8_t)frames;
     return CW_OK;

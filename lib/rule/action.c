@@ -4,8 +4,6 @@
  */
 #include "rule/private.h"
 
-#include "mac/confinement.h"
-
 #define NUMBER(member, from, to)                                                                   \
     {                                                                                              \
         .offset = offsetof(cw_rule, member), .bytes = sizeof((const cw_rule *)0)->member,          \
@@ -43,7 +41,7 @@ const cw_action_row cw_actions[CW_ACTION_COUNT] = {
     ROW(RESTART, "restart", CONTROL, 0),
     ROW(COUNTERS, "counters", CONTROL, 0,
         .ranges = {KEEP_OR(tec, CW_TEC_MAX), KEEP_OR(rec, CW_REC_MAX)}),
-    ROW(OVERLOAD, "overload", CONTROL, 0, .ranges = {NUMBER(number, 1, 2)}),
+    ROW(OVERLOAD, "overload", CONTROL, 0, .ranges = {NUMBER(number, 1, CW_OVERLOADS_MAX)}),
     ROW(SET, "set", CONTROL, 0),
     ROW(SOFTWARE_RESET, "software-reset", CONTROL, 0),
     ROW(HARDWARE_RESET, "hardware-reset", CONTROL, 0),

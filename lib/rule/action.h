@@ -43,8 +43,6 @@ typedef struct cw_action_range {
 
 #define CW_ACTION_RANGES 2u
 
-#define CW_COPIES_MAX 16u /* copies that a rule can make of one frame */
-
 /* Changes the levels of the nodes that the rule names, in the bit in progress. */
 typedef void cw_level_action(struct cw_rule_set *set, struct cw_rule_state *state, uint64_t *levels,
                              uint64_t nodes);
