@@ -21,6 +21,8 @@ static size_t bytes_of(const cw_bus_config *config)
     return (cw_bus_size(config) + align - 1) / align * align;
 }
 
+/* Takes guests off the bus, and with `usb` nodes that wait for their adapter. Nobody shall see the
+ * events. */
 static void take_off(cw_bus *bus, const cfg *config, bool usb)
 {
     cw_event event;

@@ -73,6 +73,7 @@ static bool make_lane(lane *self, const rig_rule *rule)
     return self->due != NULL;
 }
 
+/* Makes what one end of a gateway knows: a lane for each rule, in the order of the rules. */
 static bool make_side(side *self, const rig_gateway *gateway)
 {
     bool good = true;
@@ -82,6 +83,7 @@ static bool make_side(side *self, const rig_gateway *gateway)
     return self->lanes && good;
 }
 
+/* Returns the way from one bus to another; it is made when a rule needs it first. */
 static gateways_way *find_way(gateways *self, size_t from, size_t to)
 {
     for (size_t i = 0; i < self->way_count; i++)
@@ -93,6 +95,8 @@ static gateways_way *find_way(gateways *self, size_t from, size_t to)
     return way;
 }
 
+/* Adds the ways of a gateway. The least delay of its rules is how early a frame can come to the
+ * other bus. */
 static void add_ways(gateways *self, size_t g)
 {
     const rig_gateway *gateway = &self->config->gateways[g];
@@ -221,6 +225,8 @@ static void forget_past(lane *self, uint64_t now)
     }
 }
 
+/* Gives the frame the identifier of the rule, if the rule has one, and the format that goes with
+ * it. */
 static void set_id(cw_frame *frame, const rig_rule *rule)
 {
     if (!rule->has_id)
@@ -233,6 +239,7 @@ static void set_id(cw_frame *frame, const rig_rule *rule)
 
 /* ---- Receptions ------------------------------------------------------------------------------ */
 
+/* Returns the nodes of gateways on that bus whose rules pass such a frame on. */
 static uint64_t find_wish(const gateways *self, size_t bus, const cw_frame *frame)
 {
     uint64_t nodes = 0;
@@ -244,6 +251,7 @@ static uint64_t find_wish(const gateways *self, size_t bus, const cw_frame *fram
     return nodes;
 }
 
+/* The same, remembered for base identifiers. There are too many extended ones for a table. */
 static uint64_t wish_of(const gateways *self, size_t bus, const cw_frame *frame)
 {
     const uint32_t id = cw_frame_can_id(frame);
@@ -273,6 +281,8 @@ void gateways_answer(gateways *self, size_t bus, bool answers)
     self->answering = answers ? self->answering | one : self->answering & ~one;
 }
 
+/* Returns the next entry of the list of frames that wait for the other bus, or NULL without
+ * memory. */
 static noted *gateways_add(gateways *self)
 {
     if (self->count == self->room) {
@@ -286,6 +296,7 @@ static noted *gateways_add(gateways *self)
     return &self->list[self->count++];
 }
 
+/* Notes a frame that a gateway has received at one end and a rule passes on. False: no memory. */
 static bool gateways_receive(gateways *self, size_t g, unsigned end, const cw_event *event)
 {
     const rig_gateway *gateway = &self->config->gateways[g];
@@ -356,6 +367,7 @@ static int compare_numbers(uint64_t a, uint64_t b)
     return (a > b) - (a < b);
 }
 
+/* Sorts by tick, then bus, then the order of receipt, so that a run always has the same order. */
 static int compare_noted(const void *left, const void *right)
 {
     const noted *a = left;
@@ -390,6 +402,7 @@ void gateways_meet(gateways *self, uint64_t before, uint64_t given[RIG_BUSES_MAX
 
 /* ---- Statistics ------------------------------------------------------------------------------ */
 
+/* Returns the counters of what one end passes on. Rules of the other direction are left out. */
 static json_t *side_stats(const side *self, const rig_gateway *gateway, unsigned end)
 {
     json_t *object = json_object();

@@ -40,6 +40,7 @@ bool inputs_advance_some(inputs *in, uint64_t tick, uint64_t work)
     return status == CW_OK;
 }
 
+/* Tells the observer, which writes the journal, of an input that has just been made. */
 static void note(inputs *in, input what)
 {
     what.now = cw_bus_now(in->bus);
@@ -117,6 +118,7 @@ static cw_rule rule_of_bus(const injection *j, size_t i)
     return rule;
 }
 
+/* Adds rule i of an injection to the bus. Says in `errors` why the bus refuses it. */
 static bool add_rule(injection *j, size_t i)
 {
     const cw_rule rule = rule_of_bus(j, i);
@@ -129,6 +131,7 @@ static bool add_rule(injection *j, size_t i)
     return status == CW_OK;
 }
 
+/* Adds all rules of an injection. After a refusal `added` says how many are to be taken back. */
 static bool add_rules(injection *j)
 {
     if (j->rules->count > CW_RULES_MAX) {

@@ -138,6 +138,7 @@ static void put_line(journal *j, char *line, size_t size, bool often)
     lose_line(j, error != 0 ? strerror(error) : "the disk is too slow");
 }
 
+/* Writes an object as a line, and frees it. The line needs room behind it for its seal. */
 static void put_object(journal *j, json_t *object)
 {
     char *text = json_dumps(object, JSON_COMPACT | JSON_PRESERVE_ORDER);
@@ -215,6 +216,7 @@ static json_t *bytes_to_json(const char *bytes, size_t size)
     return object;
 }
 
+/* Returns the texts of all files of a configuration, so that a journal needs no other file. */
 static json_t *files_to_json(const cfg *config)
 {
     json_t *files = json_array();
@@ -245,6 +247,8 @@ static bool is_plain(const cw_frame *frame, const char *text)
            memcmp(again.data, frame->data, data_room(frame)) == 0;
 }
 
+/* Writes a frame of an ECU as a line. This is done without jansson, as most lines are of this
+ * kind. */
 static void put_send(const journal_part *b, const input *what)
 {
     const cw_frame *frame = what->frame;
@@ -297,6 +301,7 @@ static void put_inject(json_t *line, const input *what)
         put_bool(line, "refused", true);
 }
 
+/* Writes any input but a frame as a line. */
 static void put_other(const journal_part *b, const input *what)
 {
     json_t *line = begin_line(b, what->now);
@@ -372,6 +377,7 @@ journal_part *journal_part_at(journal *j, size_t bus)
 
 /* ---- Marks ----------------------------------------------------------------------------------- */
 
+/* Writes counters and digest of the bus. A run of the journal compares its own with these. */
 static void put_mark(journal_part *b, const char *key)
 {
     cw_bus_stats stats;
@@ -419,6 +425,7 @@ static void print_names(char out[NAMES_BYTES], const journal *j)
                            j->buses[i].config->bus_name);
 }
 
+/* Writes the first line: version, names of the buses, and the start of the journal. */
 static void put_header(journal *j)
 {
     char names[NAMES_BYTES] = "";
@@ -466,6 +473,8 @@ static json_t *node_to_json(const journal_part *b, unsigned node)
     return object;
 }
 
+/* Describes the bus after a gap: why there was one, the nodes, the rules, and the files after a
+ * reload. */
 static json_t *gap_to_json(const journal_part *b)
 {
     const journal *j = b->journal;
@@ -485,6 +494,7 @@ static json_t *gap_to_json(const journal_part *b)
     return gap;
 }
 
+/* Writes that lines are missing before this one, and how the bus is now. */
 static void put_gap(journal_part *b)
 {
     const uint64_t now = cw_bus_now(b->in->bus);
@@ -515,6 +525,7 @@ static void take_up(journal *j)
     put_marks(j, "mark");
 }
 
+/* Tells that the journal has stopped. The bus goes on without it. */
 static void report_broken(journal *j)
 {
     char time[TIME_TEXT_MAX];
@@ -524,6 +535,7 @@ static void report_broken(journal *j)
     j->reported = true;
 }
 
+/* Tells that the journal goes on, and what is missing in it. */
 static void report_taken_up(journal *j)
 {
     char begin[TIME_TEXT_MAX];

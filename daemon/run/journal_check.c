@@ -33,6 +33,7 @@ static void journal_check_complain(checker *c, const char *problem)
             journal_line(c->reader), problem, journal_byte(c->reader), time);
 }
 
+/* Counts a gap and tells how long nothing was written. */
 static void note_gap(checker *c, const journal_entry *entry)
 {
     char begin[TIME_TEXT_MAX];
@@ -58,6 +59,7 @@ static bool note_damage(checker *c)
     return false;
 }
 
+/* Notes the end, behind which nothing may stand. */
 static void note_end(checker *c)
 {
     c->ended = true;
@@ -106,6 +108,7 @@ static bool check_entry(checker *c, const journal_entry *entry)
     return !entry->last;
 }
 
+/* Prints what was found, on one line. */
 static void print_summary(const checker *c, bool good, FILE *out)
 {
     char time[TIME_TEXT_MAX];

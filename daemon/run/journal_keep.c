@@ -112,6 +112,7 @@ static void read_text(buffer *text, int fd, off_t from, size_t most)
     journal_unpack_end(u);
 }
 
+/* Reads from the first line of a file to what bus it belongs and when it was begun. */
 static void read_head(found *f, int fd)
 {
     buffer text = {.data = NULL};
@@ -231,6 +232,7 @@ static int read_row(row *r)
     return 0;
 }
 
+/* Describes a journal of a row for people: its name, its bus, and how far it goes. */
 static void journal_keep_describe(char text[PATH_MAX], const row *r, const found *f)
 {
     char name[PATH_MAX];
@@ -242,6 +244,7 @@ static void journal_keep_describe(char text[PATH_MAX], const row *r, const found
                    f->timed ? time : "", f->timed ? " s" : "");
 }
 
+/* Warns of journals that have no end: their canwired was killed, or the disk was full. */
 static void report_without_end(const row *r)
 {
     char text[PATH_MAX];
@@ -301,6 +304,8 @@ static size_t count_journals(const row *r)
     return count;
 }
 
+/* Removes old journals until a new one makes `files`. An empty one that is the newest goes
+ * first. */
 static int remove_some(row *r, unsigned files)
 {
     int error = 0;

@@ -106,6 +106,7 @@ static bool pack_pieces(packer *p, const char *text, size_t size)
     return good;
 }
 
+/* Returns what was packed. After a failure the next piece begins a frame of its own. */
 static const void *finish_pack(packer *p, size_t *packed, bool good)
 {
     *packed = p->used;
@@ -116,6 +117,7 @@ static const void *finish_pack(packer *p, size_t *packed, bool good)
     return NULL;
 }
 
+/* Packs records for the spool; what is returned is good up to the next call. */
 static const void *pack(void *user, size_t *packed, const void *records, size_t size)
 {
     packer *p = user;
@@ -133,6 +135,7 @@ static void settle(void *user, bool written)
     p->anew = !written;
 }
 
+/* Ends the frame of the packer, so that all records before it can be read. */
 static const void *end_pack(void *user, size_t *packed)
 {
     packer *p = user;
@@ -280,6 +283,8 @@ static size_t decompress(journal_unpacker *u, void *text, size_t size)
     return out.pos;
 }
 
+/* Reads unpacked text. Returns 0 at the end and -1 with a problem, which may be damage of the
+ * file. */
 static ssize_t read_packed(journal_unpacker *u, void *text, size_t size, const char **problem,
                            bool *damaged)
 {

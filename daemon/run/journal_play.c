@@ -72,6 +72,7 @@ static bool make_bus(journal_player *p, played *b)
     return true;
 }
 
+/* Reads the configurations, which stand before all inputs, and makes a bus of each. */
 static bool read_configs(journal_player *p)
 {
     const size_t buses = journal_buses(p->reader);
@@ -172,6 +173,7 @@ static void expect_ok(journal_player *p, const char *key, cw_status status)
         differ(p, key, "the bus refuses what it did then");
 }
 
+/* Finds the node of a line. Complains about a name that the present configuration does not have. */
 static bool journal_play_find_node(journal_player *p, unsigned *node)
 {
     static const char *const keys[INPUT_COUNT] = {
@@ -186,6 +188,7 @@ static bool journal_play_find_node(journal_player *p, unsigned *node)
     return false;
 }
 
+/* Finds the rule of a line, which may have been injected before. */
 static bool journal_play_find_rule(journal_player *p, unsigned *rule)
 {
     const input *what = &p->entry.what;
@@ -307,6 +310,7 @@ static void renaming(journal_player *p)
         p->calls.renaming(p->now->user);
 }
 
+/* Clears or fires a rule. */
 static bool act_on_rule(journal_player *p)
 {
     unsigned rule;
@@ -351,6 +355,7 @@ static bool attach(journal_player *p, unsigned node)
     return true;
 }
 
+/* Makes an input that a node gets: a frame, a restart, settings, its ECU comes or goes. */
 static bool act_on_node(journal_player *p)
 {
     const input *what = &p->entry.what;
@@ -387,6 +392,7 @@ static void take_over_traffic(journal_player *p, release_plan *plan,
     p->now->plan = plan;
 }
 
+/* Goes over to a new configuration as canwired did, at the same tick. Takes the configuration. */
 static bool journal_play_go_over(journal_player *p, cfg *config)
 {
     uint8_t from[CW_NODES_MAX];
@@ -420,6 +426,7 @@ static bool reload(journal_player *p)
                   : journal_play_fail(p, "reload", "the configuration has errors");
 }
 
+/* Makes the input that a line says. False: the line cannot be carried out. */
 static bool act(journal_player *p)
 {
     switch (p->entry.what.kind) {
@@ -464,6 +471,7 @@ static bool check_reached(journal_player *p)
     return false;
 }
 
+/* Compares the counters of the bus with those of the line. One that differs is told. */
 static void check_counters(journal_player *p)
 {
     cw_bus_stats stats;
@@ -502,6 +510,7 @@ static void report_gap(journal_player *p)
             p->file, journal_line(p->reader), begin, end, p->entry.why, p->entry.missing);
 }
 
+/* Returns how the run has ended, and reports a journal that is not whole. */
 static journal_outcome journal_play_conclude(journal_player *p)
 {
     journal_outcome outcome = JOURNAL_PLAYED;

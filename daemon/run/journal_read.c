@@ -183,6 +183,7 @@ static const char *journal_read_text_of(const journal_reader *r, const char *key
     return json_string_value(journal_read_value_of(r, key));
 }
 
+/* Reads a number that must be there, from 0 to `max`. */
 static bool journal_read_read_number(journal_reader *r, uint64_t *out, const char *key,
                                      uint64_t max)
 {
@@ -245,6 +246,7 @@ static const char *read_word(journal_reader *r, const json_t *value, const char 
 
 /* ---- Entries --------------------------------------------------------------------------------- */
 
+/* Reads a frame from its members, for one that has no text as candump writes it. */
 static bool read_raw_frame(journal_reader *r, cw_frame *frame)
 {
     uint64_t id = 0, flags = 0, dlc = 0; /* compilers do not see that all are assigned */
@@ -283,6 +285,7 @@ static bool read_send_tick(journal_reader *r, journal_entry *entry)
     return true;
 }
 
+/* Reads a frame that an ECU has sent. */
 static bool read_send(journal_reader *r, journal_entry *entry)
 {
     const char *frame = journal_read_text_of(r, "frame");
@@ -300,6 +303,7 @@ static bool read_send(journal_reader *r, journal_entry *entry)
     return !problem || wrong(r, "frame", "frame: %s", problem);
 }
 
+/* Reads an injected text of rules. `refused` says that the bus did not take them then. */
 static bool read_inject(journal_reader *r, journal_entry *entry)
 {
     entry->what.text =
@@ -323,6 +327,7 @@ static bool read_restart(journal_reader *r, journal_entry *entry)
     return true;
 }
 
+/* Reads that an ECU has come or gone. A guest may bring a name of its own. */
 static bool read_attach(journal_reader *r, journal_entry *entry)
 {
     entry->what.on = journal_read_value_of(r, "attach") != NULL;
@@ -332,6 +337,7 @@ static bool read_attach(journal_reader *r, journal_entry *entry)
            wrong(r, "as", "as: it cannot be the name of a node");
 }
 
+/* Reads settings, by the keys of the configuration. */
 static bool read_set(journal_reader *r, journal_entry *entry)
 {
     char error[SETTINGS_ERROR_MAX];
@@ -350,6 +356,7 @@ static bool read_skip(journal_reader *r, journal_entry *entry)
             journal_read_read_number(r, &entry->what.earlier, "earlier", INT64_MAX));
 }
 
+/* Reads one file of a configuration, with its name and its text. */
 static bool journal_read_read_file(journal_reader *r, cfg_file *file, const json_t *value,
                                    const char *key)
 {
@@ -363,6 +370,7 @@ static bool journal_read_read_file(journal_reader *r, cfg_file *file, const json
     return file->text != NULL;
 }
 
+/* Reads the files of a configuration, of which there is at least one. */
 static bool read_files(journal_reader *r, journal_entry *entry)
 {
     const char *key = entry->kind == JOURNAL_CONFIG ? "config" : "reload";
@@ -389,6 +397,7 @@ static bool read_reload(journal_reader *r, journal_entry *entry)
     return read_files(r, entry);
 }
 
+/* Reads the digest of all events up to here. Old journals have none. */
 static bool read_digest(journal_reader *r, journal_entry *entry)
 {
     const char *text = journal_read_text_of(r, "digest");
@@ -403,6 +412,7 @@ static bool read_digest(journal_reader *r, journal_entry *entry)
     return true;
 }
 
+/* Reads the counters of a mark or of the end. All must be there, and no others. */
 static bool read_counters(journal_reader *r, journal_entry *entry)
 {
     const char *key = entry->kind == JOURNAL_MARK ? "mark" : "end";
@@ -503,6 +513,7 @@ static const key_spec *journal_read_find_key(const line_spec *spec, const char *
     return NULL;
 }
 
+/* Finds out of what kind a line is, by its key. Complains with a guess when none is known. */
 static const line_spec *find_spec(journal_reader *r)
 {
     for (size_t i = 0; i < SPECS; i++)
@@ -524,6 +535,7 @@ static const line_spec *find_spec(journal_reader *r)
     return NULL;
 }
 
+/* Complains about keys that such a line does not have, that are missing, or of a wrong type. */
 static bool journal_read_check_keys(journal_reader *r, const line_spec *spec)
 {
     for (void *i = json_object_iter(r->object); i; i = json_object_iter_next(r->object, i)) {
@@ -609,6 +621,7 @@ static bool read_bus(journal_reader *r, journal_entry *entry)
     return wrong(r, "bus", "bus: there is no configuration of '%.40s'", name);
 }
 
+/* Reads what all lines have in common, then what is special to its kind. */
 static bool understand(journal_reader *r, journal_entry *entry)
 {
     if (!check_number(r, entry) || (r->buses > 0 && !read_bus(r, entry)))
@@ -804,6 +817,7 @@ static bool read_buses(journal_reader *r, unsigned version)
     return true;
 }
 
+/* Reads the first line, which says the version. A header with a seal is checked by it. */
 static bool read_header(journal_reader *r)
 {
     static const char none[] = "this is no journal: expected {\"canwire-journal\": ...}";

@@ -19,6 +19,8 @@ struct live {
     char *own[CW_NODES_MAX]; /* names by node, as the file has them */
 };
 
+/* Takes the rules and nodes of a configuration. Guests that are here keep the names that they
+ * brought. */
 static void live_take(live *l, cfg *config)
 {
     assert(config->rule_count <= CW_RULES_MAX);

@@ -86,6 +86,7 @@ static void swap(source **a, source **b)
     *b = t;
 }
 
+/* Puts an entry of the heap below all that come before it. */
 static void sift_down(release_plan *plan, size_t i)
 {
     source *const moved = plan->heap[i];
@@ -99,6 +100,7 @@ static void sift_down(release_plan *plan, size_t i)
     plan->heap[i] = moved;
 }
 
+/* Puts a source into the heap, by the tick of its next frame. */
 static void push(release_plan *plan, source *s)
 {
     size_t i = plan->count++;
@@ -216,6 +218,7 @@ static void report_wait(const release_plan *plan, source *s)
     s->late_frames = 0;
 }
 
+/* Closes a replay, at its end or with a problem, and reports what it has left out. */
 static void end_replay(release_plan *plan, source *s, const char *problem)
 {
     if (s->replay)
@@ -270,6 +273,7 @@ static bool fetch(release_plan *plan, source *s)
     return s->replay != NULL;
 }
 
+/* Opens a replay and fetches its first frame. */
 static void start_replay(release_plan *plan, source *s)
 {
     char problem[TRACE_PROBLEM_MAX];
@@ -282,6 +286,8 @@ static void start_replay(release_plan *plan, source *s)
     (void)fetch(plan, s);
 }
 
+/* Returns true when both play the same frames of the same file, so that one can go on from the
+ * other. */
 static bool same_replay(const cfg_traffic *a, const cfg_traffic *b)
 {
     return a->kind == CFG_TRAFFIC_REPLAY && b->kind == CFG_TRAFFIC_REPLAY &&
@@ -295,6 +301,7 @@ static bool same_replay(const cfg_traffic *a, const cfg_traffic *b)
 
 /* ---- Plans ----------------------------------------------------------------------------------- */
 
+/* Finds the first frame of a source. */
 static void release_start(release_plan *plan, source *s)
 {
     if (s->traffic->kind == CFG_TRAFFIC_REPLAY) {
@@ -329,6 +336,7 @@ static void release_add_node(release_plan *plan, const cfg_node *node, unsigned 
     }
 }
 
+/* Makes a plan of all traffic of some kinds, or returns NULL without memory. */
 static release_plan *make_plan(const cfg *config, unsigned kinds, release_reporter *report,
                                void *user)
 {
@@ -401,6 +409,8 @@ static source *find_old(release_plan *old, const source *s, uint8_t node)
     return NULL;
 }
 
+/* Takes over where a source of the old configuration stands, so that no frame comes twice or gets
+ * lost. */
 static void go_on_from(source *s, source *old, uint64_t tick)
 {
     replay_close(s->replay); /* was opened only as a test */
@@ -466,6 +476,8 @@ static uint64_t rx_ticks(const release_plan *plan, const source *s, uint64_t lea
     return ticks > least ? ticks : least;
 }
 
+/* Returns true when the frames of a source pass a test. It is asked once, as a source sends one
+ * frame only. */
 static bool passes(const release_plan *plan, source *s, cw_frame_test *test, const void *user,
                    uint64_t least)
 {
@@ -618,6 +630,7 @@ static void wait_for_room(release_plan *plan)
     pop(plan);
 }
 
+/* Counts a frame that came after its time, since there was no room for it before. */
 static void count_late(source *s)
 {
     if (!s->behind || s->tick <= s->planned)
@@ -697,6 +710,8 @@ static void look_for_room(release_plan *plan, source *s, const cw_bus *bus)
     push(plan, s);
 }
 
+/* Looks again at a source that waits: is there room in the queue, or, with `fast`, is the node
+ * free? */
 static void run_release_look(release_plan *plan, source *s, const cw_bus *bus)
 {
     if (!s->traffic->fast) {
@@ -730,6 +745,7 @@ bool release_failed(const release_plan *plan)
     return plan->failed;
 }
 
+/* Guesses when a source ends. For a replay, by the part of its file that has been read. */
 static uint64_t guess_source_end(const release_plan *plan, const source *s, uint64_t now)
 {
     const cfg_traffic *t = s->traffic;
@@ -753,6 +769,8 @@ uint64_t release_guess_end(const release_plan *plan, uint64_t now)
     return end;
 }
 
+/* Returns the rule that does what traffic of kind `reply` says. It is quiet, since nobody has
+ * written it as a rule. */
 static cw_rule reply_rule(const cfg *config, unsigned node, const cfg_traffic *t)
 {
     cw_rule rule = {.name = config->nodes[node].name,

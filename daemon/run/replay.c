@@ -102,6 +102,7 @@ bool replay_read_ahead(replay *r)
 
 /* ---- Entries --------------------------------------------------------------------------------- */
 
+/* Counts a record in a tally, in the first pass through the file only. */
 static void replay_count(const replay *r, tally *t, const trace_record *record)
 {
     if (r->passes > 0)
@@ -149,6 +150,7 @@ static bool is_wanted(const replay *r, const trace_record *record)
     return cw_frame_matches(&record->frame, t->filters, t->filter_count);
 }
 
+/* Remembers the name of another channel, for the message that no record is on the wanted one. */
 static void keep_other(replay *r, const char *channel)
 {
     for (unsigned i = 0; i < r->other_count; i++)
@@ -159,6 +161,8 @@ static void keep_other(replay *r, const char *channel)
         memcpy(r->others[r->other_count++], channel, TRACE_CHANNEL_MAX);
 }
 
+/* Returns true for a record of the wanted channel. Records without channel belong to all of
+ * them. */
 static bool is_on_channel(replay *r, const trace_record *record)
 {
     const char *wanted = r->traffic->channel;
@@ -200,6 +204,7 @@ static replay_step end_pass(replay *r)
     return REPLAY_PAUSE;
 }
 
+/* Reads the next record, from the thread that reads ahead if there is one. */
 static trace_result next_entry(replay *r, trace_record *record)
 {
     if (r->ahead)

@@ -25,6 +25,7 @@ static bool read_bool(bool *out, const json_t *value)
     return json_is_boolean(value) || (text && schema_parse_bool(out, text));
 }
 
+/* Reads a number, or a text that is one. */
 static bool settings_read_number(uint64_t *out, const json_t *value)
 {
     if (json_is_integer(value) && json_integer_value(value) >= 0) {
@@ -35,6 +36,7 @@ static bool settings_read_number(uint64_t *out, const json_t *value)
     return text && !text_parse_uint(out, text);
 }
 
+/* Sets or clears a mode. Modes that are not named stay as they are. */
 static bool set_mode(cw_settings *s, char *error, const schema_key *key, const json_t *value)
 {
     const uint8_t mode = (uint8_t)cfg_live_of(key)->which;
@@ -50,6 +52,7 @@ static bool set_mode(cw_settings *s, char *error, const schema_key *key, const j
     return true;
 }
 
+/* Sets a number, in the range of its row. */
 static bool set_number(cw_settings *s, char *error, const schema_key *key, const json_t *value)
 {
     const schema_range *range = key->arg;
@@ -67,6 +70,7 @@ static bool set_number(cw_settings *s, char *error, const schema_key *key, const
     return true;
 }
 
+/* Sets the order in which waiting frames go. */
 static bool set_order(cw_settings *s, char *error, const schema_key *key, const json_t *value)
 {
     const char *text = json_string_value(value);
@@ -81,6 +85,8 @@ static bool set_order(cw_settings *s, char *error, const schema_key *key, const 
     return false;
 }
 
+/* Says why a key cannot be set: it needs a reload, is spelled wrong, or does not exist. Returns
+ * false. */
 static bool refuse_key(char *error, const char *name)
 {
     nearest guess = {.word = name};
@@ -124,6 +130,7 @@ static const char *as_text(char room[TIME_TEXT_MAX], const json_t *value)
     return json_is_string(value) ? json_string_value(value) : room;
 }
 
+/* Sets a key of time, which is put into effect with all others of its request. */
 static bool set_time(cfg_retime *time, char *error, const schema_key *key, const json_t *value)
 {
     char room[TIME_TEXT_MAX], problem[RETIME_PROBLEM_MAX];
@@ -133,6 +140,7 @@ static bool set_time(cfg_retime *time, char *error, const schema_key *key, const
     return false;
 }
 
+/* Sends the node to sleep, or wakes it. */
 static bool set_sleep(cw_settings *s, char *error, const schema_key *key, const json_t *value)
 {
     if (!read_bool(&s->sleeps, value)) {
@@ -143,6 +151,7 @@ static bool set_sleep(cw_settings *s, char *error, const schema_key *key, const 
     return true;
 }
 
+/* Sets what wakes the node. */
 static bool set_wake(cw_settings *s, char *error, const schema_key *key, const json_t *value)
 {
     char room[TIME_TEXT_MAX];
@@ -155,6 +164,7 @@ static bool set_wake(cw_settings *s, char *error, const schema_key *key, const j
 
 typedef bool key_setter(cw_settings *s, char *error, const schema_key *key, const json_t *value);
 
+/* Sets the key of that name, by the kind of its row. */
 static bool set_key(cw_settings *s, cfg_retime *time, char *error, const char *name,
                     const json_t *value)
 {
@@ -214,6 +224,7 @@ static void put_retime(json_t *object, const schema_key *key, const cfg_retime *
     put_text(object, key->name, text);
 }
 
+/* Puts the present value of a key into an object. */
 static void put_key(json_t *object, const schema_key *key, const cw_settings *s,
                     const cfg_retime *time)
 {
