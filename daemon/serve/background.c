@@ -52,6 +52,7 @@ static int tell_number(pid_t child)
     return FAILED;
 }
 
+/* Waits until the child is in service or has ended, and returns the exit status for the shell. */
 static int background_await(pid_t child, int fd)
 {
     char byte;

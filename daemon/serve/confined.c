@@ -30,6 +30,7 @@
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
+/* Warns of a file or socket in a folder that systemd gives the service for itself alone. */
 static void warn_of_file(const fileuse *use)
 {
     const char *folder = use->lock ? NULL : unit_private_folder(use->path);
@@ -40,6 +41,8 @@ static void warn_of_file(const fileuse *use)
                     use->socket ? UNIT_RUN_FOLDER : "/var/lib/canwire");
 }
 
+/* Warns of all files and sockets that the configuration names and that others would look for in
+ * vain. */
 static void warn_of_files(const cfg *config)
 {
     fileuses made = {.count = 0};
@@ -95,6 +98,7 @@ static bool is_elsewhere(const net_address *address)
            !address_of_many(address);
 }
 
+/* Returns true for a port that needs a network beyond this machine. */
 static bool wants_hosts(const cfg_node *node)
 {
     tunnelname tunnel;
@@ -130,6 +134,7 @@ static void name_port(char list[PORTS_BYTES], const char *name)
     (void)chars_print(list, PORTS_BYTES, strlen(list), "%s%s", *list ? ", " : "", name);
 }
 
+/* Warns of ports, and of LCM, that need a network from which the unit shuts the service off. */
 static void warn_of_hosts(const cfg *config)
 {
     char all[PORTS_BYTES] = "";

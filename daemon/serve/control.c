@@ -55,6 +55,7 @@ static void set_watch(control *c, unsigned client, uint32_t kinds)
     engine_set_events(c->world.engine, c->kinds & ~REQUEST_WATCH_RECORD);
 }
 
+/* Writes a value as a line to a client. */
 static void write_json(server_client *client, const json_t *value)
 {
     char *text = json_dumps(value, JSON_COMPACT | JSON_PRESERVE_ORDER);
@@ -73,6 +74,7 @@ static bool is_blank(const char *line, size_t length)
     return strspn(line, " \t\r") == length;
 }
 
+/* Answers a request. One that waits for something else, such as a save, gets its answer later. */
 static void on_line(void *user, server_client *client, char *line, size_t length)
 {
     control *c = user;
@@ -149,6 +151,8 @@ static size_t room_needed(const watcher *w, size_t length)
     return w->lost > 0 ? SERVER_STREAM_MAX / 2 + length : length;
 }
 
+/* Writes an event to a client that watches. One that reads too slowly is told how many it has
+ * lost. */
 static void control_write_event(control *c, unsigned number, unsigned lines)
 {
     watcher *w = &c->watchers[number];

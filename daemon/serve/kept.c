@@ -50,6 +50,7 @@ struct kept {
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
+/* Returns what the file is to have. Losses by a crash stay in it until somebody has taken note. */
 static json_t *state_of(const kept *k)
 {
     json_t *state = json_object();
@@ -111,6 +112,8 @@ static void forget_losses(kept *k)
     k->forgets = 0;
 }
 
+/* The state has been written, or could not be. Losses are forgotten once the file no longer has
+ * them. */
 static void on_written(void *user, uint64_t number, int error)
 {
     kept *k = user;
@@ -181,6 +184,7 @@ static void move_away(kept *k, const char *why)
 
 /* ---- A crash --------------------------------------------------------------------------------- */
 
+/* Prints which rules a crash has lost, for the status. */
 static void print_note(kept *k)
 {
     const size_t count = json_array_size(k->lost);
@@ -224,6 +228,8 @@ static void note_unread(kept *k, const json_t *state)
         log_warning("%s", k->unread);
 }
 
+/* Reads the state that the last canwired has left. A file that is foreign or damaged is moved
+ * away. */
 static void kept_read_file(kept *k)
 {
     struct stat file;
@@ -262,6 +268,7 @@ static bool remove_text(json_t *array, const char *text)
     return false;
 }
 
+/* Clears the rules of a text that had been cleared before the restart. */
 static void clear_again(inputs *in, const json_t *entry)
 {
     const json_t *cleared = json_object_get(entry, "cleared");
@@ -284,6 +291,8 @@ static void refuse_entry(json_t *entry, char *errors)
         log_error("%s", line);
 }
 
+/* Injects a kept text again. When the new configuration refuses it, the entry stays and says
+ * why. */
 static void apply_entry(inputs *in, json_t *entry)
 {
     const json_t *text = json_object_get(entry, "text");
@@ -400,6 +409,7 @@ void kept_clear_all(kept *k, json_t *refused)
 
 /* ---- Start, end, status ---------------------------------------------------------------------- */
 
+/* Writes what is still to be written, and frees all, unless the writing thread hangs. */
 static void free_kept(kept *k)
 {
     const int error = k->file ? statefile_close(k->file) : 0;
@@ -484,6 +494,7 @@ const char *kept_trouble(kept *k)
     return k->trouble;
 }
 
+/* Describes an entry for the status, without its text. */
 static json_t *kept_json(const json_t *entry)
 {
     json_t *object = json_object();

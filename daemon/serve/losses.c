@@ -66,6 +66,7 @@ const char *losses_text(loss_kind kind, uint64_t count)
     return count == 1 && single_texts[kind] ? single_texts[kind] : texts[kind];
 }
 
+/* Collects the counters of a node that stand for something lost, by the kinds of losses. */
 static void collect(uint64_t now[LOSS_KINDS], const cw_bus *bus, unsigned node,
                     const port_stats *interface)
 {
@@ -156,6 +157,7 @@ static uint64_t kinds_added(const uint64_t logged[LOSS_KINDS], const uint64_t no
     return kinds;
 }
 
+/* Warns of what a node has lost since the last warning, on one line, with what helps. */
 static void log_node(uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS],
                      const cfg_node *node, const report_node *beyond, unsigned seconds)
 {

@@ -180,6 +180,8 @@ static struct {
     unsigned count; /* of calls that it is hidden from */
 } hidden = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
+/* Hides what liblcm writes while a publisher that has failed calls it. Several may do so at
+ * once. */
 static void hide_stderr(const publisher *p)
 {
     if (!p->has_failed)
@@ -194,6 +196,7 @@ static void hide_stderr(const publisher *p)
     (void)pthread_mutex_unlock(&hidden.lock);
 }
 
+/* Shows stderr again when the last call has returned. */
 static void show_stderr(const publisher *p)
 {
     if (!p->has_failed)
@@ -224,6 +227,7 @@ static void end_call(publisher *p)
     (void)pthread_mutex_unlock(&p->lock);
 }
 
+/* Tries to start LCM. Warns of the first failure, and tells when it works after that. */
 static lcm_t *try_connect(publisher *p, bool *warned)
 {
     const char *url = p->url;
@@ -297,6 +301,7 @@ static bool wait_without_lcm(publisher *p, outage *o)
     return !stop;
 }
 
+/* Publishes one message. False: errno says why not. */
 static bool publish_message(publisher *p, lcm_t *lcm, const message *m)
 {
     begin_call(p);
@@ -330,6 +335,8 @@ static void send_all(publisher *p, lcm_t *lcm)
     (void)pthread_mutex_unlock(&p->lock);
 }
 
+/* The thread of LCM: the bus does not wait for the network. It tries until there is LCM, then
+ * sends. */
 static void *publish_run(void *argument)
 {
     publisher *p = argument;
@@ -347,6 +354,7 @@ static void *publish_run(void *argument)
 
 /* ---- Start and stop -------------------------------------------------------------------------- */
 
+/* Names the channels of the bus, CANWIRE.BUS.KIND. */
 static void name_channels(publisher *p)
 {
     static const char *const names[CHANNELS] = {
@@ -523,6 +531,7 @@ static void set_tunnel_counters(canwire_tunnel_t *m, const port_tunnel_info *s)
     PORT_TUNNEL_COUNTERS(SET)
 }
 
+/* Publishes the counters of the bus, and its load since the last message. */
 static void publish_bus(publisher *p, const cw_bus_stats *s)
 {
     canwire_bus_stats_t m = {
@@ -536,6 +545,7 @@ static void publish_bus(publisher *p, const cw_bus_stats *s)
     PUBLISH(p, CHANNEL_BUS, canwire_bus_stats_t, &m);
 }
 
+/* Publishes how good the bus is: errors, and arbitrations won by the wrong frame. */
 static void publish_quality(publisher *p, const cw_bus_stats *s)
 {
     const canwire_bus_quality_t m = {
@@ -547,6 +557,7 @@ static void publish_quality(publisher *p, const cw_bus_stats *s)
     PUBLISH(p, CHANNEL_QUALITY, canwire_bus_quality_t, &m);
 }
 
+/* Fills in how long frames have waited, from handing in to the end of transmission. */
 static void set_delay(canwire_node_stats_t *m, const cw_delay *d)
 {
     m->delay_count = (int64_t)d->count;
@@ -557,6 +568,8 @@ static void set_delay(canwire_node_stats_t *m, const cw_delay *d)
     m->delay_p99_ns = ticks_to_ns(cw_delay_quantile_ticks(d, 990));
 }
 
+/* Fills in the counters of a node. Those that the message sums up or calls otherwise come one by
+ * one. */
 static void set_counters(canwire_node_stats_t *m, const cw_node_stats *s)
 {
     m->tec = s->tec;
@@ -579,6 +592,7 @@ static void set_counters(canwire_node_stats_t *m, const cw_node_stats *s)
     CW_NODE_COUNTERS(SET)
 }
 
+/* Publishes the counters of a node, of its controller and of its port. */
 static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_stats *s, unsigned i,
                          const port_stats *interface)
 {
@@ -605,6 +619,7 @@ static void publish_node(publisher *p, const cw_bus_stats *bus, const cw_node_st
     PUBLISH(p, CHANNEL_NODE, canwire_node_stats_t, &m);
 }
 
+/* Publishes how a node synchronises, where it has a clock of its own. */
 static void publish_timing(publisher *p, const cw_bus *bus, unsigned i)
 {
     cw_sync_stats s;
@@ -621,6 +636,7 @@ static void publish_timing(publisher *p, const cw_bus *bus, unsigned i)
     PUBLISH(p, CHANNEL_TIMING, canwire_node_timing_t, &m);
 }
 
+/* Publishes the local time of a time-triggered node, and its slots. */
 static void publish_time(publisher *p, const cw_bus *bus, unsigned i)
 {
     cw_node_time t;
@@ -650,6 +666,7 @@ static void publish_time(publisher *p, const cw_bus *bus, unsigned i)
     PUBLISH(p, CHANNEL_LOCALTIME, canwire_node_time_t, &m);
 }
 
+/* Publishes how often and how long a bus is at the nominal rate and at the data rate. */
 static void publish_bus_fd(publisher *p, const cw_bus_stats *s)
 {
     const cw_bus_stats start = {.bits = 0};
@@ -667,6 +684,7 @@ static void publish_bus_fd(publisher *p, const cw_bus_stats *s)
     PUBLISH(p, CHANNEL_FDBUS, canwire_bus_fd_t, &m);
 }
 
+/* Publishes the data rate of a node and the errors in data phases. */
 static void publish_node_fd(publisher *p, const cw_bus *bus, unsigned i)
 {
     cw_data_stats s;
@@ -689,6 +707,7 @@ static void publish_node_fd(publisher *p, const cw_bus *bus, unsigned i)
     PUBLISH(p, CHANNEL_FDNODE, canwire_node_fd_t, &m);
 }
 
+/* Publishes what the buffers and mailboxes of a controller hold and have lost. */
 static void publish_controller(publisher *p, const cw_bus *bus, unsigned i,
                                const cw_node_stats *node)
 {
@@ -706,6 +725,7 @@ static void publish_controller(publisher *p, const cw_bus *bus, unsigned i,
     PUBLISH(p, CHANNEL_CONTROLLER, canwire_node_controller_t, &m);
 }
 
+/* Publishes the state of a tunnel and what has gone through it. */
 static void publish_tunnel(publisher *p, const cw_bus *bus, unsigned i, const port *own)
 {
     port_tunnel_info info;
@@ -748,6 +768,7 @@ static char *publish_text_of(const json_t *object, const char *key)
     return (char *)(uintptr_t)(text ? text : "");
 }
 
+/* Publishes how far a recording or a journal is. */
 static void publish_file(publisher *p, const sink_info *s)
 {
     const canwire_file_t m = {
@@ -779,6 +800,7 @@ static int64_t sum_of(const json_t *rules, const char *key)
     return sum;
 }
 
+/* Publishes what a gateway passes on from this bus. The other bus publishes the other direction. */
 static void publish_gateway(publisher *p, const json_t *gateway)
 {
     const json_t *ends = json_object_get(gateway, "between");

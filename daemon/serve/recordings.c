@@ -47,6 +47,8 @@ struct recordings {
 
 /* ---- Entries --------------------------------------------------------------------------------- */
 
+/* Makes the entry of a recording, with a file name of its own, as the request may end before it
+ * does. */
 static entry *make_entry(const cfg_record *what)
 {
     entry *e = calloc(1, sizeof *e);
@@ -138,6 +140,7 @@ static void get_stats(const entry *e, recorder_stats *stats)
         recorder_get_stats(e->recorder, stats);
 }
 
+/* Warns of entries that the file lacks since the last warning, by reason. */
 static void log_lost(entry *e)
 {
     recorder_stats stats;
@@ -172,6 +175,7 @@ static void note_error(const recordings *all, entry *e)
 
 /* ---- Reports of the threads ------------------------------------------------------------------ */
 
+/* Frees recordings that have been ended and are written to their end. */
 static void reap_ending(recordings *all)
 {
     for (entry **link = &all->ending; *link;) {
@@ -208,6 +212,8 @@ static void look_after_file(const recordings *all, entry *e)
     recordings_report(all, e);
 }
 
+/* The writing thread of a recording has something to tell: it has begun, has lost entries, or has
+ * stopped. */
 static void on_wakeup(struct ev_loop *loop, ev_async *wakeup, int events)
 {
     (void)loop;
@@ -270,6 +276,7 @@ recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_b
     return NULL;
 }
 
+/* Ends a recording. The thread writes the rest without anybody waiting for it. */
 static void recordings_end(recordings *all, entry *e)
 {
     if (!e->recorder) {
@@ -331,6 +338,7 @@ void recordings_reload(recordings *all, const cw_bus *bus)
     }
 }
 
+/* Ends a recording when canwired stops, which waits for it until then. */
 static void stop(entry *e, const struct timespec *until)
 {
     if (!e->recorder)
@@ -407,6 +415,7 @@ static const char *state_name(const entry *e)
     return e->recorder ? "recording" : "stopped";
 }
 
+/* Describes a recording for the status. */
 static json_t *entry_json(const entry *e)
 {
     json_t *object = json_object();

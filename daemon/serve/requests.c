@@ -81,6 +81,7 @@ static void put_position(json_t *reply, const char *message)
     }
 }
 
+/* Returns a list of the lines of a text. */
 static json_t *lines_of(const char *text)
 {
     json_t *lines = json_array();
@@ -136,6 +137,7 @@ static bool requests_find_rule(request *r, unsigned *rule)
 
 /* ---- State ----------------------------------------------------------------------------------- */
 
+/* Answers with the status of the bus, the same that `canwire status` shows. */
 static bool run_status(request *r)
 {
     report beyond;
@@ -163,6 +165,7 @@ static uint32_t kind_of(const char *word)
     return word && strcmp(word, RECORD_NAME) == 0 ? REQUEST_WATCH_RECORD : 0;
 }
 
+/* Returns the names of kinds of events. */
 static json_t *kinds_to_json(uint32_t kinds)
 {
     json_t *array = json_array();
@@ -174,6 +177,7 @@ static json_t *kinds_to_json(uint32_t kinds)
     return array;
 }
 
+/* Refuses a kind of event that does not exist, with all that do. */
 static bool refuse_kind(request *r, const char *word)
 {
     json_t *all = kinds_to_json(EVERY_KIND);
@@ -185,6 +189,7 @@ static bool refuse_kind(request *r, const char *word)
     return false;
 }
 
+/* Lets the client watch kinds of events, or those that are usual when it names none. */
 static bool run_watch(request *r)
 {
     const json_t *events = json_object_get(r->asked, "events");
@@ -286,6 +291,7 @@ void request_not_kept(const request_world *world, json_t *reply, int error)
     engine_update(world->engine);
 }
 
+/* Refuses texts that cannot be kept: no place for the file, or too much in it. */
 static bool can_keep(request *r, const json_t *text)
 {
     if (!r->world->kept)
@@ -298,6 +304,7 @@ static bool can_keep(request *r, const json_t *text)
                            KEPT_BYTES_MAX);
 }
 
+/* Adds the rules of a text to the bus, all or none. With `keep` they outlive a restart. */
 static bool run_inject(request *r)
 {
     const char *name = requests_text_of(r, "name") ? requests_text_of(r, "name") : "inject";
@@ -394,6 +401,7 @@ static bool run_clear(request *r)
     return true;
 }
 
+/* Fires a rule by hand, which needs `manual` and a count that is not used up. */
 static bool run_fire(request *r)
 {
     unsigned index = 0;
@@ -407,6 +415,7 @@ static bool run_fire(request *r)
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
+/* Says why a node cannot be restarted. Returns false. */
 static bool refuse_restart(request *r, unsigned node)
 {
     const char *name = requests_text_of(r, "node");
@@ -429,6 +438,7 @@ static bool run_restart(request *r)
            (inputs_restart(r->inputs, node) == CW_OK || refuse_restart(r, node));
 }
 
+/* Changes settings of a node, and answers with all that it has then. */
 static bool run_set(request *r)
 {
     unsigned node = 0;
@@ -552,6 +562,7 @@ static bool take_id(request *r)
     return true;
 }
 
+/* Finds what is asked for. Refuses other names, with a guess. */
 static const request_kind *requests_find_kind(request *r)
 {
     const char *name = requests_text_of(r, "request");
@@ -584,6 +595,7 @@ static bool has_type(const json_t *value, json_type type)
     return json_typeof(value) == type || (type == JSON_TRUE && json_is_false(value));
 }
 
+/* Refuses keys that such a request does not have, that are missing, or of a wrong type. */
 static bool requests_check_keys(request *r, const request_kind *kind)
 {
     static const char *const types[] = {[JSON_OBJECT] = "an object",
@@ -608,6 +620,7 @@ static bool requests_check_keys(request *r, const request_kind *kind)
     return true;
 }
 
+/* Carries out a request at the present tick of the bus: what is due before it comes first. */
 static bool requests_run(request *r, size_t length)
 {
     const request_kind *kind = take_id(r) ? requests_find_kind(r) : NULL;

@@ -88,6 +88,7 @@ static bool may_log(server *s)
 
 /* ---- Output ---------------------------------------------------------------------------------- */
 
+/* Forgets a client, whose place may then have another. */
 static void close_client(server_client *c)
 {
     server *s = c->server;
@@ -147,6 +148,7 @@ static bool is_watched(server_client *c, int events)
     return false;
 }
 
+/* Writes on to a client that has read something, or closes it when it is done. */
 static void on_writable(struct ev_loop *loop, ev_io *io, int events)
 {
     server_client *c = io->data;
@@ -226,6 +228,7 @@ static void look_at_input(server_client *c)
     }
 }
 
+/* Reads from a client. Its lines are answered in turn with those of others. */
 static void on_readable(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
@@ -249,6 +252,7 @@ static void on_readable(struct ev_loop *loop, ev_io *io, int events)
     look_at_input(c);
 }
 
+/* Hands the next line of a client to its reader. A client whose answer waits is not read on. */
 static void handle_line(server_client *c)
 {
     server *s = c->server;
@@ -284,6 +288,8 @@ void server_go_on(server_client *client)
         look_at_input(client);
 }
 
+/* Answers a line of each client that has one, beginning with another one each time. The bus comes
+ * after some time. */
 static void on_turn(struct ev_loop *loop, ev_prepare *watcher, int events)
 {
     (void)events;
@@ -391,6 +397,7 @@ static void server_make_room(server *s, uid_t user)
 
 /* ---- New clients ----------------------------------------------------------------------------- */
 
+/* Gives a place to a client, and watches it. */
 static void take_in(server *s, server_client *c, int fd, uid_t user)
 {
     c->fd = fd;
@@ -416,6 +423,8 @@ static bool get_peer(struct ucred *peer, int fd)
     return getsockopt(fd, SOL_SOCKET, SO_PEERCRED, peer, &size) == 0;
 }
 
+/* Admits a client when there is a place for its user; one of the same user may have to go. Others
+ * are told. */
 static void admit(server *s, int fd)
 {
     struct ucred peer;
@@ -447,6 +456,7 @@ static void pause_accepting(server *s, const char *why)
     ev_timer_start(s->loop, &s->pause);
 }
 
+/* Accepts clients, some at a time, so that a flood of them does not stop the bus. */
 static void on_client(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
@@ -476,6 +486,7 @@ static void on_pause_over(struct ev_loop *loop, ev_timer *timer, int events)
 
 /* ---- Start and stop -------------------------------------------------------------------------- */
 
+/* Prepares the watchers of the server's own socket and of its turns. */
 static void prepare_watchers(server *s)
 {
     ev_io_init(&s->acceptor, on_client, s->socket.fd, EV_READ);

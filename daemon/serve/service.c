@@ -54,6 +54,7 @@ static void enter(const service *s)
 
 /* ---- Events and bits ------------------------------------------------------------------------- */
 
+/* Passes an event on to all who are interested. */
 static void on_event(void *user, const cw_event *event)
 {
     service *s = user;
@@ -123,6 +124,8 @@ static bool check_files(const service *s, const cfg *next, FILE *errors)
     return h->count == 1 || cfg_check_all_files(all, h->count, &h->files, "canwired", errors);
 }
 
+/* Takes a configuration that has been read. It is refused when its files cannot be used; then all
+ * stays. */
 static bool take_reload(void *user, reload *r, FILE *errors)
 {
     const service *s = user;
@@ -305,6 +308,7 @@ static void put_more(void *user, json_t *status)
         put(status, "gateways", gateways_json(s));
 }
 
+/* Publishes all counters, as often as the configuration says. */
 static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;

@@ -151,6 +151,7 @@ static void put_tunnel(json_t *node, const port *p)
     put(node, "tunnel", object);
 }
 
+/* Describes a node: counters, settings and timing, and what its port and its link are like. */
 static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
                          const report_node *own, const status_errors *errors)
 {
@@ -256,6 +257,7 @@ json_t *status_json(const cfg *config, const cw_bus *bus, const report *beyond,
     return object;
 }
 
+/* Describes a fault rule and what it has done. */
 static json_t *fault_json(const live *rules, const cw_bus *bus, unsigned index)
 {
     const cw_rule *rule = &live_config(rules)->rules[index];

@@ -16,6 +16,7 @@ bool watchdog_advanced(watchdog *w, uint64_t tick)
     return advanced;
 }
 
+/* Tells systemd that canwired is alive, if the slowest of its buses goes on. */
 static void watchdog_on_timer(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
