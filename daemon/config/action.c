@@ -324,6 +324,7 @@ static const action *find_action(schema *self, const yaml_node_t *map);
 static void complain_no_action(schema *self, yaml_node_t *map, cw_rule *rule);
 static void set_defaults(cw_rule *rule);
 
+/* Reads `do`: its action is found by the keys, the table of that action does the rest. */
 void cfg_read_action(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_rule *rule = object;
@@ -417,6 +418,7 @@ static void read_at(schema *self, const schema_key *key, yaml_node_t *value, voi
         cfg_read_node_set(self, key, value, object);
 }
 
+/* Puts a node into a group of a partition. A node is in one group only. */
 static void join_group(schema *self, const schema_key *key, const yaml_node_t *value,
                        uint64_t *named, uint8_t *group, uint8_t number)
 {
@@ -613,6 +615,7 @@ static void check_schedules(schema *self, const yaml_node_t *map, const cw_rule 
                             config->nodes[i].name);
 }
 
+/* Checks settings against each other. A ramp stands alone, since it goes on for a time. */
 static void complete_set(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     yaml_node_t *value;

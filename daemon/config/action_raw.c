@@ -70,6 +70,7 @@ static void read_deviation(schema *self, const schema_key *key, yaml_node_t *val
         rule->deviations |= deviation;
 }
 
+/* Reads raw bits, 0 dominant and 1 recessive. Blanks are for people. */
 static void read_bits(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_rule *rule = object;
@@ -225,6 +226,8 @@ static void check_reserved(schema *self, const yaml_node_t *at, const cw_rule *r
                         extended ? "r1" : "r0");
 }
 
+/* Makes an action of `mac: on`: the controller sends the frame, with its deviations, when it
+ * may. */
 static void complete_frame(schema *self, const yaml_node_t *map, cw_rule *rule)
 {
     const yaml_node_t *const raw = schema_find(self, map, "raw");

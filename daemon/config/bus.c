@@ -123,6 +123,7 @@ static uint32_t rounded_rate(uint32_t ticks)
     return (CW_CLOCK_HZ + ticks / 2) / ticks;
 }
 
+/* Reads the bit rate, of which a bit must be a whole number of ticks. */
 static void read_bitrate(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
@@ -143,6 +144,7 @@ static void read_bitrate(schema *self, const schema_key *key, yaml_node_t *value
                         rounded_rate(fast + 1), rounded_rate(fast));
 }
 
+/* Reads the rate of data phases, in the limits that the bit rate gives. */
 static void read_dbitrate(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;

@@ -92,6 +92,7 @@ bool cfg_has_fd(const cfg *config)
     return false;
 }
 
+/* Returns what frames the controller of a node knows, for the library. */
 static uint8_t protocol_of(const cfg *config, const cfg_node *node)
 {
     static const uint8_t of_kinds[] = {

@@ -413,6 +413,7 @@ static const subject *find_subject(schema *self, yaml_node_t *map)
     return found;
 }
 
+/* Complains about conditions that do not go with what is expected. */
 static void check_conditions(schema *self, yaml_node_t *map, const subject *about)
 {
     const char *allowed = "";
@@ -449,6 +450,7 @@ static void check_sense(schema *self, yaml_node_t *map, const cfg_expect *e)
             schema_complain(self, to, "to: a node does not get its own frames");
 }
 
+/* Reads an expectation. It has one subject, which says what conditions go with it. */
 static void read_expect(schema *self, yaml_node_t *value, cfg_expect *e)
 {
     size_t errors = self->errors->errors;

@@ -11,6 +11,7 @@ static fileuse at_place(const cfg *config, cfg_place place)
     return (fileuse){.file = config->file, .line = place.line, .column = place.column};
 }
 
+/* Adds the files that replays of a node read. */
 static void add_replays(fileuses *all, const cfg *config, const cfg_node *node)
 {
     for (size_t i = 0; i < node->traffic_count; i++) {

@@ -111,6 +111,7 @@ static void free_owner(cfg_owner *owner)
     free(owner);
 }
 
+/* Loads a configuration. Returns NULL after all errors have been written. */
 static cfg *load_text(const char *file, const cfg_walk *walk, FILE *errors)
 {
     diag found = {.file.name = file};
@@ -223,6 +224,7 @@ static void complete_control(schema *self, cfg *config)
         schema_print(self, UNIT_RUN_FOLDER "/%s.sock", own ? instance : config->bus_name);
 }
 
+/* Reads the map of the whole file, which may be a configuration or a fault profile. */
 static void load_read_root(schema *self, yaml_node_t *root, bool *is_profile, wanted kind)
 {
     cfg_walk *walk = self->user;
@@ -259,6 +261,7 @@ static bool is_whole(const cfg *config)
     return whole;
 }
 
+/* Reads a file into its owner. Checks of the whole come after all keys. */
 static bool load_read_file(cfg_owner *owner, bool *is_profile, const cfg_walk *start, diag *errors,
                            wanted kind)
 {

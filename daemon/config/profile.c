@@ -211,6 +211,7 @@ static void complain_absent(schema *self, const yaml_node_t *value, const profil
     schema_complain(self, value, "profiles: there is no %s in %s", wanted->name, folders);
 }
 
+/* Reads a profile's name, which is looked for in known folders, or its path. */
 static void read_file_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     item *wanted = object;
@@ -276,6 +277,7 @@ static void add_parameter(schema *self, yaml_node_t *at, yaml_node_t *value, par
     read_value(self, &own, value, added);
 }
 
+/* Reads a parameter of a profile, with its default. */
 static void read_parameter(schema *self, const schema_key *key, yaml_node_t *name,
                            yaml_node_t *value, parameters *all)
 {
@@ -340,6 +342,7 @@ static void read_faults(schema *self, const schema_key *key, yaml_node_t *value,
         schema_expected(self, key, value, "a list");
 }
 
+/* Complains about a parameter that the profile does not declare. */
 static void complain_unknown(schema *self, const parameters *declared, const parameter *given)
 {
     nearest guess = {.word = given->name};
@@ -531,6 +534,7 @@ static void replace(schema *self, yaml_node_t *node, const char *text)
     node->data.scalar.length = length;
 }
 
+/* Replaces parameters in a text by their values. A text with one that is not known stays open. */
 static void expand_node(schema *self, yaml_node_t *node, const parameters *known)
 {
     const char *text = (const char *)node->data.scalar.value;

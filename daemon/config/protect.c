@@ -224,6 +224,7 @@ static void read_id_number(schema *self, const schema_key *key, const yaml_node_
         schema_expected(self, key, value, what);
 }
 
+/* Reads a data ID: a number, or a list of bytes. */
 static void protect_read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_protect *p = object;
@@ -303,6 +304,7 @@ static void complete_profile_counter(schema *self, const entry *e)
     n->max = k->max;
 }
 
+/* Completes a counter: its size and its highest value, which must fit each other. */
 static void complete_counter(schema *self, const entry *e)
 {
     cw_counter *n = &e->p->what.counter;
@@ -347,6 +349,7 @@ static void write_nibble(schema *self, const entry *e)
                             e->frame, (uint32_t)p->id[0] >> 8);
 }
 
+/* Completes the data ID of kinds whose mode says which of its bytes are used. */
 static void complete_modes(schema *self, const entry *e)
 {
     cfg_protect *p = e->p;
@@ -388,6 +391,7 @@ static bool check_id_form(schema *self, const entry *e)
     return false;
 }
 
+/* Completes the data ID, in the form that the kind of checksum has. */
 static void complete_id(schema *self, const entry *e)
 {
     const cfg_protect *p = e->p;
@@ -536,6 +540,8 @@ static int protect_compare(const void *left, const void *right)
     return (a->id > b->id) - (a->id < b->id);
 }
 
+/* Adds the protections of a node's traffic to a list, each identifier once. Returns their
+ * number. */
 static size_t protect_add_node(cw_protection *list, const cfg_node *node, size_t index)
 {
     size_t count = 0;

@@ -168,6 +168,7 @@ static void read_size(schema *self, const schema_key *key, yaml_node_t *value, v
         schema_problem(self, key, value, cfg_record_parse_size(schema_member(key, object), text));
 }
 
+/* Reads a recording, whose format may follow from the name of its file. */
 static void read_record(schema *self, yaml_node_t *value, cfg_record *record)
 {
     cfg_record_default(record);

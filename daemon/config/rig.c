@@ -127,6 +127,7 @@ static cfg *load_bus(const rig_walk *walk, const char *name, const char *file)
     return cfg_load_regular(file, walk->errors);
 }
 
+/* Loads the file of a bus, and checks it against the buses before it. */
 static void read_bus(schema *self, const schema_key *key, const yaml_node_t *item)
 {
     const rig_walk *walk = self->user;
@@ -226,6 +227,7 @@ static bool read_end(schema *self, rig_end *out, const schema_key *key, const ya
     return out->node != CW_NO_NODE && out->name;
 }
 
+/* Reads the two nodes of a gateway, which are on different buses and have no port. */
 static void read_between(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     rig_gateway *gateway = object;
@@ -309,6 +311,7 @@ static void read_rules(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
+/* Complains about gateways that pass a frame round for ever. */
 static void check_loop(rig *r, diag *errors)
 {
     rig_loop loop;
@@ -326,6 +329,7 @@ static void check_loop(rig *r, diag *errors)
              frame, names, loop.gateways[0]->name);
 }
 
+/* Reads the map of a rig, and looks for loops when all else is right. */
 static bool rig_read_root(rig_owner *owner, rig_walk *walk, yaml_document_t *document, diag *found)
 {
     schema self = {
@@ -443,6 +447,8 @@ static bool may_be_rig(const char *text, size_t size)
     return memmem(text, size, BUSES, strlen(BUSES)) || memchr(text, '\\', size);
 }
 
+/* Returns true for the file of a rig. It is read as a whole only when its text makes that
+ * likely. */
 static bool is_rig(const cfg_file *file)
 {
     diag found = {.file.name = file->name};

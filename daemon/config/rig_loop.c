@@ -174,6 +174,8 @@ static bool hand_over(const rig *r, visit *next, const rig_gateway *gateway, uns
            !(cfg_is_old(out) && cw_frame_can_id(&next->frame) & CW_FILTER_EXTENDED);
 }
 
+/* Describes the loop that ends with a visit, for the message. It may be longer than there is
+ * room. */
 static void rig_loop_describe(rig_loop *loop, const visits *v, unsigned last, const cw_frame *frame)
 {
     unsigned count = 1;
@@ -221,6 +223,7 @@ static bool comes_back(visits *v, rig_loop *loop, const hop *first, uint32_t rem
     return false;
 }
 
+/* Looks for a loop that begins with a rule that sets the identifier: then it is known. */
 static bool find_set_loop(visits *v, rig_loop *loop, const rig_gateway *gateway)
 {
     for (const rig_rule *rule = gateway->rules; rule < gateway->rules + gateway->rule_count; rule++)
@@ -453,6 +456,7 @@ static bool find_way(search *s, const cw_filter *begin)
     return false;
 }
 
+/* Looks for a loop in which no rule sets the identifier, for base frames and for extended ones. */
 static bool find_kept_loop(search *s, rig_loop *loop)
 {
     static const cw_filter base = {.mask = CAN_ID_BITS & ~CW_BASE_ID_MAX},

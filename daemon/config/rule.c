@@ -204,6 +204,7 @@ static size_t find_running(const cfg_running *running, const char *name)
     return i;
 }
 
+/* Complains about a name that another rule has, here or on the bus that runs. */
 static void check_distinct(schema *self, const yaml_node_t *value, const char *name)
 {
     const cfg_walk *walk = self->user;
@@ -303,6 +304,7 @@ static void read_after(schema *self, const schema_key *key, yaml_node_t *value, 
     schema_map(self, key->name, value, after_keys, object);
 }
 
+/* Complains about a rule that does not exist, with a guess. */
 static void complain_no_rule(schema *self, const schema_key *key, const yaml_node_t *value,
                              const char *name)
 {
@@ -352,6 +354,7 @@ static yaml_node_t *find_when(schema *self, const yaml_node_t *map, const char *
     return when && when->type == YAML_MAPPING_NODE ? schema_find(self, when, name) : NULL;
 }
 
+/* Complains about a rule that waits for error frames and needs what only frames have. */
 static void check_error_trigger(schema *self, const yaml_node_t *map, const cw_rule *rule)
 {
     const yaml_node_t *frame = find_when(self, map, "frame");

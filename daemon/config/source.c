@@ -34,6 +34,7 @@ static const cfg_file *find_file(const cfg_file *files, size_t count, const char
     return NULL;
 }
 
+/* Keeps the text of a file that has been read, for the journal and for reloads. */
 static const cfg_file *keep_file(schema *self, const char *name, const char *text, size_t size)
 {
     cfg *config = cfg_of(self);

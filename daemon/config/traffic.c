@@ -194,6 +194,7 @@ static size_t traffic_find_kind(schema *self, yaml_node_t *map)
     return found;
 }
 
+/* Reads an entry of a node's traffic, whose kind follows from its keys. */
 static void read_entry(schema *self, yaml_node_t *value, cfg_traffic *traffic)
 {
     *traffic = (cfg_traffic){
@@ -210,6 +211,7 @@ static void read_entry(schema *self, yaml_node_t *value, cfg_traffic *traffic)
         kinds[kind].complete(self, value, traffic);
 }
 
+/* Reads the traffic of a node, which then has no ECU. */
 void cfg_read_traffic(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
@@ -261,6 +263,7 @@ static void read_every(schema *self, const schema_key *key, yaml_node_t *value, 
     cfg_read_span(self, key, value, object);
 }
 
+/* Completes frames that are sent. Without `every` there is one. */
 static void complete_send(schema *self, yaml_node_t *map, cfg_traffic *traffic)
 {
     cw_rate rate = cfg_of(self)->rate;
@@ -353,6 +356,7 @@ static void look_into_file(schema *self, const yaml_node_t *at, const cfg_traffi
     trace_close(reader);
 }
 
+/* Completes a replay, and looks into its file whether it has frames. */
 static void complete_replay(schema *self, yaml_node_t *map, cfg_traffic *traffic)
 {
     yaml_node_t *count = schema_find(self, map, "count");

@@ -279,6 +279,7 @@ void cfg_read_frame(schema *self, const schema_key *key, yaml_node_t *value, voi
         *(cw_frame *)schema_member(key, object) = frame;
 }
 
+/* Reads a filter of frames, or a mask of error frames. */
 static void read_filter(schema *self, const schema_key *key, yaml_node_t *value, cw_rule *rule)
 {
     unsigned room = CW_RULE_FILTERS_MAX - rule->filter_count;
@@ -379,6 +380,7 @@ void cfg_read_window(schema *self, const schema_key *key, yaml_node_t *value, vo
 
 /* ---- Nodes and their states ------------------------------------------------------------------ */
 
+/* Complains about a node that does not exist, with a guess or all that do. */
 static void complain_no_node(schema *self, const schema_key *key, const yaml_node_t *value,
                              const char *name)
 {
@@ -452,6 +454,7 @@ uint64_t cfg_read_node_mask(schema *self, const schema_key *key, const yaml_node
     return node < 0 ? 0 : UINT64_C(1) << node;
 }
 
+/* Reads a node or a list of nodes as a set. */
 void cfg_read_node_set(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     uint64_t *set = schema_member(key, object);
@@ -485,6 +488,7 @@ uint8_t cfg_read_states(schema *self, const schema_key *key, yaml_node_t *value)
 
 /* ---- Places of rules ------------------------------------------------------------------------ */
 
+/* Parses a named bit of a frame. One that only CAN FD has is explained on a classical bus. */
 static const char *parse_position(const schema *self, cw_rule *rule, const char *text)
 {
     const bool fd = cfg_takes_fd(self);

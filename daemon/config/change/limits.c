@@ -26,6 +26,7 @@ static const char *ns(schema *self, cw_span span)
     return schema_print(self, "%s ns", decimal((uint64_t)text_span_ps(span), 3).text);
 }
 
+/* Complains about a bit that is too long or too short beside those of the bus. */
 static void complain_of_bit(schema *self, const yaml_node_t *node, const cw_bus_finding *f)
 {
     static const char *const names[] = {"brp", "clock", "ppm", NULL};
@@ -49,6 +50,8 @@ static void complain_of_way(schema *self, const yaml_node_t *node, const cw_bus_
                     ns(self, f->allowed));
 }
 
+/* Complains about what the library finds wrong in a bus, at the key of the node that is to
+ * blame. */
 static void limits_complain(schema *self, yaml_node_t *nodes, const cw_bus_finding *f)
 {
     static const char *const none[] = {NULL};

@@ -59,6 +59,8 @@ static bool find_common(cfg_node_time *time, const cfg *config)
     return true;
 }
 
+/* Changes the segments of the data phase, or finds them anew when its clock or sample point has
+ * changed. */
 static bool change_segments(cfg_node_time *time, char *problem, size_t size, const cfg *config,
                             const cfg_retime *change, bool found_anew)
 {
@@ -87,6 +89,7 @@ static bool change_segments(cfg_node_time *time, char *problem, size_t size, con
 
 /* ---- Compensation ---------------------------------------------------------------------------- */
 
+/* Changes the transmitter delay compensation, whose keys must fit each other after the change. */
 static bool change_tdc(cfg_node_time *time, char *problem, size_t size, const cfg_retime *change)
 {
     const unsigned given = change->given;
@@ -197,6 +200,7 @@ static const char *first_missing(unsigned given)
     return cfg_retime_row(key)->name;
 }
 
+/* Checks the keys of a change against each other, and whether some are missing. */
 static bool keys_agree(char problem[RETIME_PROBLEM_MAX], unsigned given, bool clock_known)
 {
     const unsigned segments = given & SEGMENTS;

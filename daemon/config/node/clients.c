@@ -55,6 +55,7 @@ static bool can_tell(const char *port)
     return name.kind == PORTNAME_TCP && !strchr(name.address.host, ':');
 }
 
+/* Reads `clients` of a node, whose port must be one that programs share. */
 void cfg_read_port_clients(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_node *node = object;

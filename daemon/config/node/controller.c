@@ -281,6 +281,7 @@ void cfg_complete_controllers(schema *self, yaml_node_t *nodes)
 
 /* ---- The name of a real one ------------------------------------------------------------------ */
 
+/* Reads the name of a real controller, which gives limits of bit timings. */
 static void controller_read_name(schema *self, const schema_key *key, const yaml_node_t *value,
                                  cfg_node *node)
 {

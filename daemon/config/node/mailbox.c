@@ -100,6 +100,7 @@ static bool is_one_id(const cw_filter *filter)
                                  filter->mask == CW_FILTER_EXTENDED_MASK);
 }
 
+/* Makes a mailbox that answers remote frames of one identifier. */
 static void complete_reply(schema *self, const yaml_node_t *map, mailbox_keys *keys)
 {
     cw_mailbox *box = &keys->box;
@@ -116,6 +117,7 @@ static void complete_reply(schema *self, const yaml_node_t *map, mailbox_keys *k
         box->frame.flags = CW_FRAME_EXTENDED;
 }
 
+/* Reads a mailbox. Keys that make no sense together are complained about when all are known. */
 static void read_mailbox(schema *self, const schema_key *key, yaml_node_t *map, cw_mailbox *out)
 {
     mailbox_keys keys = {.direction = CW_MAILBOX_RECEIVE};

@@ -93,6 +93,7 @@ static void name_peer(schema *self, const yaml_node_t *value, cfg_node *node)
     }
 }
 
+/* Reads a node, which begins as what `defaults` say. */
 static void read_node(schema *self, const schema_key *nodes, yaml_node_t *value, cfg_node *node)
 {
     cfg_walk *walk = self->user;
@@ -131,6 +132,7 @@ static void note_answers(cfg *config)
             config->has_answers = true;
 }
 
+/* Reads the list of nodes, and completes what needs all of them. Guests stand behind them. */
 void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
@@ -238,6 +240,7 @@ static char *complete_tcp(schema *self, const portname *name, const cfg_node *no
     return schema_copy(self, text);
 }
 
+/* Puts the name of a tunnel into its full form. */
 static char *complete_tunnel(schema *self, const schema_key *key, const yaml_node_t *value,
                              const char *text)
 {
@@ -252,6 +255,7 @@ static char *complete_tunnel(schema *self, const schema_key *key, const yaml_nod
     return schema_copy(self, full);
 }
 
+/* Reads the name of a port and puts it into its full form, in which names can be compared. */
 static char *read_port_name(schema *self, const schema_key *key, const yaml_node_t *value,
                             const cfg_node *node)
 {
@@ -362,6 +366,7 @@ static void give_room(const cfg_walk *walk, cfg_node *node, cfg_when_full when_f
     node->when_full = walk->default_when_full ? walk->defaults.when_full : when_full;
 }
 
+/* Reads a port, and gives the node the queue that such a port needs. */
 void cfg_read_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_walk *walk = self->user;
@@ -408,6 +413,7 @@ static void check_peer(schema *self, const schema_key *key, const yaml_node_t *v
         schema_complain(self, value, "duplicate %s '%s' (also its port)", key->name, node->peer);
 }
 
+/* Reads the other end of a pair of interfaces. */
 void cfg_read_peer(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;

@@ -61,6 +61,7 @@ static void check_tdc(schema *self, const yaml_node_t *item, const cfg_node_time
         schema_complain(self, item, "tdcv is missing: tdc-mode manual needs it, in clocks");
 }
 
+/* Checks keys of the data phase that a node has, before segments are sought. */
 static void node_data_check_node(schema *self, const yaml_node_t *item, const cfg_node *node)
 {
     const cfg *config = cfg_of(self);
@@ -113,6 +114,8 @@ static yaml_node_t *node_data_place_of(schema *self, yaml_node_t *item, const ch
     return found ? found : item;
 }
 
+/* Compares the data rate that the segments give with that of the bus. A small error is a
+ * warning. */
 static void check_rate(schema *self, yaml_node_t *item, const bit_timing *data)
 {
     const uint32_t wanted = cfg_of(self)->dbitrate_bps;
@@ -131,6 +134,7 @@ static void check_rate(schema *self, yaml_node_t *item, const bit_timing *data)
                     timing_bitrate_bps(data), wanted);
 }
 
+/* Checks that the secondary sample point is not further away than the library can look back. */
 static void check_delay(schema *self, yaml_node_t *item, const cfg_node_time *time)
 {
     const cw_tdc *tdc = &time->timing.data.tdc;
@@ -193,6 +197,7 @@ static void warn_of_compare(schema *self, yaml_node_t *item, const cfg_node_time
                 given ? "tdc-mode: auto measures tdcv" : "without tdco it is the sample point");
 }
 
+/* Warns of a data phase in which a transmitter would see wrong bits for its own. */
 static void warn_of_delay(schema *self, yaml_node_t *item, const cfg_node_time *time)
 {
     const cfg_late_sample sample = cfg_find_late_sample(time);

@@ -70,6 +70,7 @@ const schema_key cfg_edge_keys[] = {
     {.name = NULL},
 };
 
+/* Reads a delay: one time, or one for each kind of edge. */
 void cfg_read_edge_delays(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_span *delays = schema_member(key, object);
@@ -129,6 +130,7 @@ static void check_rate(schema *self, yaml_node_t *item, const bit_timing *bit)
                     timing_bitrate_bps(bit), cfg_of(self)->bitrate_bps);
 }
 
+/* Finds the nominal bit timing of a node: by segments that are given, or by its sample point. */
 static void complete_bit(schema *self, yaml_node_t *item, cfg_node_time *time)
 {
     const size_t errors = self->errors->errors;
@@ -179,6 +181,8 @@ static bool any_uses_time(schema *self, yaml_node_t *nodes)
     return used;
 }
 
+/* Completes the time of a node. The data phase comes after the nominal bit, whose clock it
+ * shares. */
 static void complete_node(schema *self, yaml_node_t *item, cfg_node *node)
 {
     const uint64_t ps_per_m = cfg_of(self)->line_ps_per_m;
@@ -195,6 +199,7 @@ static void complete_node(schema *self, yaml_node_t *item, cfg_node *node)
     time->timing.stub = cfg_span_of_way(time->stub_mm, ps_per_m);
 }
 
+/* Completes the time of all nodes, once one of them has keys of time. */
 static void complete_nodes(schema *self, yaml_node_t *nodes)
 {
     const cfg_walk *walk = self->user;

@@ -130,6 +130,7 @@ static const char *others(schema *self, size_t count)
     return schema_print(self, "; so it is with %s", counted(count - 1, "more pair").text);
 }
 
+/* Warns of the pair of nodes whose clocks differ most, and says how many others are no better. */
 static void warn_of_clocks(schema *self, yaml_node_t *nodes, const worst *w)
 {
     const cfg *config = cfg_of(self);
@@ -159,6 +160,7 @@ static const char *longest(schema *self, const worst *w)
                                 3).text);
 }
 
+/* Warns of the pair of nodes for which the line is too long at this bit rate. */
 static void warn_of_line(schema *self, yaml_node_t *nodes, const worst *w)
 {
     const cfg *config = cfg_of(self);

@@ -42,6 +42,7 @@ static void narrow_to(timing_request *request, timing_limits *narrow, uint32_t b
     request->limits = narrow;
 }
 
+/* Returns what segments are sought for a phase. */
 static timing_request request_of(const cfg_node_time *time, unsigned phase, uint32_t bitrate_bps,
                                  uint16_t sample_permille)
 {

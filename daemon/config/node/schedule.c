@@ -71,6 +71,7 @@ static void read_unit(schema *self, const schema_key *key, yaml_node_t *value, v
         schema_complain(self, value, "%s: a unit of local time lasts 13ns to 1s", key->name);
 }
 
+/* Reads the local time of a node. `start` must fit its counter. */
 void cfg_read_local_time(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
@@ -190,6 +191,7 @@ static void complete_cycle(schema *self, const cfg_schedule *s, trigger *t)
                         "in which cycle-byte puts the number of the cycle", s->cycle_byte);
 }
 
+/* Reads a trigger of a schedule. */
 static void read_trigger(schema *self, yaml_node_t *value, const cfg_schedule *s, trigger *t)
 {
     const size_t errors = self->errors->errors;
@@ -250,6 +252,7 @@ static void check_triggers(schema *self, const cfg_schedule *s, const trigger *a
     }
 }
 
+/* Reads the triggers of a node, sorts them by time, and checks that their slots do not overlap. */
 static void read_triggers(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
@@ -305,6 +308,7 @@ static void read_reference(schema *self, const schema_key *key, yaml_node_t *val
                        text_parse_filters(schema_member(key, object), &count, 1, text));
 }
 
+/* Reads a schedule. It needs the local time and the mode, which are read before it. */
 void cfg_read_schedule(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;

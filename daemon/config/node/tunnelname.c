@@ -114,6 +114,7 @@ static bool unknown(reading *r, const pair *p)
                  r->name->tcp ? ", connect" : "");
 }
 
+/* Takes a pair key=value of the name of a tunnel. */
 static bool tunnelname_take(reading *r, const pair *p)
 {
     tunnelname *name = r->name;
