@@ -32,6 +32,7 @@ static void tell_clients(const engine *e, unsigned node, const cw_event *event)
         engine_settle(e, node, event);
 }
 
+/* Gives an event to the ECU of a node: a received frame, or the error frame that stands for it. */
 static void advance_deliver(engine *e, unsigned node, const cw_event *event)
 {
     errframe error;

@@ -102,6 +102,7 @@ static uint64_t conserve_sum(const uint64_t counters[CW_DROP_COUNT])
     return total;
 }
 
+/* Tells all counters of a node whose frames do not add up. That is a bug of canwire. */
 static void log_books(const char *name, const books *b)
 {
     const cw_node_stats *s = &b->bus;

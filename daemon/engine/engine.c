@@ -89,6 +89,8 @@ static void break_loop(engine *e)
 
 /* ---- Wake-ups -------------------------------------------------------------------------------- */
 
+/* Brings the bus up to the present: clocks first, then what ECUs have written, then the bus
+ * itself. */
 static void wake(engine *e)
 {
     if (!e->stopping)
@@ -115,6 +117,7 @@ static void on_port(struct ev_loop *loop, ev_io *io, int events)
         wake(e);
 }
 
+/* The timer has run out. Ticking ends with the first wake-up that finds nothing to read. */
 static void engine_on_timer(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
@@ -132,6 +135,7 @@ static void engine_on_timer(struct ev_loop *loop, ev_io *io, int events)
 
 /* ---- Start and stop -------------------------------------------------------------------------- */
 
+/* Makes the timer that wakes the bus. */
 static bool make_timer(engine *e)
 {
     if (!alarm_open(&e->alarm)) {

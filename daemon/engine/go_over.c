@@ -21,6 +21,7 @@ static void log_removed(const engine *e)
                              stats.dropped[CW_DROP_REMOVED]);
 }
 
+/* Keeps ports that both configurations have, with all that waits in them. */
 static void keep_ports(setup *old, reload *r)
 {
     if (cfg_guest_port(r->config) && !r->setup.door) {
@@ -49,6 +50,7 @@ static void carry_books_over(engine *e, const reload *r)
             conserve_opened(&e->books, i, e->now.ports[r->port_from[i]]);
 }
 
+/* Goes over to the new configuration at the end of a frame. State, queues and ports go with it. */
 static void go_over_go_over(engine *e)
 {
     reload *r = e->next;

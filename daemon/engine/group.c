@@ -49,6 +49,7 @@ static void enter(const engine *e)
 
 /* ---- Timer ----------------------------------------------------------------------------------- */
 
+/* Sets the one timer of all buses to the first of their wake-ups. */
 static void set_alarm(engine_group *g)
 {
     int64_t wake_ns = INT64_MAX;
@@ -67,6 +68,7 @@ static void group_arm(engine *e)
 
 /* ---- Meetings -------------------------------------------------------------------------------- */
 
+/* Reads the ports of a bus, once in a wake-up. */
 static void read_ports(engine_group *g, engine *e)
 {
     if (g->read & bit_of(e))
@@ -78,6 +80,7 @@ static void read_ports(engine_group *g, engine *e)
     engine_start_turn(e); /* the bus has a time limit of its own, independent of the ports */
 }
 
+/* Lets a bus go on to a tick. False: there is more to do than fits into one turn. */
 static bool go(void *user, size_t bus, uint64_t tick)
 {
     engine_group *g = user;
@@ -92,6 +95,7 @@ static bool go(void *user, size_t bus, uint64_t tick)
     return engine_go(e, tick);
 }
 
+/* Returns how far the others may go on before a frame of this bus can come to them. */
 static meeting_outlook group_look(void *user, size_t bus)
 {
     engine_group *g = user;
@@ -103,6 +107,8 @@ static meeting_outlook group_look(void *user, size_t bus)
     return found;
 }
 
+/* Hands in a frame that a gateway passes on. When there is no room, the bus goes on a little
+ * first. */
 static cw_status group_send_frame(void *user, size_t bus, unsigned node, const cw_frame *frame,
                                   uint64_t received, uint64_t at_tick)
 {
@@ -186,6 +192,7 @@ static void wake_due(engine_group *g)
     }
 }
 
+/* Brings all buses of a rig up to the present. */
 static void wake_group(engine_group *g)
 {
     if (g->running)
@@ -231,6 +238,7 @@ static void on_before_wait(struct ev_loop *loop, ev_prepare *watcher, int events
         wake_group(g);
 }
 
+/* The timer has run out. Those buses are looked at for ticking whose time it was. */
 static void group_on_timer(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
@@ -269,6 +277,7 @@ static void over(engine *e)
 
 /* ---- Reload ---------------------------------------------------------------------------------- */
 
+/* Returns whether a gateway still has its node in a new configuration, without a port. */
 static bool may_take_end(const engine_group *g, const rig_gateway *gateway, const rig_end *end,
                          const cfg *config, FILE *errors)
 {
@@ -285,6 +294,7 @@ static bool may_take_end(const engine_group *g, const rig_gateway *gateway, cons
     return !config->nodes[node].port;
 }
 
+/* Returns whether a new configuration of one bus suits the gateways of the rig. */
 static bool may_take(engine *e, const cfg *config, FILE *errors)
 {
     bool good = true;
@@ -307,6 +317,7 @@ static void moved(engine *e, const uint8_t from[CW_NODES_MAX])
 
 static const group_calls calls = {.carry = carry, .may_take = may_take, .moved = moved};
 
+/* Opens a bus of the group, which has the clock and the timer of the group. */
 static bool group_open_bus(engine_group *g, size_t place, live *config)
 {
     (void)log_enter(g->rig->names[place]);
@@ -328,6 +339,7 @@ static bool group_open_bus(engine_group *g, size_t place, live *config)
     return true;
 }
 
+/* Opens all buses of a rig, and the gateways before them, which need to know their nodes. */
 static bool open_all(engine_group *g, live *const *lives)
 {
     static const meeting_calls meeting_of = {.go = go, .look = group_look};

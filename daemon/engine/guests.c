@@ -124,6 +124,7 @@ void engine_look_at_door(engine *e)
         admit(e);
 }
 
+/* Guests wait at the door. They are let in at the present tick. */
 static void on_door(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;

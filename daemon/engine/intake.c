@@ -49,6 +49,7 @@ static void share_frame(engine *e, port *p, const port_frame *frame, uint64_t ti
     port_handed_in(p, frame);
 }
 
+/* Hands in frames that have been read, each at the tick of its arrival. */
 static void hand_in_batch(engine *e, unsigned node, unsigned count, const clock_pair *now)
 {
     for (unsigned i = 0; i < count; i++) {
@@ -84,6 +85,7 @@ static unsigned node_room(const engine *e, unsigned node, bool waits)
     return room < PORT_BATCH ? room : PORT_BATCH;
 }
 
+/* Tells when a port can no longer be read, and when it can again. */
 static void report_failure(const engine *e, unsigned node)
 {
     const char *name = e->config->nodes[node].name;

@@ -119,6 +119,7 @@ static void report_small_buffer(engine *e, unsigned node)
                port_buffer_bytes(p) / 1024u, PORT_BUFFER_BYTES / 1024, PORT_BUFFER_BYTES);
 }
 
+/* Opens the port of an interface that has appeared. Without success it is tried again later. */
 static void gain_port(engine *e, unsigned node)
 {
     char error[PORT_ERROR_TEXT_MAX];
@@ -165,6 +166,8 @@ static void lose_other_names(engine *e, unsigned index, const char *name)
             lose_port(e, i);
 }
 
+/* An interface is there: its node gets it, or another one of the same name if it has been made
+ * anew. */
 static void take_interface(engine *e, unsigned node, unsigned index, report_link state)
 {
     if (e->now.ports[node] && !has_index(e, node, index))
@@ -186,6 +189,8 @@ static void note_kind(engine *e, const char *name, bool vcan)
     }
 }
 
+/* The kernel tells of an interface, or of a change. Nodes with that name get it, and lose one
+ * renamed. */
 static void on_seen(void *user, unsigned index, const char *name, const char *kind, bool up)
 {
     engine *e = user;
@@ -207,6 +212,7 @@ static void on_seen(void *user, unsigned index, const char *name, const char *ki
     e->wake(e);
 }
 
+/* An interface is gone, and nodes that have it lose their port. */
 static void on_gone(void *user, unsigned index)
 {
     engine *e = user;
@@ -231,6 +237,7 @@ static void on_listing(void *user)
     ev_timer_stop(e->loop, &e->links.retry);
 }
 
+/* The kernel has told of all interfaces. Nodes whose interface was not among them have lost it. */
 static void on_listed(void *user)
 {
     engine *e = user;
@@ -265,6 +272,7 @@ static void on_retry(struct ev_loop *loop, ev_timer *timer, int events)
 
 /* ---- Start, stop, reload --------------------------------------------------------------------- */
 
+/* Opens the port of a node at the start. One that may be missing need not be there. */
 static bool open_port(engine *e, unsigned node)
 {
     char error[PORT_ERROR_TEXT_MAX];
@@ -341,6 +349,7 @@ void engine_unwatch_links(engine *e)
     e->links.watch = NULL;
 }
 
+/* Returns the link of a node after a reload. Ports that are kept have it as before. */
 static report_link link_after(const engine *e, const reload *r, const report_link *before,
                               unsigned node)
 {

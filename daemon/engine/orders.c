@@ -7,6 +7,8 @@
  */
 #include "engine/core.h"
 
+/* Carries out what the program at a port asks for, such as `ip link set` of an emulated
+ * interface. */
 static void orders_obey(engine *e, unsigned node, const port_command *command)
 {
     char problem[SETTINGS_ERROR_MAX];

@@ -57,6 +57,7 @@ static void hang_up(connection *c)
     c->fd = -1;
 }
 
+/* Forgets a program, for which virtual time then waits no more. */
 static void programs_forget(connection *c)
 {
     hang_up(c);
@@ -113,6 +114,7 @@ static void programs_lose(connection *c)
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
+/* Tells a program why it cannot join virtual time. */
 static void programs_refuse(connection *c, int code, const char *why)
 {
     timing_message m = {.head = {.type = TIMING_ERROR, .number = TIMING_JOIN}};
@@ -142,6 +144,7 @@ static void clean(char *words)
             *words = '?';
 }
 
+/* A program joins virtual time. The one that its process was before loses its place. */
 static void programs_join(connection *c, timing_join *said, size_t size)
 {
     programs *p = c->owner;

@@ -80,6 +80,8 @@ static bool check_control(const cfg *new, const cfg *old, FILE *errors)
     return false;
 }
 
+/* Returns whether a bus that runs can take a configuration. Complains about each key that must
+ * stay. */
 static bool can_follow(const cfg *new, const cfg *old, FILE *errors)
 {
     const cfg_lcm *lcm = &new->lcm;
@@ -117,6 +119,7 @@ static uint8_t find_port(const cfg *config, const char *interface)
     return CW_NO_NODE;
 }
 
+/* Opens the port of a node that the old configuration did not have. */
 static bool open_port(reload *r, unsigned i, FILE *errors)
 {
     char error[PORT_ERROR_TEXT_MAX];

@@ -49,6 +49,7 @@ static void read_config(void *task)
         t->result = reload_read(t->file, &t->others, t->errors.out);
 }
 
+/* Frees what was read aside, with its result if nobody has taken it. */
 static void free_reading(void *task)
 {
     reading *t = task;
@@ -89,6 +90,7 @@ static reading *make_reading(const char *file, const fileuses *others, const rig
 
 static void reloader_go_on(reloader *r);
 
+/* A configuration has been read aside. The bus takes it, or says why not. */
 static void on_done(void *user, void *task)
 {
     reloader *r = user;
@@ -105,6 +107,7 @@ static void on_done(void *user, void *task)
     reloader_go_on(r);
 }
 
+/* Reading takes too long and is given up, so that other requests need not wait. */
 static void on_late(void *user, double busy_s)
 {
     reloader *r = user;

@@ -21,6 +21,7 @@ static bool may_spin(engine *e)
            pacing_may_spin(&e->duty, clock_ns(CLOCK_MONOTONIC), clock_ns(CLOCK_THREAD_CPUTIME_ID));
 }
 
+/* Returns when the bus is to wake: for what is due, and while it ticks at each tick. */
 static int64_t next_wake_ns(engine *e)
 {
     int64_t wake_ns = INT64_MAX;

@@ -8,6 +8,7 @@
 
 /* ---- Order ----------------------------------------------------------------------------------- */
 
+/* Puts programs into an order that is the same in each run. */
 static int turns_compare(const turn *a, const turn *b)
 {
     if (a->node != b->node)

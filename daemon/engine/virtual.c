@@ -208,6 +208,7 @@ static void virtual_run(engine *e)
     }
 }
 
+/* Brings a bus in virtual time up to where its programs let it go. */
 static void wake(engine *e)
 {
     engine_start_turn(e);
@@ -252,6 +253,7 @@ static const turn *find_holder(const turns *t)
     return NULL;
 }
 
+/* Tells why virtual time has stood still for some time. */
 static void tell_why(const engine *e)
 {
     const struct engine_virtual *v = e->virtual_time;
@@ -308,6 +310,7 @@ void engine_begin_virtual(engine *e)
     ev_timer_start(e->loop, &v->look);
 }
 
+/* Closes virtual time, and with it the connections of programs. */
 void engine_close_virtual(engine *e)
 {
     if (!e->virtual_time)
@@ -318,6 +321,7 @@ void engine_close_virtual(engine *e)
     e->virtual_time = NULL;
 }
 
+/* Reports the programs in virtual time, and which of them it waits for. */
 void engine_report_virtual(const engine *e, report *out)
 {
     const struct engine_virtual *v = e->virtual_time;
