@@ -86,6 +86,7 @@ static const char help[] =
 
 /* ---- Signals --------------------------------------------------------------------------------- */
 
+/* A signal asks canwired to end. The buses first let the frame on the wire end. */
 static void daemon_on_signal(struct ev_loop *loop, ev_signal *watcher, int events)
 {
     (void)loop;
@@ -98,6 +99,7 @@ static void daemon_on_signal(struct ev_loop *loop, ev_signal *watcher, int event
         engine_stop(service_engine(p->host.buses[i]));
 }
 
+/* SIGHUP: all buses read their files again. */
 static void on_hangup(struct ev_loop *loop, ev_signal *watcher, int events)
 {
     (void)loop;
@@ -147,6 +149,7 @@ static size_t add_bus(char line[STATUS_BYTES], size_t used, const cfg *config,
                        *status->refused ? REFUSED : "", status->refused);
 }
 
+/* Tells systemd how the buses are, and puts a mark into the journal each second. */
 static void report_status(process *p)
 {
     char line[STATUS_BYTES] = "", journals[SINKS_BYTES] = "";
@@ -219,6 +222,7 @@ static void start_signals(process *p)
     ev_signal_start(p->host.loop, &p->hangup);
 }
 
+/* Starts what runs beside the buses: the status each second, and the services of each bus. */
 static void start_watchers(process *p)
 {
     ev_async_init(&p->nudge, on_nudge);
@@ -231,6 +235,7 @@ static void start_watchers(process *p)
         service_run(p->host.buses[i]);
 }
 
+/* Starts the journal, and lets it observe the inputs of all buses. */
 static bool start_journal(process *p, const options *o)
 {
     char error[JOURNAL_ERROR_MAX];
@@ -281,6 +286,7 @@ static size_t find_inherited(const process *p, int inherited)
     return RIG_BUSES_MAX;
 }
 
+/* Starts the bus, or the buses of a rig. */
 static bool start_engines(process *p)
 {
     live *lives[RIG_BUSES_MAX] = {NULL};
@@ -293,6 +299,7 @@ static bool start_engines(process *p)
     return p->host.group || p->single;
 }
 
+/* Starts all that can fail, in an order in which a refused start changes nothing. */
 static bool daemon_start(process *p, const options *o)
 {
     int inherited;
@@ -323,6 +330,7 @@ static bool engines_have_failed(const process *p)
     return failed;
 }
 
+/* Tells what runs now. */
 static void log_start(const process *p)
 {
     for (size_t i = 0; i < p->host.count; i++) {
@@ -336,6 +344,7 @@ static void log_start(const process *p)
                  counted(p->host.rig->gateway_count, "gateway").text);
 }
 
+/* Runs the buses until they are to end. False: one of them has failed. */
 static bool daemon_run(process *p, const options *o)
 {
     engine *engines[RIG_BUSES_MAX];
@@ -363,6 +372,7 @@ static bool daemon_run(process *p, const options *o)
     return !p->failed && !engines_have_failed(p);
 }
 
+/* Ends all in the order in which nobody misses the last events. */
 static void daemon_end(process *p)
 {
     host *h = &p->host;
@@ -384,6 +394,7 @@ static void daemon_end(process *p)
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
+/* Reads the number of journals to keep. */
 static bool read_journal_files(void *out, const char *option, const char *text)
 {
     uint64_t number;
@@ -439,6 +450,7 @@ static bool load_checked(process *p, cfg **config, const char *file, FILE *error
                                       &p->host.files, "canwired", errors);
 }
 
+/* Loads the configuration, and puts its errors into the log. */
 static bool load_config(process *p, cfg **config, const char *file)
 {
     memo errors;
@@ -469,6 +481,7 @@ static bool add_service(process *p, cfg *config)
     return s;
 }
 
+/* Adds a service for each bus. They own the configurations from then on. */
 static bool add_services(process *p, cfg *config)
 {
     if (config) {
@@ -505,6 +518,7 @@ static void on_system_error(const char *what)
     exit(unit_failure());
 }
 
+/* Makes the event loop, which ends the program when it has no memory. */
 static struct ev_loop *make_loop(void)
 {
     ev_set_allocator(allocate);
