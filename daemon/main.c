@@ -17,10 +17,9 @@
 #include "engine/group.h"
 #include "run/journal.h"
 #include "run/journal_keep.h"
-#include "serve/activation.h"
-#include "serve/background.h"
 #include "serve/notify.h"
 #include "serve/service.h"
+#include "serve/start.h"
 #include "serve/watchdog.h"
 
 #include <errno.h>

@@ -2,7 +2,7 @@
  *
  * activation.c - sockets that the service manager has opened for canwired (sd_listen_fds(3)).
  */
-#include "serve/activation.h"
+#include "serve/start.h"
 
 #include "base/text/jsonput.h"
 

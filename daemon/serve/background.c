@@ -3,7 +3,7 @@
  * background.c - canwired in the background: the process that was started ends when its child has
  * a bus that is ready.
  */
-#include "serve/background.h"
+#include "serve/start.h"
 
 #include "base/log.h"
 

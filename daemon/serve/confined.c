@@ -5,7 +5,7 @@
  * Files in a private /tmp are made and never found, and packets that IPAddressDeny= drops look like
  * a network that is slow.
  */
-#include "serve/confined.h"
+#include "serve/start.h"
 
 #include "base/text/chars.h"
 #include "base/log.h"

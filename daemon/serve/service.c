@@ -13,12 +13,12 @@
 #include "config/files.h"
 #include "engine/reloader.h"
 #include "port/claim.h"
-#include "serve/confined.h"
 #include "serve/control.h"
 #include "serve/kept.h"
 #include "serve/losses.h"
 #include "serve/publish.h"
 #include "serve/recordings.h"
+#include "serve/start.h"
 
 #include <errno.h>
 #include <inttypes.h>

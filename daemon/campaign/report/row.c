@@ -5,7 +5,6 @@
 #include "campaign/report/row.h"
 
 #include "campaign/report/memory.h"
-#include "campaign/report/rowcheck.h"
 
 #include <string.h>
 

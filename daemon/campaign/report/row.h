@@ -6,6 +6,7 @@
 #define CANWIRE_CAMPAIGN_REPORT_ROW_H
 
 #include "base/text/jsonread.h"
+#include "campaign/outcome.h"
 #include "campaign/space/class.h"
 
 /* Names of expectations that tell of a detection. */
@@ -36,6 +37,9 @@ typedef struct report_row {
 /* Reads a line. Returns NULL, or what is wrong with it. */
 const char *report_row_read(report_row *out, jsonread *reader, const char *line, size_t length,
                             const row_signs *signs);
+
+/* rowcheck.c: returns what is wrong with a row of this outcome, passed or failed, or NULL. */
+const char *rowcheck_result(const jsonread_value *row, outcome o);
 
 /* Returns the name of an expectation of row->failed. */
 static inline const char *row_failed_name(const jsonread_value *failed)

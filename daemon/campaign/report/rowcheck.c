@@ -2,7 +2,7 @@
  *
  * rowcheck.c - whether the keys of a row with a result have values that canwire writes.
  */
-#include "campaign/report/rowcheck.h"
+#include "campaign/report/row.h"
 
 #include <string.h>
 

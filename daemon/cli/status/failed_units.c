@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * failed_units.c - asks systemctl for the units of canwire that have failed.
+ * failed_units.c - asks systemctl for the units of canwire that have failed, and those that systemd
+ *                  tries again.
  *
  * It asks first which units do not just run, and then for more of those: that takes far longer for
  * each of them.
  */
-#include "cli/status/failed_units.h"
+#include "cli/status/status_check.h"
 
 #include "base/moment.h"
 #include "cli/buses.h"

@@ -7,7 +7,6 @@
 #include "cli/buses.h"
 #include "cli/client.h"
 #include "cli/command.h"
-#include "cli/status/failed_units.h"
 #include "cli/status/status_check.h"
 #include "serve/status.h"
 

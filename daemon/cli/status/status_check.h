@@ -52,6 +52,12 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
 /* Adds a part to the line, at least of this level. */
 void check_tell(check *c, check_level level, const char *text);
 
+/* failed_units.c: adds the failed units of the bus `name`, or of all with NULL, each of which is
+ * critical. So is one that systemd tries again, since its bus does not run. Without an answer of
+ * systemd that is unknown. Nothing is added where systemd does not run, and for buses of another
+ * folder than that of the service. */
+void check_failed_units(check *c, const char *name);
+
 /* Prints the line and returns the exit status. */
 int check_end(check *c);
 
