@@ -6,18 +6,16 @@
 
 #include <string.h>
 
-void gathered_add(gathered *self, const void *frame, size_t size)
+port_sent gathered_take(gathered *self, port *p, const void *frame, size_t size)
 {
     const unsigned i = self->count++;
     memcpy(&self->frames[i], frame, size);
     self->vectors[i] = (struct iovec){.iov_base = &self->frames[i], .iov_len = size};
     self->headers[i] =
         (struct mmsghdr){.msg_hdr = {.msg_iov = &self->vectors[i], .msg_iovlen = 1}};
-}
-
-bool gathered_is_full(const gathered *self)
-{
-    return self->count == GATHERED_MAX;
+    if (self->count == GATHERED_MAX)
+        p->kind->flush(p);
+    return PORT_GATHERED;
 }
 
 unsigned gathered_send(gathered *self, port *p, int socket, gathered_one *one)

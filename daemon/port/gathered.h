@@ -19,10 +19,8 @@ typedef struct gathered {
 /* Sends one frame of a port, and returns the result. */
 typedef port_sent gathered_one(port *p, const void *frame, size_t size);
 
-/* Copies a frame behind the others. There must be room. */
-void gathered_add(gathered *self, const void *frame, size_t size);
-
-bool gathered_is_full(const gathered *self);
+/* Copies a frame of the port behind the others. All go at once when there is no room for more. */
+port_sent gathered_take(gathered *self, port *p, const void *frame, size_t size);
 
 /* Sends all frames in their order, at once as far as the kernel takes them. The others go by `one`,
  * so that each has a result of its own. Counts them for the port. Returns the number of those that

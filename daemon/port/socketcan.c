@@ -9,7 +9,7 @@
 
 #include "base/log.h"
 #include "port/claim.h"
-#include "port/kind.h"
+#include "port/gathered.h"
 
 #include <errno.h>
 #include <linux/can/error.h>
@@ -26,6 +26,7 @@
 typedef struct socketcan_port {
     port port;
     claim claim;
+    gathered gathered; /* frames for the ECU's programs */
 } socketcan_port;
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -84,14 +85,6 @@ static void explain(char error[PORT_ERROR_TEXT_MAX], const char *interface, bool
     (void)snprintf(error, PORT_ERROR_TEXT_MAX, "%s: %s%s", interface, strerror(number), remedy);
 }
 
-static void close_socket(port *p)
-{
-    if (p->fd >= 0)
-        (void)close(p->fd);
-    claim_release(&((socketcan_port *)p)->claim);
-    free(p);
-}
-
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
 static unsigned read_socket(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
@@ -103,10 +96,22 @@ static unsigned read_socket(port *p, port_frame frames[PORT_BATCH], unsigned max
     return port_take(p, frames, received);
 }
 
-static port_sent send_to_socket(port *p, const void *frame, size_t size)
+static port_sent send_at_once(port *p, const void *frame, size_t size)
 {
     bool good = send(p->fd, frame, size, MSG_DONTWAIT) == (ssize_t)size;
     return good ? PORT_SENT : PORT_SEND_FAILED;
+}
+
+static port_sent send_to_socket(port *p, const void *frame, size_t size)
+{
+    if (!p->gathers)
+        return send_at_once(p, frame, size);
+    return gathered_take(&((socketcan_port *)p)->gathered, p, frame, size);
+}
+
+static void flush_socket(port *p)
+{
+    (void)gathered_send(&((socketcan_port *)p)->gathered, p, p->fd, send_at_once);
 }
 
 static void count_drops(port *p)
@@ -125,9 +130,19 @@ static unsigned read_mtu(const port *p)
     return ioctl(p->fd, SIOCGIFMTU, &request) == 0 ? (unsigned)request.ifr_mtu : 0;
 }
 
+static void close_socket(port *p)
+{
+    flush_socket(p);
+    if (p->fd >= 0)
+        (void)close(p->fd);
+    claim_release(&((socketcan_port *)p)->claim);
+    free(p);
+}
+
 static const port_kind socketcan = {.close = close_socket,
                                     .read = read_socket,
                                     .send = send_to_socket,
+                                    .flush = flush_socket,
                                     .count = count_drops,
                                     .mtu = read_mtu,
                                     .control_bytes = PORT_CONTROL_BYTES};

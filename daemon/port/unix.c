@@ -252,10 +252,7 @@ static port_sent send_plain(port *p, const void *frame, size_t size)
         return PORT_UNHEARD;
     if (!p->gathers || p->shared)
         return send_now(p, frame, size);
-    gathered_add(&unix_own(p)->gathered, frame, size);
-    if (gathered_is_full(&unix_own(p)->gathered))
-        unix_flush(p);
-    return PORT_GATHERED;
+    return gathered_take(&unix_own(p)->gathered, p, frame, size);
 }
 
 /* ---- Guests ---------------------------------------------------------------------------------- */
