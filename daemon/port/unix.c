@@ -52,6 +52,7 @@ typedef struct port_unix {
     int waiting[WAITING_MAX]; /* plain ECUs that have connected while one was there ... */
     unsigned waiting_count;   /* ... which may have gone, with frames to be read */
     bool takes_fd;            /* the plain ECU has sent a struct canfd_frame */
+    bool had_frames;          /* the last read */
     gathered gathered;        /* frames for the plain ECU */
 } port_unix;
 
@@ -228,6 +229,18 @@ static unsigned read_plain(port *p, port_frame *frames, unsigned max, bool *wait
     return taken;
 }
 
+/* Reads the port. An inherited socket is all that it has, so while that has frames there is nothing
+ * else to look at. */
+static unsigned unix_read(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
+{
+    port_unix *u = unix_own(p);
+    const bool sure = u->had_frames && u->listener.fd < 0 && ecu_of(p) >= 0;
+    const unsigned count =
+        sure ? read_plain(p, frames, max, more) : shared_read(p, frames, max, more);
+    u->had_frames = count > 0;
+    return count;
+}
+
 /* Sends a frame at once. An ECU that has gone stays connected here, since its earlier frames are
  * still unread. */
 static port_sent send_now(port *p, const void *frame, size_t size)
@@ -290,7 +303,7 @@ static void close_port(port *p)
 }
 
 static const port_kind unix_kind = {.close = close_port,
-                                    .read = shared_read,
+                                    .read = unix_read,
                                     .send = shared_send,
                                     .flush = unix_flush,
                                     .share = shared_share,

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * test_port_gather.c - frames for a plain ECU that go with one call of the kernel.
+ * test_port_gather.c - frames for a plain ECU and of it that go with one call of the kernel.
  */
 #include "port_rig.h"
 
@@ -10,6 +10,7 @@
 #include <errno.h>
 #include <linux/can.h>
 #include <linux/can/error.h>
+#include <sys/epoll.h>
 
 #define MANY 100u
 
@@ -27,6 +28,17 @@ int sendmmsg(int fd, struct mmsghdr *messages, unsigned count, int flags)
     calls++;
     errno = refusal;
     return refusal ? -1 : real(fd, messages, most && most < count ? most : count, flags);
+}
+
+static unsigned looks; /* calls of epoll_wait() */
+
+int epoll_wait(int fd, struct epoll_event *events, int most_events, int timeout)
+{
+    static int (*real)(int, struct epoll_event *, int, int);
+    if (!real)
+        *(void **)&real = dlsym(RTLD_NEXT, "epoll_wait");
+    looks++;
+    return real(fd, events, most_events, timeout);
 }
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
@@ -68,6 +80,20 @@ static void write_numbered(port *p, unsigned first, unsigned count)
         const cw_frame frame = rig_frame(i, 0, 3);
         assert_true(port_write(p, &frame));
     }
+}
+
+/* The ECU writes some frames, and the port reads them all, with so many looks for them. */
+static void assert_read(const gathering *f, unsigned count, unsigned expected_looks)
+{
+    const struct can_frame frame = {.can_id = 0x123, .len = 0};
+    port_frame frames[PORT_BATCH];
+    bool more;
+    for (unsigned i = 0; i < count; i++)
+        assert_int_equal(send(f->ecu, &frame, sizeof frame, 0), sizeof frame);
+    looks = 0;
+    assert_int_equal(port_read(f->port, frames, PORT_BATCH, &more), count);
+    assert_int_equal(looks, expected_looks);
+    assert_false(more);
 }
 
 static void assert_nothing_waits(int ecu)
@@ -183,4 +209,35 @@ ON_PORT(whoever_asks_for_counts_has_all_of_them)
     assert_nothing_waits(f->ecu);
     port_flush(f->port);
     assert_numbered(f->ecu, 0x102, 1);
+}
+
+ON_PORT(frames_of_an_ecu_that_goes_on_come_in_one_call)
+{
+    gathering *f = *state;
+    assert_read(f, 3, 1);
+    assert_read(f, 2, 0);
+    assert_read(f, 0, 0); /* so the next one asks first, which costs less */
+    assert_read(f, 0, 1);
+    assert_read(f, 1, 1);
+    assert_read(f, 5, 0);
+    assert_int_equal(stats_of(f->port).read, 11);
+    assert_int_equal(stats_of(f->port).read_failed, 0);
+}
+
+ON_PORT(the_end_of_an_ecu_that_went_on_is_noticed)
+{
+    gathering *f = *state;
+    const struct can_frame frame = {.can_id = 0x123, .len = 0};
+    port_frame frames[PORT_BATCH];
+    bool more;
+    assert_read(f, 1, 1);
+    assert_int_equal(send(f->ecu, &frame, sizeof frame, 0), sizeof frame);
+    close(f->ecu);
+    f->ecu = -1;
+    assert_int_equal(port_read(f->port, frames, PORT_BATCH, &more), 1);
+    assert_int_equal(port_read(f->port, frames, PORT_BATCH, &more), 0);
+    assert_int_equal(stats_of(f->port).read, 2);
+    const cw_frame out = rig_frame(0x100, 0, 0);
+    assert_false(port_write(f->port, &out));
+    assert_int_equal(stats_of(f->port).unheard, 1);
 }
