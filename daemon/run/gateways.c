@@ -44,6 +44,14 @@ typedef struct wish {
     bool known;
 } wish;
 
+/* Those of a bus for data of base format, by their identifiers. */
+typedef struct wishes {
+    uint64_t none[(CW_BASE_ID_MAX + 1) / 64]; /* set of identifiers known to have no nodes. Most
+                                                 questions are about them; it is small, and so
+                                                 stays in the nearest cache */
+    wish of[CW_BASE_ID_MAX + 1];
+} wishes;
+
 struct gateways {
     const rig *config;
     gateways_send *send;
@@ -53,8 +61,7 @@ struct gateways {
     uint64_t set[RIG_BUSES_MAX]; /* of these nodes, by bus */
     uint64_t own[RIG_BUSES_MAX];  /* of these, the ones that get what they send */
     uint32_t answering;           /* buses on which any frame may make nodes send, as a set */
-    wish (*wishes)[CW_BASE_ID_MAX + 1]; /* in the same way: for data of base format, by their
-                                           identifiers */
+    wishes *wishes;               /* by bus */
     gateways_way ways[RIG_BUSES_MAX * RIG_BUSES_MAX];
     size_t way_count;
     uint32_t feeds;           /* buses from which ways go, as a set */
@@ -212,7 +219,7 @@ void gateways_remap(gateways *self, size_t bus, const uint8_t from[CW_NODES_MAX]
                 self->nodes[g][end] = node;
         }
     set_nodes(self);
-    memset(self->wishes[bus], 0, sizeof self->wishes[bus]);
+    memset(&self->wishes[bus], 0, sizeof self->wishes[bus]);
 }
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
@@ -257,9 +264,13 @@ static uint64_t wish_of(const gateways *self, size_t bus, const cw_frame *frame)
     const uint32_t id = cw_frame_can_id(frame);
     if (id > CW_BASE_ID_MAX)
         return find_wish(self, bus, frame);
-    wish *w = &self->wishes[bus][id];
+    wishes *all = &self->wishes[bus];
+    if (all->none[id / 64] >> id % 64 & 1u)
+        return 0;
+    wish *w = &all->of[id];
     if (!w->known)
         *w = (wish){.known = true, .nodes = find_wish(self, bus, frame)};
+    all->none[id / 64] |= (uint64_t)(w->nodes == 0) << id % 64;
     return w->nodes;
 }
 
