@@ -59,12 +59,14 @@ void cw_order_begin(cw_bus *bus, unsigned i, uint64_t tick)
     bus->starts[i] = (cw_start){.tick = tick, .ready = ready};
 }
 
-/* Takes the lowest frame of a node that is lower than the one found so far. A queue by priority has
- * the lower ones in front, but frames in mailboxes come before those that wait for one. */
-static void find_lower(pending_frame *found, const cw_queue *q, unsigned node, uint64_t tick)
+/* Takes the lowest frame of a node that is lower than the one found so far. One below `enough`
+ * ends the search. A queue by priority has the lower ones in front, but frames in mailboxes come
+ * before those that wait for one. */
+static void find_lower(pending_frame *found, const cw_queue *q, unsigned node, uint64_t tick,
+                       uint32_t enough)
 {
     const bool sorted = q->mode == CW_ORDER_PRIORITY && q->boxed == 0;
-    for (unsigned k = 0; k < q->count; k++) {
+    for (unsigned k = 0; k < q->count && found->key >= enough; k++) {
         const cw_queue_slot *slot = cw_queue_at(q, cw_queue_nth(q, k));
         const uint32_t key = key_of(slot->frame);
         if (key >= found->key && sorted)
@@ -74,28 +76,30 @@ static void find_lower(pending_frame *found, const cw_queue *q, unsigned node, u
     }
 }
 
-/* Finds the lowest pending frame that should have won instead of the frame of a slot. */
-static pending_frame find_pending(const cw_bus *bus, unsigned i, uint16_t slot)
+/* Finds the lowest pending frame that should have won instead of the frame of a slot. any: one of
+ * them is enough. */
+static pending_frame find_pending(const cw_bus *bus, unsigned i, uint16_t slot, bool any)
 {
     const cw_start *start = &bus->starts[i];
     const cw_frame *frame = cw_queue_at(&bus->nodes[i].queue, slot)->frame;
     pending_frame found = {.key = key_of(frame), .node = NO_FRAME};
+    const uint32_t enough = any ? found.key : 0;
     for (uint64_t rest = start->ready & bus->waiting; rest; rest &= rest - 1) {
         const unsigned node = cw_lowest_node(rest);
-        find_lower(&found, &bus->nodes[node].queue, node, start->tick);
+        find_lower(&found, &bus->nodes[node].queue, node, start->tick, enough);
     }
     return found;
 }
 
 bool cw_order_is_improper(const cw_bus *bus, unsigned i, uint16_t slot)
 {
-    return find_pending(bus, i, slot).node != NO_FRAME;
+    return find_pending(bus, i, slot, true).node != NO_FRAME;
 }
 
 void cw_order_check(cw_bus *bus, unsigned i)
 {
     const cw_bus_node *n = &bus->nodes[i];
-    const pending_frame pending = find_pending(bus, i, n->offered_slot);
+    const pending_frame pending = find_pending(bus, i, n->offered_slot, false);
     if (pending.node == NO_FRAME || (n->mac.modes & CW_MODE_LOOPBACK))
         return;
     bus->stats.improper_arbitrations++;
