@@ -29,15 +29,23 @@ void rt_port_path(char path[RT_PATH_MAX], const char *folder, unsigned node)
     (void)snprintf(path, RT_PATH_MAX, "%s/n%u", folder, node);
 }
 
+/* Writes the beginning of a node. */
+static void write_node(FILE *out, const rt_bus_options *o, unsigned node)
+{
+    fprintf(out, "  - { name: n%u, ", node);
+    if (o->own_clocks)
+        fprintf(out, "ppm: %d, ", 30 * (int)node - 45);
+}
+
 static void write_port(FILE *out, const rt_bus_options *o, const int ports[RT_NODES], unsigned node)
 {
     char path[RT_PATH_MAX];
+    write_node(out, o, node);
     if (o->folder) {
         rt_port_path(path, o->folder, node);
-        fprintf(out, "  - { name: n%u, port: \"unix:%s\", order: fifo }\n", node, path);
+        fprintf(out, "port: \"unix:%s\", order: fifo }\n", path);
     } else {
-        fprintf(out, "  - { name: n%u, port: \"fd:%d\", order: fifo, queue: %u }\n", node,
-                ports[node], RT_QUEUE);
+        fprintf(out, "port: \"fd:%d\", order: fifo, queue: %u }\n", ports[node], RT_QUEUE);
     }
 }
 
@@ -46,14 +54,12 @@ static void write_bus(FILE *out, unsigned number, const rt_bus_options *o,
 {
     fprintf(out, "bus: { name: b%u, bitrate: %u }\npacing: %s\ncatch-up: 60s\nnodes:\n", number,
             RT_BITRATE, o->pacing);
-    for (unsigned i = 0; i < RT_NODES; i++)
-        if (o->own_traffic && i == RT_NODES - 1)
-            fprintf(out,
-                    "  - { name: n%u, traffic: [ { send: 123#0123456789ABCDEF, every: 250us } ] "
-                    "}\n",
-                    i);
-        else
-            write_port(out, o, ports, i);
+    for (unsigned i = 0; i < RT_NODES - o->own_traffic; i++)
+        write_port(out, o, ports, i);
+    if (!o->own_traffic)
+        return;
+    write_node(out, o, RT_NODES - 1);
+    fputs("traffic: [ { send: 123#0123456789ABCDEF, every: 250us } ] }\n", out);
 }
 
 /* Makes the configuration file of a bus whose ports are sockets. */

@@ -30,11 +30,13 @@ typedef struct kind {
     const char *name;
     const char *pacing; /* NULL: a bare timer */
     bool paths;         /* ports are unix:PATH, not sockets that were inherited */
+    bool own_clocks;    /* the nodes have clocks of their own */
 } kind;
 
 static const kind kinds[] = {
-    {"timerfd", NULL, false}, {"precise", "precise", false}, {"precise-path", "precise", true},
-    {"tick", "tick", false},  {"spin", "spin", false},
+    {"timerfd", NULL, false, false},          {"precise", "precise", false, false},
+    {"precise-path", "precise", true, false}, {"precise-ppm", "precise", false, true},
+    {"tick", "tick", false, false},           {"spin", "spin", false, false},
 };
 #define KINDS (sizeof kinds / sizeof kinds[0])
 
@@ -163,8 +165,10 @@ static lateness measure_turn(const kind *k, int64_t duration_ns)
     rt_ecu ecus[RT_NODES];
     int ports[RT_NODES] = {0};
     char folder[] = "/tmp/canwire-bench-XXXXXX";
-    const rt_bus_options options = {
-        .pacing = k->pacing, .own_traffic = true, .folder = k->paths ? mkdtemp(folder) : NULL};
+    const rt_bus_options options = {.pacing = k->pacing,
+                                    .own_traffic = true,
+                                    .own_clocks = k->own_clocks,
+                                    .folder = k->paths ? mkdtemp(folder) : NULL};
     if (k->paths && !options.folder)
         rt_fail("no folder can be made");
     if (!k->paths)

@@ -61,7 +61,8 @@ bool rt_take_priority(void);
 
 typedef struct rt_bus_options {
     const char *pacing;
-    bool own_traffic; /* its last node sends by itself, 46 % load, and has no ECU */
+    bool own_traffic;   /* its last node sends by itself, 46 % load, and has no ECU */
+    bool own_clocks;    /* its nodes have clocks of their own, within 45 ppm */
     const char *folder; /* its ports are sockets there, see rt_port_path(); NULL: inherited ones */
 } rt_bus_options;
 
