@@ -1393,14 +1393,25 @@ bool cw_bus_config_takes(const cw_bus_config *config, unsigned node, const cw_se
  * invalid. */
 cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
 
-/* Returns how many of the first bytes of its memory are the state of a bus. Those behind them are
- * room, for frames and events. */
-size_t cw_bus_state_size(const cw_bus *bus);
+/* Returns the bytes that cw_bus_copy() needs now. At most they are those of cw_bus_size() and of
+ * the records of cw_bus_set_sync_records(). A bus that has just been made, without rules, needs
+ * fewer. */
+size_t cw_bus_copy_size(const cw_bus *bus);
+
+/* Copies a bus, between any two calls: its time, nodes, frames, rules, settings and counters,
+ * events that have not been taken, and records of synchronisations. The copy is no bus, and may be
+ * moved. */
+void cw_bus_copy(const cw_bus *bus, void *copy);
+
+/* Takes a bus back, or forward, to where it was copied. The same calls then have the same results
+ * again. The copy is of this bus in this memory, since cw_bus_init() made it, and stays as it is.
+ * The texts and records that the bus used then must still be there. */
+void cw_bus_restore(cw_bus *bus, const void *copy);
 
 /* Takes a bus back to tick 0, without rules, and with another seed. This costs less than
- * cw_bus_init(). state: a copy of the bytes of its state, made when cw_bus_init() had just made it
- * of a configuration without rules. Its `rule_room` is for rules that are added now. */
-void cw_bus_begin_again(cw_bus *bus, const void *state, uint64_t seed);
+ * cw_bus_init(). copy: made when cw_bus_init() had just made the bus, of a configuration without
+ * rules. Its `rule_room` is for rules that are added now. */
+void cw_bus_begin_again(cw_bus *bus, const void *copy, uint64_t seed);
 
 /* Continues an old bus: takes over its time and statistics. Node i gets the state, counters and
  * frames of the old node from[i], with its own new settings. With CW_NO_NODE it is a new node,
@@ -1467,7 +1478,9 @@ bool cw_bus_is_on_grid(const cw_bus *bus);
  * that is still under way may synchronise a node even then. Errors, lost arbitrations, overload
  * frames, synchronisations, wake-ups, hits of rules and new states may come before, and drops that
  * follow from them. Their events carry the tick. Off the grid, and where a node has a data rate, an
- * event may come up to a bit time of the bus earlier. */
+ * event may come up to a bit time of the bus earlier. The tick may lie inside a bit, where a frame
+ * is due. An advance to it does nothing then, so a loop goes on at least to cw_bus_tick_after(1).
+ * cw_bus_next_event() has the very tick of any event. */
 uint64_t cw_bus_next(const cw_bus *bus);
 
 /* Returns the latest tick that is known now at which a rule acts, or ends its action, by itself.
@@ -1497,6 +1510,14 @@ cw_status cw_bus_advance(cw_bus *bus, uint64_t tick);
  * do not depend on where an advance stops. This is for callers that watch a clock, since the work
  * before a tick is not known beforehand. With rules that send faster than the bus it has no end. */
 cw_status cw_bus_advance_some(cw_bus *bus, uint64_t tick, uint64_t work);
+
+/* Returns the tick of the first event of some kinds if nothing is put in. CW_NEVER: there is none
+ * up to the tick `until`. The bus goes there and comes back, so it is as it was. An advance to the
+ * tick makes the event. kinds: bits 1u << cw_event_kind, which need not be those of
+ * cw_bus_set_events(). Events that have not been taken do not count. until: below CW_NEVER, and not
+ * too far, since traffic without such an event is simulated up to there. copy: memory of
+ * cw_bus_copy_size() bytes. It has a copy of the bus afterwards. */
+uint64_t cw_bus_next_event(cw_bus *bus, void *copy, uint32_t kinds, uint64_t until);
 
 /* Returns the work done so far, in units that take about the same time, below a microsecond. Units
  * are single bits, steps that replace bits, rules that were looked at, frames of rules, and events.

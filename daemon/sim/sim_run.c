@@ -11,7 +11,6 @@
 #include <assert.h>
 #include <errno.h>
 #include <stdlib.h>
-#include <string.h>
 
 #define INBOX_FRAMES 1024
 #define EVENT_RING 4096
@@ -131,10 +130,9 @@ static bool rules_keep_setup(const cfg *config)
 /* Keeps the state of the bus, which has no rules yet. */
 static void keep_start(sim_run *s)
 {
-    const size_t size = cw_bus_state_size(s->bus);
-    s->start = malloc(size);
+    s->start = malloc(cw_bus_copy_size(s->bus));
     if (s->start)
-        memcpy(s->start, s->bus, size);
+        cw_bus_copy(s->bus, s->start);
 }
 
 static bool add_rules(const sim_run *s)

@@ -402,6 +402,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     arena a = {.base = memory, .behind = sizes.state};
     cw_bus *bus = lay_out(&a, config);
     bus->state_size = a.state;
+    bus->size = a.state + a.room;
     bus->time = cw_wire_begin(cw_rate_of(config->bit_ticks));
     bus->node_count = config->node_count;
     bus->all = UINT64_MAX >> (CW_NODES_MAX - config->node_count);
@@ -430,16 +431,4 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
             bus->pending = true;
         }
     return bus;
-}
-
-size_t cw_bus_state_size(const cw_bus *bus)
-{
-    return bus->state_size;
-}
-
-void cw_bus_begin_again(cw_bus *bus, const void *state, uint64_t seed)
-{
-    memcpy(bus, state, bus->state_size);
-    assert(bus->rules.count == 0 && cw_now(bus) == 0);
-    bus->rules.bus.seed = seed;
 }

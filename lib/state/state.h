@@ -193,7 +193,8 @@ typedef struct cw_frame_step {
 
 struct cw_bus {
     cw_wire_time time;
-    size_t state_size; /* bytes, from the bus on; see cw_bus_state_size() */
+    size_t state_size; /* bytes, from the bus on: its state, ... */
+    size_t size;       /* ... and the room behind it, too; see cw_bus_copy() */
     unsigned node_count;
     uint64_t node_due; /* the earliest of `restarts`, of frames that hosts fetch, and of nodes that
                           are awake again, and of `tt` */

@@ -101,7 +101,7 @@ static const char *op_name(unsigned i)
 static const char *mark_name(unsigned i)
 {
     static const char *const names[DIFF_MARK_COUNT] = {"comparisons", "in short cuts", "full rings",
-                                                       "full buses", "foretold"};
+                                                       "full buses", "foretold", "foreseen"};
     return names[i];
 }
 

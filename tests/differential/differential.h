@@ -204,6 +204,7 @@ typedef enum diff_mark {
     DIFF_FULL_RINGS,
     DIFF_FULL_BUSES, /* with CW_NODES_MAX nodes */
     DIFF_FORETOLD,   /* events that cw_bus_next_rx() has been asked about, without rules */
+    DIFF_FORESEEN,   /* looks ahead that found an event */
     DIFF_MARK_COUNT
 } diff_mark;
 

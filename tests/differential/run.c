@@ -335,12 +335,67 @@ static void settle(pair *p)
     compare_events(p);
 }
 
+/* The result of a look ahead. */
+typedef struct foreseen {
+    uint32_t kinds; /* that have always been kept; 0: nothing to compare with */
+    uint64_t tick;
+    size_t from; /* the first event that was to come */
+} foreseen;
+
+/* Looks ahead, which must change nothing. */
+static foreseen look_ahead(pair *p, side *s, uint64_t until)
+{
+    const bool all_taken = cw_bus_peek(s->bus).count == 0;
+    const uint32_t drawn = (uint32_t)diff_between(&s->random, 1, CW_EVENTS_USUAL);
+    foreseen f = {.kinds = drawn & CW_EVENTS_USUAL & ~p->unseen, .from = s->count};
+    void *copy = diff_allocate(NULL, cw_bus_copy_size(s->bus));
+    f.tick = cw_bus_next_event(s->bus, copy, f.kinds, until);
+    free(copy);
+    if (!all_taken)
+        f.kinds = 0;
+    return f;
+}
+
+/* Checks that the first event of these kinds has come at that tick. */
+static void check_foreseen(pair *p, const side *s, const foreseen *f)
+{
+    const cw_event_row row = cw_bus_peek(s->bus);
+    const size_t taken = s->count - f->from;
+    for (size_t i = 0; i < taken + row.count && f->kinds; i++) {
+        const cw_event *e = i < taken ? &s->events[f->from + i]
+                                      : cw_event_at(&row, (unsigned)(i - taken));
+        if (!(f->kinds >> e->kind & 1u))
+            continue;
+        if (e->tick != f->tick)
+            found(p, e->tick);
+        p->coverage->marks[DIFF_FORESEEN]++;
+        return;
+    }
+    if (f->kinds && row.count == 0 && f->tick != CW_NEVER)
+        found(p, f->tick);
+}
+
+/* Advances, with a look ahead before it where the scenario has it. */
+static void advance_foreseen(pair *p, side *s, uint64_t tick)
+{
+    foreseen f = {.kinds = 0};
+    diff_random_init(&s->random, cw_bus_now(s->bus) ^ tick << 20);
+    if (p->scenario->peeks)
+        f = look_ahead(p, s, tick);
+    advance_side(p, s, tick);
+    if (!p->verdict->differs)
+        check_foreseen(p, s, &f);
+    if (p->verdict->differs && p->out && f.kinds)
+        fprintf(p->out, "%s: cw_bus_next_event() of 0x%x was %" PRIu64 "\n", s->name, f.kinds,
+                f.tick);
+}
+
 /* The fast bus stops at any tick. The reference goes there, or to the end of the bit at which the
  * fast one has stopped, which a journal has. That is the same. */
 static void advance(pair *p, uint64_t tick)
 {
-    advance_side(p, &p->fast, tick);
-    advance_side(p, &p->reference, p->scenario->repeats ? cw_bus_now(p->fast.bus) : tick);
+    advance_foreseen(p, &p->fast, tick);
+    advance_foreseen(p, &p->reference, p->scenario->repeats ? cw_bus_now(p->fast.bus) : tick);
     if (p->scenario->drains)
         settle(p);
     if (cw_bus_now(p->fast.bus) == cw_bus_now(p->reference.bus) || p->verdict->differs)
@@ -408,9 +463,8 @@ static cw_bus *begin_again(void *memory, const cw_bus_config *config)
     cw_bus *bus = cw_bus_init(memory, &bare);
     if (!bus)
         return NULL;
-    const size_t size = cw_bus_state_size(bus);
-    void *start = diff_allocate(NULL, size);
-    memcpy(start, bus, size);
+    void *start = diff_allocate(NULL, cw_bus_copy_size(bus));
+    cw_bus_copy(bus, start);
     if (with_rules(bus, config))
         use(bus, config);
     cw_bus_begin_again(bus, start, config->seed);
