@@ -571,9 +571,9 @@ cw_status cw_mac_request_restart(cw_mac *mac);
 #define CW_TEC_MAX 263u /* the highest value that bus-off can leave (R10) */
 #define CW_REC_MAX 255u /* R8, ruling: an 8-bit counter */
 
-/* Presets the counters: TEC 0..CW_TEC_MAX, REC 0..CW_REC_MAX. A TEC above 255 is bus-off (R10), a TEC below 256
- * ends a bus-off. CW_INVALID: out of range. The next report has a changed state, and the drop of an
- * offer that follows from it. */
+/* Presets the counters: TEC 0..CW_TEC_MAX, REC 0..CW_REC_MAX. A TEC above 255 is bus-off (R10), a
+ * TEC below 256 ends a bus-off. CW_INVALID: out of range. The next report has a changed state, and
+ * the drop of an offer that follows from it. */
 cw_status cw_mac_set_counters(cw_mac *mac, unsigned tec, unsigned rec);
 
 /* Resets the controller: it stops whatever it does at once. The offer and overload frames that are

@@ -19,7 +19,6 @@
 #define NETNS_NAME_MAX 64u
 #define USB_SOCKETS "/run/canwire/"
 #define USB_FRAMES 10u /* that the driver peak_usb has under way */
-#define QUEUE_DEFAULT 16u
 /* The default queue of a node with a port, but for usb, whose driver has one. Kernel ISO-TP writes
  * all 586 frames of 4095 bytes at once, J1939's transport protocol 255. Programs that do not wait,
  * such as scanners of CANopen, write a frame for each node. */
@@ -49,30 +48,6 @@ const schema_key cfg_usb_keys[] = {
              "the namespace and a dot before the interface."},
     {.name = NULL},
 };
-
-static const char no_name[] = "";
-
-/* Returns true for a key that gives a node time of its own as soon as it is read. Without it the
- * node has the time of the bus, so its preset is for people alone. */
-static bool gives_time(const schema_key *key)
-{
-    return cfg_is_retime(key) || key->read == cfg_read_controller;
-}
-
-void cfg_node_defaults(cfg_node *node)
-{
-    schema self = {.has_open = false};
-
-    *node = (cfg_node){
-        .name = (char *)no_name, /* nobody writes to it */
-        .missing_port = CFG_MISSING_PORT_UNSET,
-        .queue = QUEUE_DEFAULT,
-    };
-    for (const schema_key *key = cfg_node_keys; key->name; key++)
-        if (!gives_time(key))
-            schema_read_preset(&self, key, node);
-    schema_read_presets(&self, cfg_clients_keys, node);
-}
 
 static void check_peer(schema *self, const schema_key *key, const yaml_node_t *value,
                        const cfg_node *node);

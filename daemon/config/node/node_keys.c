@@ -17,6 +17,7 @@
 #include <string.h>
 
 #define TICKS_PER_MS (CW_CLOCK_HZ / 1000u)
+#define QUEUE_DEFAULT 16u
 
 static const schema_range restart_range = {0, UINT32_MAX, sizeof(uint32_t)};
 static const schema_range queue_range = {1, CW_QUEUE_MAX, sizeof(uint16_t)};
@@ -269,6 +270,30 @@ const schema_key cfg_node_keys[] = {
      .type = TYPE_IF(TYPE_ANY(TYPE_NEEDS("peer") ", " TYPE_NEEDS("missing-port")),
                      "{'properties': {'port': {'pattern': '^[^:]*$'}}}")},
 };
+
+static const char no_name[] = "";
+
+/* Returns true for a key that gives a node time of its own as soon as it is read. Without it the
+ * node has the time of the bus, so its preset is for people alone. */
+static bool gives_time(const schema_key *key)
+{
+    return cfg_is_retime(key) || key->read == cfg_read_controller;
+}
+
+void cfg_node_defaults(cfg_node *node)
+{
+    schema self = {.has_open = false};
+
+    *node = (cfg_node){
+        .name = (char *)no_name, /* nobody writes to it */
+        .missing_port = CFG_MISSING_PORT_UNSET,
+        .queue = QUEUE_DEFAULT,
+    };
+    for (const schema_key *key = cfg_node_keys; key->name; key++)
+        if (!gives_time(key))
+            schema_read_preset(&self, key, node);
+    schema_read_presets(&self, cfg_clients_keys, node);
+}
 
 const schema_key *cfg_find_node_key(const char *name)
 {
