@@ -93,7 +93,7 @@ static inline char *read_file(const char *name)
 }
 
 /* Returns the text of a journal, which is packed, as far as it can be read. */
-static inline char *read_text(const char *name)
+static inline char *read_text_of(const char *name, bool *whole)
 {
     enum { CHUNK = 4096 };
     const char *problem;
@@ -111,9 +111,16 @@ static inline char *read_text(const char *name)
         assert_non_null(text);
     }
     text[size] = '\0';
+    *whole = count == 0;
     journal_unpack_end(u);
     close(fd);
     return text;
+}
+
+static inline char *read_text(const char *name)
+{
+    bool whole;
+    return read_text_of(name, &whole);
 }
 
 /* ---- Events as text -------------------------------------------------------------------------- */
