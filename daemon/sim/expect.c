@@ -33,19 +33,27 @@ typedef struct tally {
     uint64_t worst_at;                /* ... tick of its end */
     uint64_t beyond[CFG_PERCENTILES]; /* ... frames that took longer than the limit */
     spread *spreads;                  /* JITTER: of each trigger, see spread_of() */
+    cw_bus_stats start;               /* of the bus, when it began */
+    bool decided;                     /* it has failed, or its window is over; see expect_watch() */
 } tally;
 
 struct expect {
     const cfg *config;
-    cw_bus_stats start;
+    expect_failed *failed; /* NULL: nobody is told while the bus runs */
+    void *user;
+    uint64_t due; /* before that tick no expectation fails because of the time alone */
     size_t count;
     tally tallies[];
 };
 
+#define SPREADS (CW_NODES_MAX * (CW_TRIGGERS_MAX + 1))
+
 /* The first gap begins with the run, or with the window of the expectation. */
-static void begin_gaps(tally *t, const cfg_expect *e, uint64_t start)
+static void begin_tally(tally *t, const cfg_expect *e, const cw_bus_stats *start)
 {
-    const uint64_t begin = e->when.time_begin > start ? e->when.time_begin : start;
+    const uint64_t begin =
+        e->when.time_begin > start->ticks ? e->when.time_begin : start->ticks;
+    t->start = *start;
     for (unsigned i = 0; i < CW_NODES_MAX; i++)
         t->last[i] = begin;
 }
@@ -56,13 +64,12 @@ expect *expect_start(const cfg *config, const cw_bus_stats *start)
     if (!x)
         return NULL;
     x->config = config;
-    x->start = *start;
     x->count = config->expect_count;
     for (size_t i = 0; i < x->count; i++) {
-        begin_gaps(&x->tallies[i], &config->expects[i], start->ticks);
+        begin_tally(&x->tallies[i], &config->expects[i], start);
         if (config->expects[i].kind != CFG_EXPECT_JITTER)
             continue;
-        x->tallies[i].spreads = calloc(CW_NODES_MAX * (CW_TRIGGERS_MAX + 1), sizeof(spread));
+        x->tallies[i].spreads = calloc(SPREADS, sizeof(spread));
         if (!x->tallies[i].spreads) {
             expect_free(x);
             return NULL;
@@ -129,6 +136,14 @@ static bool matches_window(const cfg *config, const cfg_expect *e, const cw_even
                                                             : CFG_WINDOW_EXCLUSIVE);
 }
 
+/* Returns the name of the rule that has hit; "" when somebody has cleared it. */
+static const char *rule_name(const cfg *config, const cw_event *event)
+{
+    const char *name =
+        event->rule < config->rule_count ? config->rules[event->rule].name : NULL;
+    return name ? name : "";
+}
+
 /* Returns true when an expectation is about this event, whichever node it concerns. */
 static bool is_about(const cfg *config, const cfg_expect *e, const cw_event *event)
 {
@@ -160,7 +175,7 @@ static bool is_about(const cfg *config, const cfg_expect *e, const cw_event *eve
                matches_window(config, e, event);
     case CFG_EXPECT_FAULTS:
         return event->kind == CW_EVENT_FAULT &&
-               (!e->rule || strcmp(e->rule, config->rules[event->rule].name) == 0);
+               (!e->rule || strcmp(e->rule, rule_name(config, event)) == 0);
     case CFG_EXPECT_LOAD:
     case CFG_EXPECT_COUNT:
         break;
@@ -236,16 +251,6 @@ static void note_event(tally *t, const cfg_expect *e, const cw_event *event)
             note_delay(t, e, event);
         else if (e->kind == CFG_EXPECT_GAP)
             note_gap(t, place, event->tick);
-    }
-}
-
-void expect_event(expect *x, const cw_event *event)
-{
-    for (size_t i = 0; i < x->count; i++) {
-        const cfg_expect *e = &x->config->expects[i];
-        if (event->tick >= e->when.time_begin && event->tick < e->when.time_end &&
-            is_about(x->config, e, event))
-            note_event(&x->tallies[i], e, event);
     }
 }
 
@@ -531,15 +536,21 @@ static bool judge_jitter(FILE *out, const cfg_expect *e, const tally *t)
 }
 
 /* The time from the last frame to the end is a gap, too. */
-static bool judge_gaps(FILE *out, const cfg_expect *e, tally *t, const cw_bus_stats *bus)
+static bool judge_gaps(FILE *out, const cfg_expect *e, const tally *t, const cw_bus_stats *bus)
 {
     const uint64_t end = e->when.time_end < bus->ticks ? e->when.time_end : bus->ticks;
-    for (uint64_t rest = e->to ? e->to : 1u; rest; rest &= rest - 1)
-        note_gap(t, (unsigned)__builtin_ctzll(rest), end);
-    write_span(out, "at most ", t->worst);
-    write_span(out, " (up to ", t->worst_at);
+    uint64_t worst = t->worst, worst_at = t->worst_at;
+    for (uint64_t rest = e->to ? e->to : 1u; rest; rest &= rest - 1) {
+        const uint64_t gap = end - t->last[__builtin_ctzll(rest)];
+        if (gap > worst) {
+            worst = gap;
+            worst_at = end;
+        }
+    }
+    write_span(out, "at most ", worst);
+    write_span(out, " (up to ", worst_at);
     fputc(')', out);
-    return t->worst <= e->delay_max;
+    return worst <= e->delay_max;
 }
 
 static bool judge_load(FILE *out, const cfg_expect *e, const cw_bus_stats *start,
@@ -550,48 +561,201 @@ static bool judge_load(FILE *out, const cfg_expect *e, const cw_bus_stats *start
     return permille >= e->min && permille <= e->max;
 }
 
-static bool expect_judge(FILE *out, expect *x, size_t i, const cw_bus_stats *bus)
+static bool expect_judge(FILE *out, const expect *x, size_t i, const cw_bus_stats *bus)
 {
     const cfg_expect *e = &x->config->expects[i];
+    const tally *t = &x->tallies[i];
     if (e->when.time_begin > bus->ticks) {
         write_span(out, "nothing: the run ended at ", bus->ticks);
         return false;
     }
+    if (e->when.time_end <= t->start.ticks) {
+        write_span(out, "nothing: it is judged from ", t->start.ticks);
+        return false;
+    }
     if (e->kind == CFG_EXPECT_DELAY)
-        return judge_delays(out, e, &x->tallies[i]);
+        return judge_delays(out, e, t);
     if (e->kind == CFG_EXPECT_JITTER)
-        return judge_jitter(out, e, &x->tallies[i]);
+        return judge_jitter(out, e, t);
     if (e->kind == CFG_EXPECT_GAP)
-        return judge_gaps(out, e, &x->tallies[i], bus);
+        return judge_gaps(out, e, t, bus);
     if (e->kind == CFG_EXPECT_LOAD)
-        return judge_load(out, e, &x->start, bus);
-    return judge_counts(out, x->config, e, &x->tallies[i]);
+        return judge_load(out, e, &t->start, bus);
+    return judge_counts(out, x->config, e, t);
 }
 
-static bool sim_expect_conclude(expect_report *report, expect *x, size_t i, const cw_bus_stats *bus)
+bool expect_look(const expect *x, size_t i, const cw_bus_stats *bus, expect_outcome *out)
 {
     const cfg_expect *e = &x->config->expects[i];
-    expect_outcome o = {.name = e->name ? strdup(e->name) : NULL};
-    uint64_t begin = e->when.time_begin > x->start.ticks ? e->when.time_begin : x->start.ticks;
-    uint64_t end = e->when.time_end < bus->ticks ? e->when.time_end : bus->ticks;
+    const uint64_t start = x->tallies[i].start.ticks;
+    const uint64_t begin = e->when.time_begin > start ? e->when.time_begin : start;
+    const uint64_t end = e->when.time_end < bus->ticks ? e->when.time_end : bus->ticks;
     memo wanted, got;
+    *out = (expect_outcome){.name = e->name ? strdup(e->name) : NULL};
     if (memo_begin(&wanted))
         write_wanted(wanted.out, x->config, e);
     if (memo_begin(&got))
-        o.met = expect_judge(got.out, x, i, bus);
-    o.wanted = memo_take(&wanted);
-    o.got = memo_take(&got);
-    o.ticks = end > begin ? end - begin : 0;
-    const bool good = o.wanted && o.got && (!e->name || o.name);
-    return expect_report_add(report, o) && good;
+        out->met = expect_judge(got.out, x, i, bus);
+    out->wanted = memo_take(&wanted);
+    out->got = memo_take(&got);
+    out->ticks = end > begin ? end - begin : 0;
+    return out->wanted && out->got && (!e->name || out->name);
 }
 
 bool expect_conclude(expect *x, expect_report *report, const cw_bus *bus)
 {
     cw_bus_stats stats;
     cw_bus_get_stats(bus, &stats);
-    for (size_t i = 0; i < x->count; i++)
-        if (!sim_expect_conclude(report, x, i, &stats))
+    for (size_t i = 0; i < x->count; i++) {
+        expect_outcome o;
+        const bool good = expect_look(x, i, &stats, &o);
+        if (!expect_report_add(report, o) || !good)
             return false;
+    }
     return true;
+}
+
+/* ---- While the bus runs ---------------------------------------------------------------------- */
+
+/* Returns true when nothing that is still to come can make it met. */
+static bool is_lost(const cfg_expect *e, const tally *t)
+{
+    if (e->kind == CFG_EXPECT_DELAY || e->kind == CFG_EXPECT_JITTER || e->kind == CFG_EXPECT_GAP)
+        return t->worst > e->delay_max;
+    const bool moment = e->kind == CFG_EXPECT_SEEN || e->kind == CFG_EXPECT_STATE;
+    const uint64_t most = moment ? (e->never ? 0 : UINT64_MAX) : e->max;
+    for (uint64_t rest = is_counted_by_node(e) ? e->to | e->node : 1u; rest; rest &= rest - 1)
+        if (t->count[__builtin_ctzll(rest)] > most)
+            return true;
+    return false;
+}
+
+/* Writes an event in the words of its JSON: "error crc at dash". */
+static void write_event(FILE *out, const cfg *config, const cfg_expect *e, const cw_event *event)
+{
+    const uint64_t named = e->to | e->node;
+    char frame[FRAME_TEXT_MAX];
+    fputs(cw_event_name(event->kind), out);
+    if (event->kind == CW_EVENT_STATE)
+        fprintf(out, " %s", cw_state_name((cw_state)event->state));
+    if (event->kind == CW_EVENT_ERROR)
+        fprintf(out, " %s", type_name(event->error.type));
+    if (event->kind == CW_EVENT_FAULT)
+        fprintf(out, " %s", rule_name(config, event));
+    if (event->kind == CW_EVENT_TX || event->kind == CW_EVENT_RX ||
+        event->kind == CW_EVENT_DROP || event->kind == CW_EVENT_ARBITRATION_LOST) {
+        text_print_frame(frame, &event->frame);
+        fprintf(out, " %s", frame);
+    }
+    if (event->kind == CW_EVENT_DROP)
+        fprintf(out, " (%s)", why_name(event->why));
+    write_nodes(out, config, " at ", is_counted_by_node(e) ? event->nodes & named : event->nodes);
+}
+
+/* Tells that an expectation has failed at this tick: because of an event, or of the time alone. */
+static void fail(expect *x, size_t i, uint64_t tick, const cw_event *event)
+{
+    const cfg_expect *e = &x->config->expects[i];
+    tally *t = &x->tallies[i];
+    const cw_bus_stats then = {.ticks = tick};
+    const bool silence = !event && e->kind == CFG_EXPECT_GAP;
+    memo got, what;
+    if (memo_begin(&got)) {
+        if (silence)
+            write_span(got.out, "none since ", tick - e->delay_max);
+        else
+            (void)expect_judge(got.out, x, i, &then);
+    }
+    if (memo_begin(&what) && event)
+        write_event(what.out, x->config, e, event);
+    t->decided = true;
+    x->failed(x->user, &(expect_failure){.index = i, .tick = tick, .got = memo_text(&got),
+                                         .event = memo_text(&what)});
+    memo_end(&got);
+    memo_end(&what);
+}
+
+/* Returns the tick after which an expectation may fail because of the time alone. */
+static uint64_t deadline(const cfg_expect *e, const tally *t)
+{
+    uint64_t end = e->when.time_end;
+    if (e->kind != CFG_EXPECT_GAP)
+        return end;
+    for (uint64_t rest = e->to ? e->to : 1u; rest; rest &= rest - 1) {
+        const uint64_t last = t->last[__builtin_ctzll(rest)];
+        if (last < end && e->delay_max < end - last)
+            end = last + e->delay_max;
+    }
+    return end;
+}
+
+/* Decides an expectation whose deadline has passed. */
+static void decide(expect *x, size_t i, uint64_t at)
+{
+    const cw_bus_stats then = {.ticks = at + 1};
+    memo unread;
+    const bool met = memo_begin(&unread) && expect_judge(unread.out, x, i, &then);
+    memo_end(&unread);
+    x->tallies[i].decided = true;
+    if (!met)
+        fail(x, i, at, NULL);
+}
+
+void expect_pass(expect *x, uint64_t tick)
+{
+    x->due = CW_NEVER;
+    for (size_t i = 0; i < x->count && x->failed; i++) {
+        if (x->tallies[i].decided)
+            continue;
+        const uint64_t at = deadline(&x->config->expects[i], &x->tallies[i]);
+        if (at < tick)
+            decide(x, i, at);
+        else if (at < x->due)
+            x->due = at;
+    }
+}
+
+void expect_event(expect *x, const cw_event *event)
+{
+    if (x->failed && event->tick > x->due)
+        expect_pass(x, event->tick);
+    for (size_t i = 0; i < x->count; i++) {
+        const cfg_expect *e = &x->config->expects[i];
+        tally *t = &x->tallies[i];
+        if (event->tick < e->when.time_begin || event->tick >= e->when.time_end ||
+            !is_about(x->config, e, event))
+            continue;
+        note_event(t, e, event);
+        if (x->failed && !t->decided && is_lost(e, t))
+            fail(x, i, event->tick, event);
+    }
+}
+
+void expect_watch(expect *x, expect_failed *failed, void *user)
+{
+    x->failed = failed;
+    x->user = user;
+}
+
+void expect_adopt(expect *x, size_t i, const expect *old, size_t k,
+                  const uint8_t from[CW_NODES_MAX])
+{
+    const bool by_node = is_counted_by_node(&x->config->expects[i]);
+    const tally *was = &old->tallies[k], fresh = x->tallies[i];
+    tally *t = &x->tallies[i];
+    *t = *was;
+    t->spreads = fresh.spreads;
+    for (unsigned n = 0; n < CW_NODES_MAX; n++) {
+        const unsigned other = by_node ? from[n] : n;
+        const bool known = other < CW_NODES_MAX;
+        t->count[n] = known ? was->count[other] : 0;
+        t->first[n] = known ? was->first[other] : 0;
+        t->last[n] = known ? was->last[other] : fresh.last[n];
+    }
+    for (unsigned n = 0; t->spreads && n < CW_NODES_MAX; n++)
+        if (from[n] < CW_NODES_MAX)
+            memcpy(&t->spreads[n * (CW_TRIGGERS_MAX + 1)],
+                   &was->spreads[from[n] * (CW_TRIGGERS_MAX + 1)],
+                   (CW_TRIGGERS_MAX + 1) * sizeof(spread));
+    x->due = 0;
 }

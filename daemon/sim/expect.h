@@ -19,9 +19,35 @@ expect *expect_start(const cfg *config, const cw_bus_stats *start);
 /* Takes every event, in order. */
 void expect_event(expect *x, const cw_event *event);
 
+/* Says how an expectation stands, as if the run ended with these statistics. Returns false without
+ * memory. The outcome is for expect_report_add() or expect_outcome_free() in any case. */
+bool expect_look(const expect *x, size_t i, const cw_bus_stats *now, expect_outcome *out);
+
 /* Adds the result of each expectation to a report; the run has ended with this bus. Returns false
  * without memory. */
 bool expect_conclude(expect *x, expect_report *report, const cw_bus *bus);
+
+/* An expectation that nothing to come can make met. The texts are NULL without memory. */
+typedef struct expect_failure {
+    size_t index;      /* of the expectation */
+    uint64_t tick;     /* of the event, or up to which something would have had to come */
+    const char *got;   /* up to then */
+    const char *event; /* that it has failed by; "": by the time alone */
+} expect_failure;
+
+/* Reports failures while the bus runs, each expectation once: by an event, and by the end of its
+ * window or a gap that is too long. What only the end of the run decides is left to
+ * expect_conclude(). The function must not call the judge. */
+typedef void expect_failed(void *user, const expect_failure *failure);
+void expect_watch(expect *x, expect_failed *failed, void *user);
+
+/* Says that all events before this tick have come, where there may be none for long. */
+void expect_pass(expect *x, uint64_t tick);
+
+/* Lets an expectation go on with the findings about an equal one of another configuration, whose
+ * nodes may have had other places: `from` has the old node for each new one, see engine/reload.h. */
+void expect_adopt(expect *x, size_t i, const expect *old, size_t k,
+                  const uint8_t from[CW_NODES_MAX]);
 
 /* Frees it. NULL is allowed. */
 void expect_free(expect *x);

@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void free_texts(expect_outcome *outcome)
+void expect_outcome_free(expect_outcome *outcome)
 {
     free(outcome->name);
     free(outcome->wanted);
@@ -28,7 +28,7 @@ bool expect_report_add(expect_report *report, expect_outcome outcome)
     expect_outcome *longer =
         good ? realloc(report->outcomes, (report->count + 1) * sizeof *longer) : NULL;
     if (!longer) {
-        free_texts(&outcome);
+        expect_outcome_free(&outcome);
         return false;
     }
     outcome.configuration = report->configuration;
@@ -41,7 +41,7 @@ bool expect_report_add(expect_report *report, expect_outcome outcome)
 void expect_report_free(expect_report *report)
 {
     for (size_t i = 0; i < report->count; i++)
-        free_texts(&report->outcomes[i]);
+        expect_outcome_free(&report->outcomes[i]);
     free(report->outcomes);
     *report = (expect_report){.count = 0};
 }

@@ -27,6 +27,9 @@ typedef struct expect_report {
     unsigned configuration; /* number of the present one, counted by the caller */
 } expect_report;
 
+/* Frees the texts. */
+void expect_outcome_free(expect_outcome *outcome);
+
 /* Takes over the texts of the result. Without a name the text of the expectation is the name.
  * Returns false, with the texts freed, when one is NULL or memory is short. */
 bool expect_report_add(expect_report *report, expect_outcome outcome);

@@ -302,6 +302,132 @@ TEST(outcomes_say_how_long_they_looked)
     }
 }
 
+/* ---- While the bus runs ---------------------------------------------------------------------- */
+
+typedef struct heard {
+    unsigned count;
+    uint64_t tick;
+    char got[200];
+    char event[200];
+} heard;
+
+static void on_failed(void *user, const expect_failure *failure)
+{
+    heard *h = user;
+    h->count++;
+    h->tick = failure->tick;
+    (void)snprintf(h->got, sizeof h->got, "%s", failure->got);
+    (void)snprintf(h->event, sizeof h->event, "%s", failure->event);
+}
+
+/* Judges the run while it goes on, as canwired does. */
+static heard watch(const cfg *config)
+{
+    heard h = {.count = 0};
+    expect *x = expect_start(config, &(cw_bus_stats){.ticks = 0});
+    assert_non_null(x);
+    expect_watch(x, on_failed, &h);
+    for (size_t i = 0; i < COUNT(run); i++)
+        expect_event(x, &run[i]);
+    expect_pass(x, 100 * MS);
+    expect_free(x);
+    return h;
+}
+
+typedef struct failing {
+    const char *expectation;
+    unsigned ms;
+    const char *event;
+    const char *got;
+} failing;
+
+static const failing failures[] = {
+    {"{ delivered: { max: 2 }, from: a }", 70, "tx 123#DEAD at a", "3"},
+    {"{ delivered: { max: 2 }, to: [ b, c ], from: a }", 70, "rx 123#DEAD at b, c", "b: 3, c: 3"},
+    {"{ delivered: { min: 3 }, before: 50ms }", 50, "", "2"},
+    {"{ delay: 24999us }", 80, "tx 124#DEAD at b", "at most 25ms (at 80ms), of 4"},
+    {"{ delay: 1h, frame: 125, before: 50ms }", 50, "", "no frame"},
+    {"{ delay: { p50: 1500us }, before: 75ms }", 75, "",
+     "at most 10ms (at 70ms), 33.3 % within 1.5ms, of 3"},
+    {"{ gap: 39ms, frame: 123, time: 20ms..60ms }", 59, "", "none since 20ms"},
+    {"{ gap: 49ms, frame: 123, to: [ b, c ] }", 69, "", "none since 20ms"},
+    {"{ gap: 99ms, frame: 125 }", 99, "", "none since 0ns"},
+    {"{ seen: yes, frame: 124, before: 80ms }", 80, "", "none"},
+    {"{ seen: never, frame: 124 }", 80, "tx 124#DEAD at b", "one at 80ms"},
+    {"{ state: bus-off, node: b, before: 40ms }", 40, "", "never"},
+    {"{ state: bus-off, node: [ a, b ], reached: never }", 40, "state bus-off at b",
+     "a: never, b: at 40ms"},
+    {"{ errors: 1, node: [ a, b ] }", 40, "error stuff at b", "a: 1, b: 2"},
+    {"{ drops: 0 }", 45, "drop 124#DEAD (bus-off) at b", "1"},
+    {"{ restarts: 0 }", 50, "restart at b", "1"},
+    {"{ arbitration-lost: 0 }", 60, "arbitration-lost 124#DEAD at b", "1"},
+    {"{ overloads: 0 }", 61, "overload at c", "1"},
+    {"{ faults: 0, rule: one }", 30, "fault one", "1"},
+};
+
+TEST(failures_are_told_at_once_with_their_event)
+{
+    for (size_t i = 0; i < COUNT(failures); i++) {
+        const failing *f = &failures[i];
+        cfg *config = load(f->expectation);
+        const heard h = watch(config);
+        if (h.count != 1 || h.tick != f->ms * MS || strcmp(h.event, f->event) != 0 ||
+            strcmp(h.got, f->got) != 0)
+            fail_msg("%s: %u times, at %" PRIu64 ", '%s', got '%s'", f->expectation, h.count,
+                     h.tick, h.event, h.got);
+        cfg_free(config);
+    }
+}
+
+/* What has been told of as failed also fails at the end. */
+TEST(no_failure_is_told_that_the_end_takes_back)
+{
+    unsigned told = 0;
+    for (size_t i = 0; i < COUNT(judgements); i++) {
+        cfg *config = load(judgements[i].expectation);
+        const heard h = watch(config);
+        assert_in_range(h.count, 0, !judgements[i].met);
+        told += h.count;
+        cfg_free(config);
+    }
+    assert_in_range(told, 12, COUNT(judgements));
+}
+
+/* Nodes have changed their places meanwhile, and one is new. */
+TEST(findings_go_on_in_another_configuration)
+{
+    static const uint8_t from[CW_NODES_MAX] = {1, 0, CW_NO_NODE, [3 ... 63] = CW_NO_NODE};
+    heard h = {.count = 0};
+    cfg *config = load("{ errors: { max: 2 }, node: [ a, b ] }");
+    expect *old = expect_start(config, &(cw_bus_stats){.ticks = 0});
+    expect *next = expect_start(config, &(cw_bus_stats){.ticks = 50 * MS});
+    const cw_event more = {.kind = CW_EVENT_ERROR, .tick = 60 * MS, .nodes = A,
+                           .error = {.type = CW_ERROR_CRC}};
+    for (size_t i = 0; i < COUNT(run); i++)
+        expect_event(old, &run[i]);
+    expect_watch(next, on_failed, &h);
+    expect_adopt(next, 0, old, 0, from);
+    expect_free(old);
+    expect_event(next, &more);
+    assert_int_equal(h.count, 1);
+    assert_string_equal(h.got, "a: 3, b: 1");
+    expect_free(next);
+    cfg_free(config);
+}
+
+/* Of a window that was over before, nothing is known. */
+TEST(a_window_that_was_over_before_fails)
+{
+    heard h = {.count = 0};
+    cfg *config = load("{ gap: 1ms, before: 10ms }");
+    expect *x = expect_start(config, &(cw_bus_stats){.ticks = 50 * MS});
+    expect_watch(x, on_failed, &h);
+    expect_pass(x, 51 * MS);
+    assert_int_equal(h.count, 1);
+    expect_free(x);
+    cfg_free(config);
+}
+
 /* ---- Reports --------------------------------------------------------------------------------- */
 
 typedef void writer(FILE *out, const expect_report *report);
