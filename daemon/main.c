@@ -37,6 +37,7 @@
 #define STATUS_PERIOD_S 1.0 /* period of the line in `systemctl status` */
 #define STATUS_BYTES 1000   /* of that line */
 #define REFUSED "; reload refused: "
+#define EXPECTATION_FAILED 3 /* the exit status, also of canwire sim */
 #define SINKS_BYTES 600     /* of what it says of sinks, those of all buses together */
 
 typedef struct process {
@@ -80,8 +81,9 @@ static const char help[] =
     "  -h, --help              this text\n"
     "      --version           the version\n"
     "\n"
-    "Exit status: 0, 1 bad configuration or a port that cannot be opened, 2 wrong usage. As the\n"
-    "service, 1 is a bad configuration, and 75 all else, after which systemd starts it again.\n";
+    "Exit status: 0, 1 bad configuration or a port that cannot be opened, 2 wrong usage, 3 an\n"
+    "expectation failed. As the service, 1 is a bad configuration, and 75 all else, after which\n"
+    "systemd starts it again.\n";
 
 /* ---- Signals --------------------------------------------------------------------------------- */
 
@@ -585,5 +587,5 @@ int main(int argc, char **argv)
     if (!add_services(&p, config) || !daemon_run(&p, &o))
         return refuse_start(&p);
     daemon_end(&p);
-    return 0;
+    return p.host.expectation_failed ? EXPECTATION_FAILED : p.host.report_missing;
 }

@@ -362,6 +362,8 @@ typedef struct cfg {
     size_t reply_count; /* entries of kind CFG_TRAFFIC_REPLY; a bus keeps them as quiet rules */
     size_t expect_count;
     cfg_expect *expects;
+    char *expect_report; /* the file that canwired reports to, or NULL */
+    cfg_place expect_report_place;
     size_t record_count;
     cfg_record *records;
     cfg_lcm lcm;

@@ -493,6 +493,15 @@ void cfg_read_expect(schema *self, const schema_key *key, yaml_node_t *value, vo
 
 /* ---- Expectations alone ---------------------------------------------------------------------- */
 
+void cfg_read_expect_report(schema *self, const schema_key *key, yaml_node_t *value, void *object)
+{
+    cfg *config = object;
+    const char *text = schema_text(self, key, value, "the path of a file");
+    config->expect_report_place = cfg_place_of(value);
+    if (text)
+        config->expect_report = cfg_resolve_path(self, config->file, text);
+}
+
 /* The owner of expectations; cfg_load_expects() returns its first member. */
 typedef struct expects_owner {
     cfg_expects expects;

@@ -43,6 +43,12 @@ void cfg_add_files_written(fileuses *all, const cfg *config)
         use.older = config->records[i].files - 1;
         fileuses_add(all, &use);
     }
+    fileuse report = at_place(config, config->expect_report_place);
+    report.what = "expect-report";
+    report.path = config->expect_report;
+    report.written = true;
+    if (report.path)
+        fileuses_add(all, &report);
 }
 
 void cfg_add_sockets(fileuses *all, const cfg *config)

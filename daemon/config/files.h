@@ -10,7 +10,7 @@
 
 /* Add files by texts of the configuration, which must live as long as the uses. */
 void cfg_add_files_read(fileuses *all, const cfg *config);    /* itself, profiles, replays */
-void cfg_add_files_written(fileuses *all, const cfg *config); /* recordings */
+void cfg_add_files_written(fileuses *all, const cfg *config); /* recordings, report */
 void cfg_add_sockets(fileuses *all, const cfg *config);       /* control, virtual time, ports */
 
 /* Returns true when none of these files and sockets, nor of `others` (NULL: none), has another use

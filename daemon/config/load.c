@@ -64,7 +64,10 @@ const schema_key cfg_file_keys[] = {
      .help = "Fault rules."},
     {.name = "expect", .read = cfg_read_expect, .map = cfg_expect_keys, .as = "expectation",
      .type = TYPE_LIST_UP_TO(1000, "@"),
-     .help = "What canwire sim judges a run by (exit status 3). canwired does not."},
+     .help = "What a run is judged by (exit status 3)."},
+    {.name = "expect-report", .read = cfg_read_expect_report, .type = "text",
+     .help = "The file to which canwired writes its verdict at its end, as JUnit XML; relative to "
+             "this file. The directory must exist."},
     {.name = "record", .read = cfg_read_record, .map = cfg_record_keys, .as = "recording",
      .type = TYPE_LIST_UP_TO(16, "@"),
      .help = "What canwired writes down while the bus runs; see canwire-record(7)."},

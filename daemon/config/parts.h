@@ -16,6 +16,7 @@ schema_reader cfg_read_nodes;    /* the same */
 schema_reader cfg_read_profiles; /* profile.c */
 schema_reader cfg_read_faults;   /* rule.c */
 schema_reader cfg_read_expect;   /* expect.c */
+schema_reader cfg_read_expect_report; /* the same */
 schema_reader cfg_read_record;   /* record.c */
 schema_reader cfg_read_lcm;      /* lcm.c */
 schema_reader cfg_read_virtual;  /* virtual.c */

@@ -226,22 +226,26 @@ static bool can_keep_names(const reload *r, const cfg *old, FILE *errors)
     return good;
 }
 
-/* Refuses what the start refuses, see recordings_start(). */
-static bool check_records(const cfg *config, FILE *errors)
+/* Refuses what the start refuses, see recordings_start() and verdicts_start(). */
+static bool check_written(const cfg *config, FILE *errors)
 {
-    bool good = true;
-    for (size_t i = 0; i < config->record_count; i++) {
-        const cfg_record *what = &config->records[i];
-        int error = spool_probe(what->file, what->files);
+    fileuses all = {.count = 0};
+    cfg_add_files_written(&all, config);
+    bool good = !all.incomplete;
+    if (!good)
+        fprintf(errors, "%s: out of memory\n", config->file);
+    for (size_t i = 0; i < all.count; i++) {
+        const fileuse *use = &all.uses[i];
+        int error = spool_probe(use->path, use->older + 1);
         if (error == 0)
-            error = mounts_forecast(what->file);
+            error = mounts_forecast(use->path);
         if (error == 0 || spool_may_wait(error))
             continue;
-        print_place(errors, config, what->place);
-        fprintf(errors, "record %s: %s%s\n", what->file, spool_explain(error),
-                unit_hint(what->file, error));
+        fprintf(errors, "%s:%d:%d: %s %s: %s%s\n", use->file, use->line, use->column, use->what,
+                use->path, spool_explain(error), unit_hint(use->path, error));
         good = false;
     }
+    fileuses_free(&all);
     return good;
 }
 
@@ -254,7 +258,7 @@ reload *reload_read(const char *file, const fileuses *others, FILE *errors)
     }
     r->config = cfg_load_regular(file, errors);
     bool good = r->config && cfg_check_files(r->config, others, "canwired", errors) &&
-                check_records(r->config, errors);
+                check_written(r->config, errors);
     if (good && !setup_make(&r->setup, r->config)) {
         fprintf(errors, "%s: %s\n", file, bus_why_not());
         good = false;

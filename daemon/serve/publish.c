@@ -29,6 +29,7 @@
 #include <canwire_node_time_t.h>
 #include <canwire_node_timing_t.h>
 #include <canwire_tunnel_t.h>
+#include <canwire_verdict_t.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <lcm/lcm.h>
@@ -52,6 +53,7 @@
 #define STALL_S 5 /* in a call of liblcm: a server does not answer, or takes nothing */
 #define CHANNEL_MAX 64
 #define WHY_BYTES 128
+#define VERDICTS_TOLD 20 /* in a message: what has failed first by the order of the file */
 
 static const char state_starting[] = "starting";
 static const char state_sending[] = "sending";
@@ -73,6 +75,7 @@ typedef enum channel {
     CHANNEL_FDNODE,
     CHANNEL_CONTROLLER,
     CHANNEL_TUNNEL,
+    CHANNEL_VERDICT,
     CHANNELS
 } channel;
 
@@ -360,6 +363,7 @@ static void name_channels(publisher *p)
     static const char *const names[CHANNELS] = {
         "BUS",  "QUALITY", "NODE",  "TIMING", "LOCALTIME",  "EVENT",
         "FILE", "GATEWAY", "FDBUS", "FDNODE", "CONTROLLER", "TUNNEL",
+        "VERDICT",
     };
     for (unsigned i = 0; i < CHANNELS; i++)
         (void)snprintf(p->channels[i], CHANNEL_MAX, "CANWIRE.%s.%s", p->config->bus_name, names[i]);
@@ -826,6 +830,37 @@ void publisher_gateways(publisher *p, const json_t *gateways)
 {
     for (size_t i = 0; i < json_array_size(gateways); i++)
         publish_gateway(p, json_array_get(gateways, i));
+}
+
+void publisher_verdicts(publisher *p, const cw_bus *bus, const verdicts *all)
+{
+    char *name[VERDICTS_TOLD], *wanted[VERDICTS_TOLD], *got[VERDICTS_TOLD], *event[VERDICTS_TOLD];
+    int64_t failed_ns[VERDICTS_TOLD];
+    int32_t count = 0;
+    if (verdicts_count(all) == 0)
+        return;
+    for (size_t i = 0; i < verdicts_count(all) && count < VERDICTS_TOLD; i++) {
+        const verdict *one = verdicts_at(all, i);
+        if (!one->failed)
+            continue;
+        name[count] = one->name;
+        wanted[count] = one->wanted;
+        got[count] = one->got;
+        event[count] = one->event;
+        failed_ns[count++] = ticks_to_ns(one->tick);
+    }
+    const canwire_verdict_t m = {
+        HEAD(p, cw_bus_now(bus)),
+        .expectations = (int32_t)verdicts_count(all),
+        .failed = (int32_t)verdicts_failed(all),
+        .count = count,
+        .name = name,
+        .wanted = wanted,
+        .got = got,
+        .event = event,
+        .failed_ns = failed_ns,
+    };
+    PUBLISH(p, CHANNEL_VERDICT, canwire_verdict_t, &m);
 }
 
 /* Splits the lines of output_event(), one for each node, in the order of the nodes. */

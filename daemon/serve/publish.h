@@ -12,6 +12,7 @@
 #include "base/file/sink.h"
 #include "config/config.h"
 #include "engine/report.h"
+#include "serve/verdicts.h"
 
 #include <jansson.h>
 
@@ -39,6 +40,9 @@ void publisher_sinks(publisher *p, const sink_list *all);
 
 /* Queues a GATEWAY message for each gateway in the result of gateways_stats(). */
 void publisher_gateways(publisher *p, const json_t *gateways);
+
+/* Queues a VERDICT message, if the bus has expectations. */
+void publisher_verdicts(publisher *p, const cw_bus *bus, const verdicts *all);
 
 /* Queues an EVENT message for every node concerned, if events of its kind are wanted. */
 void publisher_event(publisher *p, const cw_event *event);

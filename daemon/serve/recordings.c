@@ -17,8 +17,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The time at the end for a slow disk, for all recordings together. With CLOSE_S of journal.c and
- * GIVE_UP_S of publish.c it is less than TimeoutStopSec of canwired@.service. */
+/* The time at the end for a slow disk, for all recordings together. With CLOSE_S of journal.c,
+ * GIVE_UP_S of publish.c and PATIENCE_S of verdicts.c it is less than TimeoutStopSec of
+ * canwired@.service. */
 #define PATIENCE_S 4
 
 typedef struct entry {

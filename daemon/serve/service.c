@@ -19,6 +19,7 @@
 #include "serve/publish.h"
 #include "serve/recordings.h"
 #include "serve/start.h"
+#include "serve/verdicts.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -38,6 +39,7 @@ struct service {
     kept *kept; /* NULL without a control socket */
     ev_timer again; /* injects kept rules after a reload */
     recordings *recordings;
+    verdicts *verdicts;
     losses losses;
     reloader *reloader;
     uint64_t hangups[2];                 /* rounds of reloads that SIGHUP has requested */
@@ -62,6 +64,7 @@ static void on_event(void *user, const cw_event *event)
         publisher_event(s->publisher, event);
     if (s->recordings)
         recordings_event(s->recordings, event, engine_realtime_ns(s->engine, event->tick));
+    verdicts_event(s->verdicts, event);
     if (s->control)
         control_event(s->control, event);
 }
@@ -231,6 +234,7 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
     service *s = user;
     losses_remap(&s->losses, from);
     recordings_reload(s->recordings, engine_bus(s->engine));
+    verdicts_reload(s->verdicts, engine_bus(s->engine), from);
     if (s->host->journal)
         journal_retry(s->host->journal, engine_inputs(s->engine));
     observe_bits(s);
@@ -277,6 +281,7 @@ static sink_list own_sinks(const service *s)
     if (s->publisher)
         publisher_sink(s->publisher, &all);
     recordings_sinks(s->recordings, &all);
+    verdicts_sink(s->verdicts, &all);
     return all;
 }
 
@@ -299,6 +304,7 @@ static void put_more(void *user, json_t *status)
     if (s->host->journal)
         put(status, "journal", journal_to_json(s->host->journal));
     put(status, "sinks", sinks_json(&all));
+    verdicts_put(s->verdicts, engine_bus(s->engine), status);
     losses_put_lately(&s->losses, s->config, status);
     if (s->kept)
         kept_put(s->kept, status);
@@ -321,6 +327,7 @@ static void on_statistics(struct ev_loop *loop, ev_timer *timer, int events)
     publisher_stats(s->publisher, engine_bus(s->engine), &beyond);
     const sink_list all = all_sinks(s);
     publisher_sinks(s->publisher, &all);
+    publisher_verdicts(s->publisher, engine_bus(s->engine), s->verdicts);
     if (!s->host->group)
         return;
     json_t *now = gateways_json(s);
@@ -353,6 +360,9 @@ static void print_trouble(char out[SERVICE_TROUBLE_BYTES], const service *s, con
             used = chars_print(out, SERVICE_TROUBLE_BYTES, used, ", %s %s",
                                s->config->nodes[i].name, trouble);
     }
+    if (verdicts_failed(s->verdicts) > 0)
+        (void)chars_print(out, SERVICE_TROUBLE_BYTES, used, ", %s failed",
+                          counted(verdicts_failed(s->verdicts), "expectation").text);
 }
 
 void service_update(service *s, service_status *out)
@@ -364,6 +374,7 @@ void service_update(service *s, service_status *out)
     engine_report(s->engine, &beyond);
     losses_log(&s->losses, s->config, engine_bus(s->engine), &beyond, false);
     recordings_update(s->recordings, engine_bus(s->engine));
+    verdicts_update(s->verdicts, engine_bus(s->engine));
     observe_bits(s);
     cw_bus_get_stats(engine_bus(s->engine), &out->bus);
     print_trouble(out->trouble, s, &beyond);
@@ -466,6 +477,10 @@ bool service_start(service *s, engine *bus, int inherited)
         recordings_start(s->host->loop, s->config, engine_bus(bus), on_recording, s);
     if (!s->recordings)
         return false;
+    s->verdicts = verdicts_start(s->config, engine_bus(bus),
+                                 s->host->rig ? s->host->rig->names[s->place] : NULL);
+    if (!s->verdicts)
+        return false;
     engine_observe(bus, on_event, s);
     observe_bits(s);
     claim_name(s);
@@ -476,6 +491,7 @@ bool service_start(service *s, engine *bus, int inherited)
 void service_run(service *s)
 {
     enter(s);
+    verdicts_begin(s->verdicts);
     if (s->kept)
         apply_kept(s);
     (void)log_enter(NULL);
@@ -531,6 +547,9 @@ void service_report_end(service *s)
     log_info("stopped: %s, %s, %s not sent, %" PRIu64 " dropped",
              counted(stats.frames, "frame").text, counted(stats.error_frames, "error frame").text,
              counted(stats.pending, "frame").text, count_dropped(s));
+    verdicts_conclude(s->verdicts, engine_bus(s->engine));
+    s->host->expectation_failed =
+        s->host->expectation_failed || verdicts_failed(s->verdicts) > 0;
     (void)log_enter(NULL);
 }
 
@@ -547,6 +566,8 @@ void service_stop(service *s)
     s->kept = NULL;
     recordings_stop(s->recordings);
     s->recordings = NULL;
+    s->host->report_missing = !verdicts_stop(s->verdicts) || s->host->report_missing;
+    s->verdicts = NULL;
     (void)log_enter(NULL);
 }
 

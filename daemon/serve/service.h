@@ -25,6 +25,8 @@ typedef struct host {
     engine_group *group; /* of the rig */
     size_t count;
     service *buses[RIG_BUSES_MAX];
+    bool expectation_failed; /* of a bus that has ended */
+    bool report_missing;     /* that could not be written */
     bool stopping;
     bool stopping_reported; /* to senders of SIGHUP */
 } host;
@@ -57,7 +59,7 @@ typedef struct service_status {
 } service_status;
 void service_update(service *s, service_status *out);
 
-/* Reports the end of the bus. */
+/* Reports the end of the bus, and judges it. */
 void service_report_end(service *s);
 
 /* Ends control socket and recordings. The engine still exists. */

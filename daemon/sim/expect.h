@@ -35,17 +35,17 @@ typedef struct expect_failure {
     const char *event; /* that it has failed by; "": by the time alone */
 } expect_failure;
 
-/* Reports failures while the bus runs, each expectation once: by an event, and by the end of its
- * window or a gap that is too long. What only the end of the run decides is left to
- * expect_conclude(). The function must not call the judge. */
+/* Reports the first failure of each expectation while the bus runs. That is an event, the end of a
+ * window, or a gap that is too long. expect_conclude() finds the others. The function must not call
+ * the judge. */
 typedef void expect_failed(void *user, const expect_failure *failure);
 void expect_watch(expect *x, expect_failed *failed, void *user);
 
 /* Says that all events before this tick have come, where there may be none for long. */
 void expect_pass(expect *x, uint64_t tick);
 
-/* Lets an expectation go on with the findings about an equal one of another configuration, whose
- * nodes may have had other places: `from` has the old node for each new one, see engine/reload.h. */
+/* Lets an expectation go on with the findings about an equal one of another configuration. `from`
+ * has the old node for each new one, see engine/reload.h. */
 void expect_adopt(expect *x, size_t i, const expect *old, size_t k,
                   const uint8_t from[CW_NODES_MAX]);
 

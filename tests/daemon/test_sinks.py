@@ -48,9 +48,11 @@ class Bus:
     def canwire(self, *words, status=0):
         return answer(self.folder, *words, status=status)
 
+    def json(self):
+        return json.loads(self.canwire("status", "./day.sock", "--json"))
+
     def sinks(self):
-        status = json.loads(self.canwire("status", "./day.sock", "--json"))
-        return {(s["kind"], s["name"].rsplit("/", 1)[-1]): s for s in status["sinks"]}
+        return {(s["kind"], s["name"].rsplit("/", 1)[-1]): s for s in self.json()["sinks"]}
 
     def stop(self):
         self.manager.close()

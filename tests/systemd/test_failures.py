@@ -49,6 +49,24 @@ def failed_units():
 # ---- A unit that fails ---------------------------------------------------------------------------
 
 
+def test_a_bus_that_ends_with_a_failed_expectation_is_failed(new):
+    """However it is stopped, it is not started again."""
+    bus = new("judge", lambda text: text + "expect-report: /var/lib/canwire/judge.xml\n"
+                                           "expect: [ { name: silent, seen: never } ]\n")
+    for stop in (("stop", bus.unit), ("kill", "--signal=SIGTERM", bus.unit)):
+        bus.start()
+        assert bus.carries()
+        wait_until(lambda: "1 expectation failed" in bus.show("StatusText"), "the verdict")
+        systemctl(*stop)
+        wait_until(lambda: bus.show("ActiveState") == "failed", "the end")
+        assert (bus.show("Result"), bus.show("ExecMainStatus")) == ("exit-code", "3")
+        assert bus.show("NRestarts") == "0"
+        assert 'failures="1"' in Path("/var/lib/canwire/judge.xml").read_text()
+    [first, _] = told(bus, "expectation failed")
+    assert ": silent: wanted no frame, got one at " in first
+    systemctl("reset-failed", bus.unit)
+
+
 def test_a_bad_configuration_fails_at_once_and_shows(new):
     bus = new("bad", lambda text: text.replace("500000", "500k"))
     assert "failed" in systemctl("start", bus.unit, status=1)

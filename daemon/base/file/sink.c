@@ -16,7 +16,8 @@
 #define REST_BYTES 32u /* of ", 12 more" */
 
 static const char *const kind_names[SINK_KINDS] = {
-    [SINK_LCM] = "lcm", [SINK_RECORD] = "record", [SINK_JOURNAL] = "journal"};
+    [SINK_LCM] = "lcm", [SINK_RECORD] = "record", [SINK_JOURNAL] = "journal",
+    [SINK_EXPECT] = "expect-report"};
 
 void sinks_add(sink_list *all, const sink_info *one)
 {

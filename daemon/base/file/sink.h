@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * sink.h - what takes a bus's events away from it: LCM, recordings, the journal. Each tells its
- * state in the same way, for the service manager, the status, and the messages over LCM.
+ * sink.h - what takes a bus's events away from it: LCM, recordings, the journal, the report of
+ * expectations. Each tells its state in the same way, for the service manager, the status, and the
+ * messages over LCM.
  */
 #ifndef CANWIRE_BASE_SINK_H
 #define CANWIRE_BASE_SINK_H
@@ -11,9 +12,15 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define SINKS_MAX 20u /* CFG_RECORDS_MAX, LCM and a journal */
+#define SINKS_MAX 20u /* CFG_RECORDS_MAX, LCM, a journal, a report */
 
-typedef enum sink_kind { SINK_LCM = 0, SINK_RECORD, SINK_JOURNAL, SINK_KINDS } sink_kind;
+typedef enum sink_kind {
+    SINK_LCM = 0,
+    SINK_RECORD,
+    SINK_JOURNAL,
+    SINK_EXPECT,
+    SINK_KINDS
+} sink_kind;
 
 /* The texts belong to the sink. */
 typedef struct sink_info {

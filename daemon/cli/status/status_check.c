@@ -191,6 +191,25 @@ static void check_rules(check *c, const json_t *status)
     }
 }
 
+/* Adds the expectations that have failed, of many only their number. */
+static void check_expectations(check *c, const json_t *all)
+{
+    size_t failed = 0;
+    const char *name = "";
+    for (size_t i = 0; i < json_array_size(all); i++) {
+        const json_t *one = json_array_get(all, i);
+        if (strcmp(get_any_text(one, "state"), "failed") != 0)
+            continue;
+        name = get_any_text(one, "name");
+        failed++;
+    }
+    if (failed == 0)
+        return;
+    buffer_print(&c->text, ", %s failed%s%s", counted(failed, "expectation").text,
+                 failed == 1 ? ": " : "", failed == 1 ? name : "");
+    raise_to(c, CHECK_WARNING);
+}
+
 /* Adds "powertrain_load=12.3%;70;90;0;100". */
 static void add_figure(check *c, const char *bus, uint64_t permille)
 {
@@ -264,6 +283,7 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
     for (size_t i = 0; i < json_array_size(lately); i++)
         check_lately(c, json_array_get(lately, i));
     check_rules(c, status);
+    check_expectations(c, json_object_get(status, "expectations"));
 }
 
 static const char *plain_text(buffer *text)

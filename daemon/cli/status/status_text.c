@@ -513,7 +513,8 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
 static void print_sink(FILE *out, const json_t *sink)
 {
     static const char *const units[][2] = {
-        {"lcm", "messages"}, {"record", "entries"}, {"journal", "lines"}};
+        {"lcm", "messages"}, {"record", "entries"}, {"journal", "lines"},
+        {"expect-report", "verdicts"}};
     static const char *const more[] = {"bytes", "lost", "gaps"};
     const char *why = text(sink, "why"), *kind = text(sink, "kind"), *unit = "written";
     for (size_t i = 0; i < COUNT_OF(units); i++)
@@ -525,6 +526,29 @@ static void print_sink(FILE *out, const json_t *sink)
         if (number(sink, more[i]) > 0)
             fprintf(out, " %s %jd", more[i], number(sink, more[i]));
     fputc('\n', out);
+}
+
+/* Prints how many expectations are met, and those that have failed. */
+static void print_expectations(FILE *out, const json_t *all)
+{
+    size_t met = 0, failed = 0;
+    for (size_t i = 0; i < json_array_size(all); i++) {
+        const json_t *one = json_array_get(all, i);
+        met += strcmp(text(one, "state"), "met") == 0;
+        failed += strcmp(text(one, "state"), "failed") == 0;
+    }
+    if (json_array_size(all) > 0)
+        fprintf(out, "%s: met %zu open %zu failed %zu\n",
+                counted(json_array_size(all), "expectation").text, met,
+                json_array_size(all) - met - failed, failed);
+    for (size_t i = 0; i < json_array_size(all); i++) {
+        const json_t *one = json_array_get(all, i);
+        const char *name = text(one, "name"), *wanted = text(one, "wanted");
+        const bool named = strcmp(name, wanted) != 0;
+        if (strcmp(text(one, "state"), "failed") == 0)
+            fprintf(out, "    FAILED %s%swanted %s, got %s\n", named ? name : "",
+                    named ? ": " : "", wanted, text(one, "got"));
+    }
 }
 
 /* Prints texts of rules that are kept for the next start: "kept noise.yaml: hum, hiss". */
@@ -552,6 +576,7 @@ void status_print(FILE *out, const json_t *status)
         print_node(out, json_array_get(nodes, i), i + 1, number(bus, "bitrate"));
     for (size_t i = 0; i < json_array_size(sinks); i++)
         print_sink(out, json_array_get(sinks, i));
+    print_expectations(out, json_object_get(status, "expectations"));
     const char *lost = text(json_object_get(status, "lost_rules"), "note");
     const char *unread = text(status, "unread_rules");
     const char *refused = text(status, "reload_refused");

@@ -185,6 +185,7 @@ TEST(expectations_are_read)
     assert_int_equal(config->expect_count, 22);
     for (size_t i = 0; i < config->expect_count; i++)
         assert_int_equal(e[i].line, 11 + (int)i);
+    assert_string_equal(config->expect_report, GOOD "reports/verdict.xml");
     assert_string_equal(e[0].name, "speed, everywhere");
     assert_int_equal(e[0].kind, CFG_EXPECT_DELIVERED);
     assert_int_equal(e[0].min, 10);

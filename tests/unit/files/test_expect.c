@@ -379,7 +379,7 @@ TEST(failures_are_told_at_once_with_their_event)
     }
 }
 
-/* What has been told of as failed also fails at the end. */
+/* One that has failed meanwhile fails at the end, too. */
 TEST(no_failure_is_told_that_the_end_takes_back)
 {
     unsigned told = 0;
