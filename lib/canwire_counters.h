@@ -6,7 +6,8 @@
  *
  * A row is X(form, type, name, unit, shown, also, column, sentence):
  *
- *   form      ONE: a member of the struct. DROPS, ERRORS: an array, by cw_drop or cw_error_type.
+ *   form      ONE: a member of the struct. NOW: one that can fall again, or is a largest value: a
+ *             gauge of metrics. DROPS, ERRORS: an array, by cw_drop or cw_error_type.
  *             SUM: no member, but the sum of an array of errors. DERIVED: no member; whoever shows
  *             it works it out of others (daemon/record/output.c).
  *   type      of the member, unsigned; of SUM, the name of the array
@@ -67,14 +68,14 @@
       "it left bus-off")                                                                           \
     X(ONE, uint64_t, undetected_errors, FRAMES, USUAL, LCM, AT(OWN, 4, "undetected"),              \
       "accepted although nobody had sent them so")                                                 \
-    X(ONE, uint32_t, inbox, FRAMES, USUAL, SIM, NOWHERE,                                           \
+    X(NOW, uint32_t, inbox, FRAMES, USUAL, SIM, NOWHERE,                                           \
       "handed in for a time that has not come yet")                                                \
-    X(ONE, uint16_t, queue, FRAMES, USUAL, LCM_SIM, AT(OWN, 0, "queued"), "waiting or being sent") \
-    X(ONE, uint16_t, queue_peak, FRAMES, USUAL, LCM, AT(OWN, 1, "queue-peak"),                     \
+    X(NOW, uint16_t, queue, FRAMES, USUAL, LCM_SIM, AT(OWN, 0, "queued"), "waiting or being sent") \
+    X(NOW, uint16_t, queue_peak, FRAMES, USUAL, LCM, AT(OWN, 1, "queue-peak"),                     \
       "the most there were in the queue")                                                          \
-    X(ONE, uint32_t, held, FRAMES, USUAL, NONE, NOWHERE,                                           \
+    X(NOW, uint32_t, held, FRAMES, USUAL, NONE, NOWHERE,                                           \
       "held back by fault rules on their way onto the bus")                                        \
-    X(ONE, uint32_t, rx_held, FRAMES, USUAL, NONE, AT(HOST, 5, "waiting"),                         \
+    X(NOW, uint32_t, rx_held, FRAMES, USUAL, NONE, AT(HOST, 5, "waiting"),                         \
       "held back by fault rules on their way to the ECU, or waiting in receive buffers and "       \
       "mailboxes")
 
@@ -115,7 +116,7 @@
     X(ONE, uint64_t, faults, TIMES, USUAL, LCM, NOWHERE, "a rule acted, of all rules")             \
     X(ONE, uint64_t, events_lost, TIMES, CODE, NONE, NOWHERE,                                      \
       "an event was lost: rules made more in one bit than the ring holds")                         \
-    X(ONE, uint32_t, pending, FRAMES, USUAL, LCM, NOWHERE, "in all queues, or held back by rules")
+    X(NOW, uint32_t, pending, FRAMES, USUAL, LCM, NOWHERE, "in all queues, or held back by rules")
 
 /* Of what sits between one controller and its host (cw_host_stats). */
 #define CW_HOST_COUNTERS(X)                                                                        \
@@ -136,6 +137,7 @@
 /* The members of the struct of a table. */
 #define CW_MEMBER(form, type, member, ...) CW_MEMBER_##form(type, member)
 #define CW_MEMBER_ONE(type, member) type member;
+#define CW_MEMBER_NOW(type, member) type member;
 #define CW_MEMBER_DROPS(type, member) type member[CW_DROP_COUNT];
 #define CW_MEMBER_ERRORS(type, member) type member[CW_ERROR_COUNT];
 #define CW_MEMBER_SUM(type, member)
@@ -159,6 +161,7 @@ typedef enum cw_unit {
 
 typedef enum cw_stat_form {
     CW_STAT_ONE = 0,
+    CW_STAT_NOW,
     CW_STAT_DROPS,
     CW_STAT_ERRORS,
     CW_STAT_SUM,
@@ -216,6 +219,7 @@ extern const cw_stat cw_sleep_counters[];
     .offset = offsetof(stats, member), .count = (number),                                          \
     .size = sizeof(((stats *)0)->member) / (number)
 #define CW_STAT_MEMBER_ONE(stats, type, name) CW_STAT_VALUES(stats, name, 1)
+#define CW_STAT_MEMBER_NOW(stats, type, name) CW_STAT_VALUES(stats, name, 1)
 #define CW_STAT_MEMBER_DROPS(stats, type, name) CW_STAT_VALUES(stats, name, CW_DROP_COUNT)
 #define CW_STAT_MEMBER_ERRORS(stats, type, name) CW_STAT_VALUES(stats, name, CW_ERROR_COUNT)
 #define CW_STAT_MEMBER_SUM(stats, array, name) CW_STAT_VALUES(stats, array, CW_ERROR_COUNT)

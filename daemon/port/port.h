@@ -83,12 +83,12 @@ typedef struct port_client_info {
     X(ONE, uint64_t, malformed, TIMES, USUAL, LCM, NOWHERE, "a packet was wrong; dropped")         \
     X(ONE, uint64_t, strangers, TIMES, USUAL, LCM, NOWHERE,                                        \
       "a packet came from another than the peer; dropped")                                         \
-    X(ONE, uint64_t, held_last_ns, NS, USUAL, LCM, NOWHERE,                                        \
+    X(NOW, uint64_t, held_last_ns, NS, USUAL, LCM, NOWHERE,                                        \
       "for which the first frame of the last packet was held here for others")                     \
-    X(ONE, uint64_t, held_max_ns, NS, USUAL, LCM, NOWHERE, "the longest of these")                 \
-    X(ONE, uint64_t, waited_last_ns, NS, USUAL, LCM, NOWHERE,                                      \
+    X(NOW, uint64_t, held_max_ns, NS, USUAL, LCM, NOWHERE, "the longest of these")                 \
+    X(NOW, uint64_t, waited_last_ns, NS, USUAL, LCM, NOWHERE,                                      \
       "for which the last packet waited in the kernel until it was read")                          \
-    X(ONE, uint64_t, waited_max_ns, NS, USUAL, LCM, NOWHERE, "the longest of these")
+    X(NOW, uint64_t, waited_max_ns, NS, USUAL, LCM, NOWHERE, "the longest of these")
 
 typedef struct port_tunnel_info {
     const char *state; /* "up", "waiting" or "connecting" */

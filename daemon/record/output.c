@@ -348,8 +348,7 @@ static uint64_t second_permille(const cw_bus_stats *stats)
     return stats->load_permille;
 }
 
-/* Returns a counter of a bus that is worked out of others. */
-static uint64_t derived_value(const cw_stat *counter, const cw_bus_stats *stats)
+uint64_t output_derived(const cw_stat *counter, const cw_bus_stats *stats)
 {
     static const struct {
         const char *name;
@@ -390,7 +389,7 @@ void output_put_counters(json_t *object, const cw_stat *counters, cw_stat_shown 
         if (c->form == CW_STAT_DROPS || c->form == CW_STAT_ERRORS) {
             put(object, c->name, stats_by_words(c, stats));
         } else if (c->form == CW_STAT_DERIVED) {
-            put_count(object, c->name, derived_value(c, stats));
+            put_count(object, c->name, output_derived(c, stats));
         } else {
             put_count(object, c->name, cw_stat_sum(c, stats));
         }

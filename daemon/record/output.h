@@ -44,6 +44,9 @@ json_t *output_rule_stats(const cfg *config, const cw_bus *bus, unsigned rule);
 void output_put_counters(json_t *object, const cw_stat *counters, cw_stat_shown shown,
                          const void *stats);
 
+/* Returns the value of a counter of a bus that is worked out of others (DERIVED). */
+uint64_t output_derived(const cw_stat *counter, const cw_bus_stats *stats);
+
 /* Returns true when there is anything to tell about CAN FD: some node knows it, or there were such
  * frames before a reload. */
 bool output_has_fd(const cfg *config, const cw_bus *bus);
