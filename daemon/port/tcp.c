@@ -9,6 +9,7 @@
 #include "port/kinds.h"
 
 #include "base/moment.h"
+#include "port/listen.h"
 #include "port/shared.h"
 #include "port/tunnel/socketcand.h"
 
@@ -28,7 +29,6 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#define BACKLOG 64
 #define ACCEPTS_MAX 16u             /* in one read */
 #define SEND_BUFFER_BYTES (1 << 20) /* as far as net.core.wmem_max allows */
 #define IDLE_S 60 /* until the kernel asks whether a silent program is still there */
@@ -154,48 +154,6 @@ static port_tcp *tcp_own(port *p)
 
 /* ---- Listening ------------------------------------------------------------------------------- */
 
-/* Returns true for the broadcast address of a network of this machine: a connection never comes
- * there, although a socket may listen. Only such an address needs SO_BROADCAST. A rule of a
- * firewall gives EACCES with it, too. */
-static bool is_broadcast(const struct sockaddr_storage *address, socklen_t size)
-{
-    const int on = 1;
-    const int fd = socket(address->ss_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    const bool refused = fd >= 0 && connect(fd, (const struct sockaddr *)address, size) != 0 &&
-                         errno == EACCES &&
-                         setsockopt(fd, SOL_SOCKET, SO_BROADCAST, &on, sizeof on) == 0 &&
-                         connect(fd, (const struct sockaddr *)address, size) == 0;
-    if (fd >= 0)
-        (void)close(fd);
-    return refused;
-}
-
-/* Returns a socket that listens; -1 with errno. An address that was in use a moment ago is free:
- * connections that have ended do not count. */
-static int listen_at(const portname *name)
-{
-    struct sockaddr_storage address;
-    const socklen_t size = address_for_socket(&address, &name->address);
-    const int on = 1;
-    if (is_broadcast(&address, size)) {
-        errno = EADDRNOTAVAIL;
-        return -1;
-    }
-    const int fd = socket(address.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-    if (fd < 0)
-        return -1;
-    (void)setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-    port_bound_tcp(fd);
-    if (address.ss_family == AF_INET6)
-        (void)setsockopt(fd, IPPROTO_IPV6, IPV6_V6ONLY, &on, sizeof on);
-    if (bind(fd, (const struct sockaddr *)&address, size) == 0 && listen(fd, BACKLOG) == 0)
-        return fd;
-    const int error = errno;
-    (void)close(fd);
-    errno = error;
-    return -1;
-}
-
 static listener *find_listener(const portname *name)
 {
     listener *l = listeners;
@@ -214,7 +172,7 @@ static listener *use_listener(const portname *name)
     l = calloc(1, sizeof *l);
     if (!l)
         return NULL;
-    l->fd = listen_at(name);
+    l->fd = port_listen_at(&name->address);
     if (l->fd < 0) {
         free(l);
         return NULL;
