@@ -334,6 +334,13 @@ typedef struct cfg_file {
     size_t size; /* of the text, which may contain any bytes */
 } cfg_file;
 
+/* The place at which programs read the counters. */
+typedef struct cfg_metrics {
+    const char *name; /* HOST:PORT or unix:PATH, in full; NULL: nowhere */
+    const char *path; /* of a socket; NULL: the name is an address (address_parse()) */
+    cfg_place place;
+} cfg_metrics;
+
 typedef struct cfg {
     char *file;
     size_t file_count;
@@ -369,6 +376,7 @@ typedef struct cfg {
     cfg_lcm lcm;
     char *control; /* socket path, or NULL */
     cfg_place control_place;
+    cfg_metrics metrics;
     cfg_pacing pacing;
     cfg_virtual virtual_time;
     cfg_missing_port missing_port;

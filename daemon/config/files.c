@@ -58,6 +58,11 @@ void cfg_add_sockets(fileuses *all, const cfg *config)
     use.path = config->control;
     if (use.path)
         fileuses_add_socket(all, &use);
+    use = at_place(config, config->metrics.place);
+    use.what = "metrics";
+    use.path = config->metrics.path;
+    if (use.path)
+        fileuses_add_socket(all, &use);
     use = at_place(config, config->virtual_time.place);
     use.what = "virtual";
     use.path = config->virtual_time.socket;

@@ -76,6 +76,10 @@ const schema_key cfg_file_keys[] = {
     {.name = "control", .read = read_control, .type = "text",
      .help = "Path of the control socket, relative to this file. Default: none; as a service "
              "/run/canwire/NAME.sock."},
+    {.name = "metrics", .read = cfg_read_metrics, .type = "metricsAddress",
+     .help = "Where programs read all counters as OpenMetrics over HTTP: [HOST:]PORT, HOST "
+             "127.0.0.1 by default, or unix:PATH, relative to this file. In a rig, those of all "
+             "buses. Default: nowhere."},
     {.name = "pacing", .read = schema_read_choice, .offset = offsetof(cfg, pacing), .arg = pacings,
      .preset = "precise",
      .help = "precise: a wake-up per frame end; tick: one a millisecond at most; spin: precise, "

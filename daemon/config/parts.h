@@ -20,6 +20,7 @@ schema_reader cfg_read_expect_report; /* the same */
 schema_reader cfg_read_record;   /* record.c */
 schema_reader cfg_read_lcm;      /* lcm.c */
 schema_reader cfg_read_virtual;  /* virtual.c */
+schema_reader cfg_read_metrics;  /* metrics.c */
 
 /* Sets what the keys of the bus leave out. */
 void cfg_bus_presets(schema *self, cfg *config);

@@ -104,6 +104,10 @@ static void rig_compare(schema *self, const schema_key *key, const yaml_node_t *
     if (one->control && other->control && strcmp(one->control, other->control) == 0)
         schema_complain(self, item, "%s: duplicate control socket '%s', in %s and in %s", key->name,
                         one->control, other->file, one->file);
+    if (one->metrics.name && other->metrics.name &&
+        strcmp(one->metrics.name, other->metrics.name) == 0)
+        schema_complain(self, item, "%s: duplicate metrics '%s', in %s and in %s, whose page has "
+                        "all buses", key->name, one->metrics.name, other->file, one->file);
     for (size_t i = 0; i < one->node_count; i++)
         for (size_t k = 0; k < other->node_count; k++) {
             const char *port = one->nodes[i].guest <= 1 ? one->nodes[i].port : NULL;

@@ -114,6 +114,8 @@ static const struct {
     {"netns", TYPE_TEXT("^(?!\\.)[^/\\s]{1,64}$")},
     {"unixPort", TYPE_TEXT("^" UNIX "$")},
     {"port", TYPE_TEXT("^" PORT "$")},
+    {"metricsAddress", "{'type': ['string', 'integer'], 'minimum': 1, 'maximum': 65535, 'pattern': "
+     "'^(?:" ENDPOINT "|" UNIX ")$'}"},
     {"clock", TEXT(DECIMAL "(?:|Hz|kHz|MHz|GHz)") ", 'minimum': 0" EXAMPLES("'16MHz'") "}"},
     {"ppm", "{'type': ['integer', 'number', 'string'], "
      "'minimum': -100000, 'maximum': 100000, 'pattern': '^-?(?:0|[1-9][0-9]{0,4}|100000)$'}"},

@@ -116,6 +116,15 @@ static bool wants_server(const cfg_lcm *lcm)
            strncmp(host, "127.", 4) != 0 && strncmp(host, "localhost", strlen("localhost")) != 0;
 }
 
+/* Returns true for metrics that other hosts are to read. */
+static bool serves_hosts(const cfg_metrics *metrics)
+{
+    net_address address;
+    return metrics->name && !metrics->path &&
+           address_parse(&address, metrics->name, strlen(metrics->name), 0) &&
+           is_elsewhere(&address);
+}
+
 static void warn_of_ports(const char *all)
 {
     log_warning("%s: the service drops packets from and to other hosts (IPAddressDeny=), unless "
@@ -139,7 +148,8 @@ static void warn_of_hosts(const cfg *config)
 {
     char all[PORTS_BYTES] = "";
     const bool server = config->lcm.enabled && wants_server(&config->lcm);
-    bool any = server;
+    const bool metrics = serves_hosts(&config->metrics);
+    bool any = server || metrics;
     for (size_t i = 0; i < config->node_count; i++)
         any = any || wants_hosts(&config->nodes[i]);
     if (!any || !is_shut_in())
@@ -149,6 +159,8 @@ static void warn_of_hosts(const cfg *config)
             name_port(all, config->nodes[i].port);
     if (server)
         name_port(all, config->lcm.url);
+    if (metrics)
+        name_port(all, config->metrics.name);
     warn_of_ports(all);
 }
 

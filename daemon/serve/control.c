@@ -267,6 +267,11 @@ void control_show_more(control *c, control_more *more, void *user)
     c->world.more_user = user;
 }
 
+const status_errors *control_errors(const control *c)
+{
+    return &c->errors;
+}
+
 control *control_start(struct ev_loop *loop, live *config, engine *bus, int inherited)
 {
     control *c = calloc(1, sizeof *c);

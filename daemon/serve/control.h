@@ -10,6 +10,7 @@
 #include "engine/engine.h"
 #include "run/live.h"
 #include "serve/kept.h"
+#include "serve/status.h"
 
 #include <ev.h>
 #include <jansson.h>
@@ -45,6 +46,9 @@ void control_show_more(control *c, control_more *more, void *user);
 
 /* Reports to watchers that a recording has begun or, with the reason, that it has stopped. */
 void control_report_recording(control *c, const char *file, const char *why);
+
+/* Returns the errors that nodes have detected since the start of the socket. */
+const status_errors *control_errors(const control *c);
 
 /* Takes each event of the bus, as an engine_observer. */
 void control_event(void *self, const cw_event *event);

@@ -16,6 +16,7 @@
 #include "serve/control.h"
 #include "serve/kept.h"
 #include "serve/losses.h"
+#include "serve/metrics.h"
 #include "serve/publish.h"
 #include "serve/recordings.h"
 #include "serve/start.h"
@@ -38,6 +39,7 @@ struct service {
     control *control;
     kept *kept; /* NULL without a control socket */
     ev_timer again; /* injects kept rules after a reload */
+    metrics *metrics;
     recordings *recordings;
     verdicts *verdicts;
     losses losses;
@@ -133,11 +135,13 @@ static bool take_reload(void *user, reload *r, FILE *errors)
 {
     const service *s = user;
     enter(s);
-    if (!check_files(s, r->config, errors)) {
+    if (!check_files(s, r->config, errors) || !metrics_prepare(s->metrics, r->config, errors)) {
         reload_free(r);
         return false;
     }
-    return engine_reload(s->engine, r, errors);
+    const bool taken = engine_reload(s->engine, r, errors);
+    metrics_settle(s->metrics, taken);
+    return taken;
 }
 
 /* Remembers the first line of the reason until the next good reload. */
@@ -239,6 +243,7 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
         journal_retry(s->host->journal, engine_inputs(s->engine));
     observe_bits(s);
     confined_warn(s->config);
+    metrics_change(s->metrics);
     if (s->control)
         control_remap(s->control, from);
     if (s->publisher) {
@@ -294,6 +299,37 @@ static sink_list all_sinks(const service *s)
     return all;
 }
 
+/* Adds the bus to a page of metrics. */
+static void measure(service *s, metrics_page *page)
+{
+    report beyond;
+    engine_update(s->engine);
+    enter(s);
+    engine_report(s->engine, &beyond);
+    metrics_page_bus(page, s->config, engine_bus(s->engine), &beyond,
+                     s->control ? control_errors(s->control) : NULL);
+    const sink_list own = own_sinks(s);
+    metrics_page_sinks(page, s->config->bus_name, &own);
+    (void)log_enter(NULL);
+}
+
+/* Fills a page with all buses of the process. */
+static void measure_all(void *user, metrics_page *page)
+{
+    const host *h = user;
+    sink_list shared = {.count = 0};
+    for (size_t i = 0; i < h->count; i++)
+        measure(h->buses[i], page);
+    if (h->journal)
+        journal_sink(h->journal, &shared);
+    metrics_page_sinks(page, NULL, &shared);
+    if (!h->group)
+        return;
+    json_t *now = gateways_stats(engine_group_gateways(h->group), GATEWAYS_ALL);
+    metrics_page_gateways(page, now);
+    json_decref(now);
+}
+
 /* Puts what status_json() does not know. */
 static void put_more(void *user, json_t *status)
 {
@@ -305,6 +341,7 @@ static void put_more(void *user, json_t *status)
         put(status, "journal", journal_to_json(s->host->journal));
     put(status, "sinks", sinks_json(&all));
     verdicts_put(s->verdicts, engine_bus(s->engine), status);
+    put(status, "metrics", metrics_json(s->metrics));
     losses_put_lately(&s->losses, s->config, status);
     if (s->kept)
         kept_put(s->kept, status);
@@ -446,6 +483,24 @@ static bool start_control(service *s, int inherited)
     return true;
 }
 
+/* Listens for programs that read metrics, if it is wanted. */
+static bool start_metrics(service *s)
+{
+    memo errors;
+    s->metrics = metrics_new(s->host->loop, measure_all, s->host);
+    const bool ready = s->metrics && memo_begin(&errors);
+    const bool good = ready && metrics_prepare(s->metrics, s->config, errors.out);
+    if (good)
+        metrics_change(s->metrics);
+    else if (!ready || !memo_text(&errors))
+        log_error("out of memory");
+    else
+        log_lines(errors.text);
+    if (ready)
+        memo_end(&errors);
+    return good;
+}
+
 /* Tells when another unit runs a bus of this name, which LCM and logs then mix up. */
 static void claim_name(service *s)
 {
@@ -471,7 +526,7 @@ bool service_start(service *s, engine *bus, int inherited)
     }
     reloader_keep_rig(s->reloader, s->host->rig);
     engine_on_change(bus, on_change, s);
-    if (!start_control(s, inherited))
+    if (!start_control(s, inherited) || !start_metrics(s))
         return false;
     s->recordings =
         recordings_start(s->host->loop, s->config, engine_bus(bus), on_recording, s);
@@ -564,6 +619,8 @@ void service_stop(service *s)
         ev_timer_stop(s->host->loop, &s->again);
     kept_close(s->kept);
     s->kept = NULL;
+    metrics_free(s->metrics);
+    s->metrics = NULL;
     recordings_stop(s->recordings);
     s->recordings = NULL;
     s->host->report_missing = !verdicts_stop(s->verdicts) || s->host->report_missing;

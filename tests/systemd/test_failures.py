@@ -15,6 +15,7 @@ import pytest
 from conftest import (PAIR, PATIENCE_S, ROOT, Bus, Frame, can_socket, links, run, systemctl,
                       wait_until)
 from readme import SYSTEM, Reader, blocks_of, build_sudo
+from scrape import ask
 
 CONFIGS = Path("/etc/canwire")
 EXAMPLES = Path("/usr/local/share/doc/canwire/examples")
@@ -227,6 +228,19 @@ def test_other_hosts_that_do_not_get_through_are_told(new):
     finally:
         systemctl("revert", bus.unit)
         run("ip", "address", "del", "192.0.2.7/32", "dev", "lo")
+
+
+def test_programs_of_this_machine_read_metrics(new):
+    """The unit lets the service listen at 127.0.0.1, and at the folder of its sockets."""
+    bus = new("metered", lambda text: text + "metrics: 29464\n")
+    bus.start()
+    assert told(bus, "IPAddressDeny=") == []
+    assert 'canwire_bus_frames_total{bus="metered"}' in ask(("127.0.0.1", 29464)).body
+    bus.config.write_text(bus.config.read_text().replace(
+        "metrics: 29464", "metrics: unix:/run/canwire/metered.metrics"))
+    systemctl("reload", bus.unit)
+    assert ask(Path("/run/canwire/metered.metrics")).status == 200
+    systemctl("stop", bus.unit)
 
 
 # ---- Several units -------------------------------------------------------------------------------

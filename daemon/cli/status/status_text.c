@@ -509,6 +509,16 @@ static void print_node(FILE *out, const json_t *node, size_t position, intmax_t 
     print_traffic(out, node);
 }
 
+/* Prints where programs read the counters, and how many have done so. */
+static void print_metrics(FILE *out, const json_t *status)
+{
+    const json_t *metrics = json_object_get(status, "metrics");
+    if (json_is_object(metrics))
+        fprintf(out, "metrics %s: requests %jd refused %jd dropped %jd\n",
+                text(metrics, "address"), number(metrics, "requests"), number(metrics, "refused"),
+                number(metrics, "dropped"));
+}
+
 /* Prints "record drive.log: recording entries 12 bytes 500", and so for each sort of sink. */
 static void print_sink(FILE *out, const json_t *sink)
 {
@@ -577,6 +587,7 @@ void status_print(FILE *out, const json_t *status)
     for (size_t i = 0; i < json_array_size(sinks); i++)
         print_sink(out, json_array_get(sinks, i));
     print_expectations(out, json_object_get(status, "expectations"));
+    print_metrics(out, status);
     const char *lost = text(json_object_get(status, "lost_rules"), "note");
     const char *unread = text(status, "unread_rules");
     const char *refused = text(status, "reload_refused");
