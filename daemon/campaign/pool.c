@@ -7,7 +7,6 @@
 #include "base/text/counted.h"
 #include "base/stopped.h"
 #include "base/wall.h"
-#include "campaign/pool_worker.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -29,6 +28,16 @@
 #define LOOK_MS 200
 #define NS_PER_MS 1000000
 #define READ_BYTES (64u << 10)
+#define HEAD_BYTES 5u     /* of a line: its code, and its length as 4 bytes of this machine */
+#define GIVE_BYTES (32u << 10) /* lines are given when there are so many bytes ... */
+#define GIVE_NS INT64_C(50000000) /* ... or after this time */
+
+/* An order to a process, which gives a line for each of its numbers. */
+typedef struct pool_order {
+    uint64_t first;
+    uint64_t count;
+    bool singly; /* each line is given as soon as it is made */
+} pool_order;
 
 /* Numbers that one process gets at a time. */
 typedef struct chunk {
@@ -73,6 +82,83 @@ static bool pool_fail(pool *p, int error)
 {
     p->error = p->error ? p->error : error;
     return false;
+}
+
+/* Appends a line, with its code and length before it. Returns false without memory. */
+static bool pool_add_line(buffer *lines, unsigned char flag, const buffer *line)
+{
+    char head[HEAD_BYTES] = {(char)flag};
+    const uint32_t length = (uint32_t)buffer_length(line);
+    memcpy(head + 1, &length, sizeof length);
+    return !line->no_memory && buffer_append(lines, head, sizeof head) &&
+           buffer_append(lines, buffer_first(line), length);
+}
+
+/* ---- In a process --------------------------------------------------------------------------- */
+
+/* Returns false when the other end is gone. */
+static bool give(int fd, buffer *lines)
+{
+    while (buffer_length(lines) > 0) {
+        const ssize_t count = write(fd, buffer_first(lines), buffer_length(lines));
+        if (count < 0 && errno != EINTR)
+            return false;
+        if (count > 0)
+            buffer_take(lines, (size_t)count);
+    }
+    return true;
+}
+
+static bool get(int fd, pool_order *order)
+{
+    char *at = (char *)order;
+    size_t left = sizeof *order;
+    while (left > 0) {
+        const ssize_t count = read(fd, at, left);
+        if (count == 0 || (count < 0 && errno != EINTR))
+            return false;
+        if (count > 0) {
+            at += count;
+            left -= (size_t)count;
+        }
+    }
+    return true;
+}
+
+/* Adds a line to those that wait. */
+static bool pool_worker_add(const pool_work *work, uint64_t number, buffer *line, buffer *lines)
+{
+    buffer_clear(line);
+    return pool_add_line(lines, work->calls->make(work->user, number, line), line);
+}
+
+static bool pool_worker_obey(const pool_work *work, int fd, const pool_order *order, buffer *line,
+                             buffer *lines)
+{
+    int64_t given = wall_ns();
+    for (uint64_t i = 0; i < order->count; i++) {
+        if (!pool_worker_add(work, order->first + i, line, lines)) {
+            (void)give(fd, lines);
+            _exit(POOL_EXIT_SHORT);
+        }
+        if (!order->singly && buffer_length(lines) < GIVE_BYTES && wall_ns() - given < GIVE_NS)
+            continue;
+        if (!give(fd, lines))
+            return false;
+        given = wall_ns();
+    }
+    return give(fd, lines);
+}
+
+_Noreturn static void pool_worker(const pool_work *work, int fd)
+{
+    pool_order order;
+    buffer line = {.data = NULL};
+    buffer lines = {.data = NULL};
+    bool good = true;
+    while (good && get(fd, &order))
+        good = pool_worker_obey(work, fd, &order, &line, &lines);
+    _exit(good ? EXIT_SUCCESS : EXIT_FAILURE);
 }
 
 /* ---- Processes ------------------------------------------------------------------------------- */
@@ -254,10 +340,10 @@ static bool hand_on(pool *p, chunk *c)
         uint32_t length;
         const char *head = buffer_first(&c->lines);
         memcpy(&length, head + 1, sizeof length);
-        if (!p->work->calls->take(p->work->user, (unsigned char)head[0], head + POOL_HEAD_BYTES,
+        if (!p->work->calls->take(p->work->user, (unsigned char)head[0], head + HEAD_BYTES,
                                   length))
             return false;
-        buffer_take(&c->lines, POOL_HEAD_BYTES + length);
+        buffer_take(&c->lines, HEAD_BYTES + length);
     }
     return true;
 }
@@ -288,10 +374,10 @@ static void count_line(pool *p, worker *w)
 /* Moves whole lines to the chunk. */
 static bool sort_lines(pool *p, worker *w)
 {
-    while (w->chunk && buffer_length(&w->part) >= POOL_HEAD_BYTES) {
+    while (w->chunk && buffer_length(&w->part) >= HEAD_BYTES) {
         uint32_t length;
         memcpy(&length, buffer_first(&w->part) + 1, sizeof length);
-        const size_t size = POOL_HEAD_BYTES + (size_t)length;
+        const size_t size = HEAD_BYTES + (size_t)length;
         if (buffer_length(&w->part) < size)
             break;
         if (!buffer_append(&w->chunk->lines, buffer_first(&w->part), size))

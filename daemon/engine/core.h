@@ -28,6 +28,7 @@
 #include "engine/conserve.h"
 #include "engine/engine.h"
 #include "engine/pacing.h"
+#include "engine/programs.h"
 #include "engine/reload.h"
 #include "port/linkwatch.h"
 #include "run/settings.h"
@@ -65,6 +66,21 @@ typedef struct engine_links {
     mtu_told mtu[CW_NODES_MAX];
     bool reported_small; /* the log says that the kernel grants a port too little room */
 } engine_links;
+
+/* Virtual time; see virtual.c. */
+struct engine_virtual {
+    programs *programs;
+    turns *turns;      /* of them */
+    int64_t now_ns;    /* bus time */
+    int64_t left_ns;   /* when the last program has gone */
+    bool begun;        /* enough programs have been there */
+    bool unread;       /* somebody may have sent something since the ports were read */
+    bool more;         /* the time of the last wake-up was too short */
+    uint64_t given;    /* turns */
+    ev_timer look;     /* tells who holds time */
+    uint64_t seen;     /* turns at its last look that differed from the one before ... */
+    unsigned same;     /* ... and the looks since then */
+};
 
 /* Guests, whose nodes are on the bus while their clients are connected. */
 typedef struct engine_guests {

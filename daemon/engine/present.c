@@ -4,8 +4,6 @@
  */
 #include "engine/core.h"
 
-#include "engine/virtual.h"
-
 clock_pair engine_now(const engine *e)
 {
     return e->virtual_time ? clock_at(e->clock, e->virtual_time->now_ns) : clock_read();

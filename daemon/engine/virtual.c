@@ -11,7 +11,6 @@
 #include "engine/core.h"
 
 #include "base/log.h"
-#include "engine/virtual.h"
 
 #include <errno.h>
 #include <ev.h>

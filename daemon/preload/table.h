@@ -8,10 +8,10 @@
 #define CANWIRE_PRELOAD_TABLE_H
 
 #include "preload/ifmap.h"
-#include "preload/watch.h"
 
 #include <linux/can.h>
 #include <stdint.h>
+#include <sys/epoll.h>
 #include <sys/types.h>
 
 #define TABLE_MAX 65536
@@ -40,6 +40,7 @@ typedef struct cansock_raw {
 
 struct bcm;
 struct relay;
+typedef struct watch watch;
 
 typedef struct cansock {
     cansock_kind kind;
@@ -109,5 +110,20 @@ extern void (*table_on_end)(cansock *s);
 
 /* In the child after fork(), with the lock. */
 void table_forked(void);
+
+/* ---- watch.c: the epoll sets in which a program has put a CAN socket ------------------------- */
+
+/* The kernel takes a descriptor out of them when another socket is put under it. All functions need
+ * the lock. */
+
+/* Notes a call of epoll_ctl() that was successful. */
+void watch_note(watch **first, int set, int operation, int fd, const struct epoll_event *event);
+
+/* Takes a descriptor out of its sets, before it gets another socket, and puts it in again. */
+void watch_suspend(watch *first, int fd);
+void watch_resume(watch *first, int fd);
+
+/* Forgets the sets of a descriptor. */
+void watch_forget(watch **first, int fd);
 
 #endif

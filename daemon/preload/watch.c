@@ -2,7 +2,7 @@
  *
  * watch.c - the epoll sets in which a program has put a CAN socket.
  */
-#include "preload/watch.h"
+#include "preload/table.h"
 
 #include "preload/hooks/real.h"
 

@@ -7,9 +7,9 @@
 #include "base/log.h"
 #include "base/text/chars.h"
 #include "config/node/portname.h"
-#include "usb/naming.h"
 #include "usb/privileges.h"
 #include "usb/serve.h"
+#include "usb/vhci.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -2,11 +2,10 @@
  *
  * naming.c - gives the interface that the kernel has made for an adapter its name and namespace.
  */
-#include "usb/naming.h"
+#include "usb/vhci.h"
 
 #include "base/log.h"
 #include "port/links.h"
-#include "usb/vhci.h"
 
 #include <dirent.h>
 #include <errno.h>

@@ -28,7 +28,6 @@
 #include "mac/mac.h"
 #include "state/buffers.h"
 #include "state/queue.h"
-#include "state/sleep.h"
 #include "state/stats.h"
 #include "state/timed.h"
 #include "state/tt.h"
@@ -54,6 +53,17 @@ typedef struct cw_restart_times {
     uint64_t at;     /* tick of the next restart request, or CW_NEVER */
     uint64_t off_at; /* tick of the last bus-off */
 } cw_restart_times;
+
+/* The sleep of one node, which its bus counts and ends; see sleep.c. */
+typedef struct cw_sleep {
+    cw_sleep_settings settings;
+    cw_wake_filter filter; /* in CW_TICK */
+    uint64_t since;        /* tick at which it fell asleep */
+    uint64_t awake_at;     /* tick at which it integrates, after it has been woken; or CW_NEVER */
+    uint8_t modes;         /* of a node that listens: its own ones */
+    bool called;           /* its host wants it awake */
+    cw_sleep_stats stats;  /* without the present sleep */
+} cw_sleep;
 
 /* The start of a transmission, for the order of arbitration; see order.c. */
 typedef struct cw_start {

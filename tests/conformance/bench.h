@@ -133,4 +133,21 @@ uint32_t bench_random(void);
 /* Returns true when two frames have the same content. */
 bool bench_same_frame(const cw_frame *a, const cw_frame *b);
 
+/* ---- required.c: the cases that must be there, a table for each kind of node and frames ------ */
+
+typedef struct requirement {
+    const char *number;
+    unsigned count; /* of elementary tests, in all passes of the table; at least */
+} requirement;
+
+typedef struct required_table {
+    const char *title;  /* NULL: the first one */
+    const char *passes; /* letters (pass) */
+    const requirement *rows;
+    size_t count;
+} required_table;
+
+extern const required_table required_tables[];
+extern const unsigned required_table_count;
+
 #endif

@@ -9,7 +9,7 @@
  * A required case that is missing, or that ran fewer elementary tests than required, counts as
  * that many failed ones. Exit status: 0 all passed, 1 not.
  */
-#include "required.h"
+#include "bench.h"
 
 #include <stdio.h>
 #include <string.h>

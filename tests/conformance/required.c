@@ -6,7 +6,7 @@
  * presume-ack, offers withdrawn and replaced, loopback; X17 is the time-triggered mode. X15, X16
  * and X18 to X20 are inside the bit, and so are XF8 to XF13: rulings on M11, R12, D12, D13, D16.
  */
-#include "required.h"
+#include "bench.h"
 
 /* Cases of classical frames that hold for nodes of all kinds. */
 #define ALL_NODES                                                                                 \

@@ -2,8 +2,6 @@
  *
  * resim.c - `canwire sim --journal`, in a process of its own.
  */
-#include "resim.h"
-
 #include "world.h"
 
 #include <errno.h>

@@ -3,7 +3,6 @@
  * verdict.c - checks all results: the ends of lives, their files, and their journals, whose runs
  * must be equal to the byte. Frames must be conserved, as seen from outside.
  */
-#include "resim.h"
 #include "world.h"
 
 #include <dirent.h>

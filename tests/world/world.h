@@ -314,4 +314,16 @@ void verdict_at_end(void);
 int canwired_main(int argc, char **argv);
 int canwire_main(int argc, char **argv);
 
+/* ---- resim.c: a journal once more, by the tool's own code, outside of the world's time ------- */
+
+typedef struct resim {
+    bool crashed;
+    int status;
+    char *events;
+    char *errors;
+} resim;
+
+void resim_run(resim *run, const char *journal);
+void resim_free(resim *run);
+
 #endif

@@ -6,7 +6,6 @@
 
 #include "base/text/jsonput.h"
 #include "base/wall.h"
-#include "campaign/ecu/ecu_command.h"
 #include "trace/frametext.h"
 
 #include <errno.h>
@@ -408,17 +407,12 @@ static bool open_output(ecu_bench *b, size_t i, int *out)
 static bool start_program(ecu_bench *b, size_t i)
 {
     const ecu *e = config_of(b, i);
-    ecu_command command;
     arena memory = {.blocks = NULL};
     ecu_start how = {.output = -1};
     if ((!e->cwd && !ecu_folder_add(b->task->folder, e->name)) || !open_output(b, i, &how.output))
         return ecu_bench_fail(b, e->name);
-    if (ecu_command_make(&command, b->task, i, &memory)) {
-        how.words = command.words;
-        how.env = command.env;
-        how.cwd = command.cwd;
+    if (ecu_command_make(&how, b->task, i, &memory))
         b->programs[i].pid = ecu_process_start(&how);
-    }
     const bool good = b->programs[i].pid > 0 || ecu_bench_fail(b, e->name);
     (void)close(how.output);
     arena_free(&memory);

@@ -8,6 +8,7 @@
 #ifndef CANWIRE_CAMPAIGN_ECU_ECU_BENCH_H
 #define CANWIRE_CAMPAIGN_ECU_ECU_BENCH_H
 
+#include "base/arena.h"
 #include "campaign/ecu/ecu_control.h"
 #include "campaign/ecu/ecu_keeper.h"
 #include "campaign/ecu/ecu_process.h"
@@ -81,5 +82,9 @@ bool ecu_bench_end(ecu_bench *b);
 
 /* Returns the present time of the machine's clock. */
 int64_t ecu_bench_now(void);
+
+/* Makes the command line of a program, its environment and working directory, in memory of the
+ * arena; see ecu_command.c. Returns false without memory. */
+bool ecu_command_make(ecu_start *out, const ecu_task *task, size_t program, arena *memory);
 
 #endif

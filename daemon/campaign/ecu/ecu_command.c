@@ -2,8 +2,9 @@
  *
  * ecu_command.c - the command line of a program at a node, and its environment.
  */
-#include "campaign/ecu/ecu_command.h"
+#include "campaign/ecu/ecu_bench.h"
 
+#include "base/arena.h"
 #include "campaign/shellword.h"
 
 #include <inttypes.h>
@@ -135,7 +136,7 @@ static void add_variables(words *w, const ecu_task *task, size_t program)
 
 /* ---- All of it ------------------------------------------------------------------------------- */
 
-bool ecu_command_make(ecu_command *out, const ecu_task *task, size_t program, arena *memory)
+bool ecu_command_make(ecu_start *out, const ecu_task *task, size_t program, arena *memory)
 {
     words line, variables;
     const ecu *e = &task->campaign->ecus.list[program];
@@ -149,7 +150,7 @@ bool ecu_command_make(ecu_command *out, const ecu_task *task, size_t program, ar
     const char *base = e->cwd ? task->here : task->folder->files;
     const char *own = e->cwd ? e->cwd : e->name;
     out->cwd = *own == '/' ? own : arena_print(memory, "%s/%s", base, own);
-    out->words = (char **)line.list;
+    out->words = (char *const *)line.list;
     out->env = variables.list;
     return out->cwd && !line.no_memory && !variables.no_memory;
 }

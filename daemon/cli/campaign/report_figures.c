@@ -2,7 +2,7 @@
  *
  * report_figures.c - the figures of a report: heat maps and plots.
  */
-#include "cli/campaign/report_figures.h"
+#include "cli/campaign/report_pairs.h"
 
 #include "base/text/counted.h"
 #include "base/text/decimal.h"

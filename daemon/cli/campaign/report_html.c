@@ -10,7 +10,7 @@
 
 #include "base/text/decimal.h"
 #include "base/text/xmltext.h"
-#include "cli/campaign/report_figures.h"
+#include "cli/campaign/report_pairs.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

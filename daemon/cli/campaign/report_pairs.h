@@ -9,12 +9,6 @@
 
 #define REPORT_PAIRS_WORST 10u
 
-/* Pairs of values are compared with this: failures, or the worst that the rows have instead. */
-typedef struct pair_measure {
-    const char *name;
-    uint64_t (*count)(const class_counts *c);
-} pair_measure;
-
 /* A pair of values of the factors i < k, and the share of its rows by the measure. */
 typedef struct worst_pair {
     size_t i;

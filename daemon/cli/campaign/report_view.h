@@ -18,6 +18,12 @@ typedef struct report_view {
     double confidence; /* of the intervals, above 0 and below 1 */
 } report_view;
 
+/* Pairs of values are compared with this: failures, or the worst that the rows have instead. */
+typedef struct pair_measure {
+    const char *name;
+    uint64_t (*count)(const class_counts *c);
+} pair_measure;
+
 /* Write the report to a stream, which keeps the error of a failed write. */
 void campaign_report_text(FILE *out, const report_view *v);
 void campaign_report_json(FILE *out, const report_view *v);
@@ -69,5 +75,20 @@ uint64_t report_pairs_possible(const report *r, size_t i, size_t k);
 /* Calls `write` for the expectations, if there are any, for groups of faults, and for factors. */
 typedef void report_write_dimension(FILE *out, const report_view *v, const dimension *d);
 void report_each_dimension(FILE *out, const report_view *v, report_write_dimension *write);
+
+/* ---- report_figures.c: figures as SVG and HTML ----------------------------------------------- */
+
+/* Writes a table of HTML for each pair of factors, up to a limit. Each cell has the share as a
+ * number, on a ground that is the darker the higher it is, and all counts in its title. */
+void map_pairs(FILE *out, const report_view *v, const pair_measure *m);
+
+/* Draws the share of each class with its interval. */
+void plot_shares(FILE *out, const report_view *v);
+
+/* Draws the distribution of latencies over a logarithmic axis, with the limit. */
+void plot_latency(FILE *out, const latency *l);
+
+/* Draws the classes of each value, the first ones of a list. */
+void plot_values(FILE *out, const dimension *d, const uint32_t *list, size_t count);
 
 #endif
