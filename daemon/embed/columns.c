@@ -63,6 +63,7 @@ typedef struct row {
     canwire_sim_frame frame;
 } row;
 
+/* Sets what an error frame tells: detail, field and marks as words and bits of canwire-sim.h. */
 static void set_row_error(row *r, const cw_event *event)
 {
     const cw_error *error = &event->error;
@@ -129,6 +130,7 @@ static void set_row_details(row *r, const cw_event *event)
     if (c->column)                                                                                 \
         c->column[n] = (value)
 
+/* Writes a row into the columns that the caller wants; others are NULL. */
 static void put_row(const canwire_sim_columns *c, int64_t n, const row *r, int node)
 {
     PUT(t, r->t);

@@ -14,6 +14,7 @@
 
 /* ---- Kinds ----------------------------------------------------------------------------------- */
 
+/* Returns the kind of event that a word names, or -1. Tolerated dominant bits are not shown. */
 static int events_find_kind(const char *word, size_t length)
 {
     for (unsigned kind = 0; kind < CW_EVENT_COUNT; kind++) {
@@ -190,6 +191,7 @@ static void write_fault(FILE *out, const embed_bus *b, const embed_kept *kept)
         output_event(out, &view, &event);
 }
 
+/* Writes an event as a line, as `canwire sim --events` does: those of a rig name their bus. */
 static void write_event(FILE *out, const embed_bus *b, const embed_kept *kept)
 {
     if (kept->event.kind == CW_EVENT_FAULT)

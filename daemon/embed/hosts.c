@@ -119,6 +119,8 @@ static void keep_frame(embed_bus *b, unsigned node, const canwire_sim_frame *fra
         sim_pause(&b->run);
 }
 
+/* Keeps the error frame that the driver of a node makes of an event, if it makes one and its limit
+ * lets that pass. */
 static void keep_error(embed_bus *b, unsigned node, const cw_event *event)
 {
     errframe error;

@@ -33,6 +33,8 @@ static void load_drain(void *user)
     sim_pass_on(&b->run, NULL);
 }
 
+/* Keeps the bit timings of the configuration, to which a restart returns, and makes the inboxes of
+ * hosts. */
 static bool keep_times(embed_bus *b)
 {
     b->times = calloc(b->config->node_count, sizeof *b->times);
@@ -93,6 +95,7 @@ static cfg *take_config(canwire_sim *sim, size_t bus, cfg **alone)
     return config;
 }
 
+/* Opens all buses of a rig, or the one bus `alone`, which it takes. All of them begin in step. */
 static bool open_all(canwire_sim *sim, cfg *alone, FILE *out)
 {
     const size_t count = sim->rig ? sim->rig->bus_count : 1;
@@ -110,6 +113,7 @@ static bool open_all(canwire_sim *sim, cfg *alone, FILE *out)
     return good;
 }
 
+/* Loads a configuration or a rig. Returns NULL after a line that says why. */
 static canwire_sim *load_configuration(const cfg_file *file, FILE *out)
 {
     rig *buses;
@@ -175,6 +179,7 @@ void canwire_sim_free(canwire_sim *sim)
 
 /* ---- Restart --------------------------------------------------------------------------------- */
 
+/* Makes a bus as it was when it was loaded, with another seed if there is one. Its memory stays. */
 static void load_forget(embed_bus *b, const uint64_t *seed)
 {
     embed_judge_end(b);

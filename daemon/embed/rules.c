@@ -34,6 +34,7 @@ static int take_text(canwire_sim *sim, int bus, use_text *use, const char *text,
     return status;
 }
 
+/* Adds rules to a running bus. Warnings are told, also when all is well. */
 static bool inject(embed_bus *b, const char *text, size_t size, const char *name, FILE *told)
 {
     cfg_rules *rules = inputs_inject(&b->in, text, size, name, told);
@@ -50,6 +51,7 @@ int canwire_sim_inject(canwire_sim *sim, int bus, const char *text, size_t size,
     return take_text(sim, bus, inject, text, size, name, messages);
 }
 
+/* Adds expectations, which then belong to the judge of the bus. */
 static bool rules_judge(embed_bus *b, const char *text, size_t size, const char *name, FILE *told)
 {
     cfg_expects *own = cfg_load_expects(text, size, name, b->config, told);
@@ -135,6 +137,7 @@ int canwire_sim_restart(canwire_sim *sim, int node)
                       b->config->nodes[number].name);
 }
 
+/* Changes settings of a node, all of them or, with a message, none. */
 static int rules_set(canwire_sim *sim, embed_bus *b, unsigned node, const json_t *object)
 {
     cw_settings settings = {.which = 0};

@@ -162,6 +162,8 @@ int64_t canwire_sim_next(const canwire_sim *sim)
 
 /* ---- Runs ------------------------------------------------------------------------------------ */
 
+/* Returns why a call has ended. Want of memory stays: what follows it would not be what
+ * happened. */
 static int outcome(canwire_sim *sim, int stop)
 {
     if (sim->no_memory || sim->group.no_memory) {

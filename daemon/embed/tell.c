@@ -27,6 +27,7 @@ static char *tell_text_of(json_t *value, size_t flags)
 #define SET_SIM(name) out->name = s->name;
 #define SET_LCM_SIM(name) SET_SIM(name)
 
+/* Copies the counters; drops of all kinds are added up. */
 static void set_sim_counters(canwire_sim_node *out, const cw_node_stats *s)
 {
     CW_NODE_COUNTERS(SET)
@@ -62,6 +63,7 @@ int canwire_sim_get_node(const canwire_sim *sim, int node, canwire_sim_node *out
     return CANWIRE_SIM_OK;
 }
 
+/* Returns the statistics of all buses, and of the gateways between them, as JSON. */
 static json_t *stats_of_all(const canwire_sim *sim)
 {
     json_t *root = json_object();
@@ -171,6 +173,7 @@ typedef struct loss_list {
     const char *bus;
 } loss_list;
 
+/* Adds what has lost frames, or a rule that has lost its turn, to a list. */
 static void put_loss(void *user, const loss_words *w)
 {
     const loss_list *list = user;

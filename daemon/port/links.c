@@ -135,6 +135,7 @@ static struct rtattr *take_attribute(attributes *in)
     return a;
 }
 
+/* Takes the kind of an interface ("vcan", "vxcan") out of its nested attributes. */
 static void read_kind(link_info *out, struct rtattr *nest)
 {
     attributes in = {.first = RTA_DATA(nest), .size = RTA_PAYLOAD(nest)};
@@ -143,6 +144,7 @@ static void read_kind(link_info *out, struct rtattr *nest)
             copy_text(out->kind, sizeof out->kind, a);
 }
 
+/* Reads a message about an interface. Attributes that are missing leave their fields empty. */
 static void read_link(link_info *out, struct nlmsghdr *message)
 {
     struct ifinfomsg *info = NLMSG_DATA(message);
@@ -205,6 +207,8 @@ static int links_take(links *l, listener *to, struct nlmsghdr *message)
     return -1;
 }
 
+/* Takes messages until the kernel has answered the request. Returns 0 or an errno. A connection
+ * whose answer is lost keeps that in mind: later messages could belong to the old request. */
 static int links_receive(links *l, listener *to)
 {
     for (;;) {

@@ -34,6 +34,8 @@ struct linkwatch {
 
 /* ---- Asking ---------------------------------------------------------------------------------- */
 
+/* Gives a list up, whose owner asks for another one later. The log says it once, until a list
+ * succeeds. */
 static void linkwatch_fail(linkwatch *w, int number)
 {
     if (!w->failing)
@@ -97,6 +99,7 @@ static const char *linkwatch_text_of(const struct rtattr *a)
     return text ? RTA_DATA(a) : "";
 }
 
+/* Returns the kind of an interface, "" for one that has none. */
 static const char *kind_of(const struct nlmsghdr *header)
 {
     const struct rtattr *info = find_in(IFLA_LINKINFO, header);
@@ -106,6 +109,7 @@ static const char *kind_of(const struct nlmsghdr *header)
         linkwatch_find(IFLA_INFO_KIND, RTA_DATA(info), (const char *)info + info->rta_len));
 }
 
+/* Passes an interface on that has come, changed or gone. */
 static void take_link(linkwatch *w, const struct nlmsghdr *header)
 {
     const struct ifinfomsg *info = NLMSG_DATA(header);
@@ -128,6 +132,8 @@ static int error_of(const struct nlmsghdr *header)
     return error;
 }
 
+/* Takes the end of a list or the refusal of one. If links have changed meanwhile, the
+ * list may lack some, and is asked for again. */
 static void take_end(linkwatch *w, const struct nlmsghdr *header)
 {
     int error = error_of(header);
@@ -159,6 +165,8 @@ static void take_messages(linkwatch *w, size_t size)
     }
 }
 
+/* Reads what the kernel says of interfaces, a limited number of messages at a time. Other processes
+ * can send to this socket; their messages are left out. */
 static void on_message(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;

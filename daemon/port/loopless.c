@@ -42,6 +42,7 @@ typedef struct counts {
     uint64_t sent[CW_NODES_MAX];
 } counts;
 
+/* Keeps the counters of an interface for each node whose port it is. */
 static void note(counts *c, const cfg *config, const netdev_counters *n)
 {
     for (unsigned i = 0; i < config->node_count; i++) {
@@ -53,6 +54,8 @@ static void note(counts *c, const cfg *config, const netdev_counters *n)
     }
 }
 
+/* Reads the counters of all interfaces once. Returns false with errno; what was read may then lack
+ * some. */
 static bool read_counts(counts *c, const cfg *config)
 {
     netdev_counters n;

@@ -39,6 +39,7 @@ static bool messages_send_frame(member *c, const message_head *head, const void 
     return send_message(c, &own, frame, size);
 }
 
+/* Answers a hello, and so says which frames the node takes. */
 static void welcome(member *c, const char *node, bool fd)
 {
     message_head head = {.type = MESSAGE_HELLO};
@@ -53,6 +54,7 @@ static void welcome(member *c, const char *node, bool fd)
     (void)send_message(c, &head, &hello, sizeof hello);
 }
 
+/* Answers a message with an error number, and a text for people. */
 static void messages_tell(member *c, const message_head *head, int code, const char *text)
 {
     message_head own = *head;
@@ -92,6 +94,8 @@ static bool passes(const struct can_filter *filter, canid_t can_id)
     return ((can_id & mask) == wanted) != inverted;
 }
 
+/* Returns true when a frame passes the client's filters. As with CAN_RAW, one of them is enough, or
+ * all must agree (MESSAGE_JOIN). A client without filters gets all frames but error frames. */
 static bool pass_filters(const member *c, canid_t can_id)
 {
     unsigned passed = 0;
@@ -102,6 +106,7 @@ static bool pass_filters(const member *c, canid_t can_id)
     return c->options & MESSAGE_JOIN ? passed == c->filter_count && passed > 0 : passed > 0;
 }
 
+/* Returns true when a client wants a frame. Error frames pass by their mask or by a filter. */
 static bool takes(const member *c, const void *frame, size_t size)
 {
     canid_t can_id;
@@ -135,6 +140,8 @@ static bool are_options(uint32_t options)
     return !(options & ~MESSAGE_OPTIONS_KNOWN);
 }
 
+/* Checks the first message of a client, which then waits for a place. Another version is refused: a
+ * client never guesses. */
 static member_result take_hello(member *c, port *p, const message *m, size_t size)
 {
     char text[MESSAGE_TEXT_BYTES];
@@ -158,6 +165,7 @@ static member_result take_hello(member *c, port *p, const message *m, size_t siz
     return MEMBER_GREETS;
 }
 
+/* Takes new options. The hello has said who is the controller, and that stays. */
 static member_result take_options(member *c, port *p, const message *m, size_t size)
 {
     if (size != sizeof m->head + sizeof m->options || !are_options(m->options.options))
@@ -186,6 +194,7 @@ static member_result take_filters(member *c, port *p, const message *m, size_t s
     return MEMBER_CONTROL;
 }
 
+/* Takes a frame for the bus. A message that is no frame is refused, and the client stays. */
 static member_result messages_take_frame(member *c, port *p, const message *m, size_t size,
                                          port_frame *out)
 {
@@ -256,6 +265,7 @@ static member_result messages_take(member *c, port *p, const message *m, size_t 
     }
 }
 
+/* Reads a message of a client and does what it says. */
 static member_result read_message(member *c, port *p, port_frame *out)
 {
     message m;

@@ -23,6 +23,7 @@ const cw_stat port_counters[] = {PORT_COUNTERS(PORT_ROW){.name = NULL}};
 
 /* ---- Making and closing --------------------------------------------------------------------- */
 
+/* Gives recvmmsg() and sendmmsg() a place for one frame of either size in each message. */
 static void prepare_messages(port_messages *m)
 {
     for (unsigned i = 0; i < PORT_BATCH; i++) {
@@ -167,6 +168,7 @@ static bool take_error(port *p, cw_frame *out, const struct canfd_frame *in)
     return p->shared;
 }
 
+/* Reads a frame or error frame of an ECU. Returns false for one that means nothing here. */
 static bool port_take_one_frame(port *p, port_frame *out, const struct canfd_frame *in, size_t size)
 {
     out->is_error = in->can_id & CAN_ERR_FLAG;
@@ -382,6 +384,7 @@ void port_settle(port *p)
 
 /* ---- Writing and counting -------------------------------------------------------------------- */
 
+/* Writes a frame as Linux has it: above 8 the DLC is in len8_dlc, and len is 8. */
 static size_t make_classical(struct canfd_frame *made, const cw_frame *in)
 {
     _Static_assert(CW_FILTER_EXTENDED == CAN_EFF_FLAG && CW_FILTER_REMOTE == CAN_RTR_FLAG, "");
@@ -471,6 +474,7 @@ void port_report_overflow(port *p, uint64_t tick)
     (void)write_error(p, &overflow);
 }
 
+/* Gives the counters. Kernel and gathered frames are asked first, so that all are of one moment. */
 void port_get_stats(port *p, port_stats *stats)
 {
     if (p->kind->count)

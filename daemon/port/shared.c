@@ -435,6 +435,7 @@ static port_sent send_client(port *p, member *c, const message_head *head, const
     return sent ? PORT_SENT : c->lost != lost ? PORT_SEND_FAILED : PORT_UNHEARD;
 }
 
+/* Sends a frame to the plain ECU, if there is one. */
 static port_sent send_plain(port *p, const void *frame, size_t size)
 {
     if (ecu_of(p) < 0)

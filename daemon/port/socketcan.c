@@ -48,6 +48,7 @@ static void ask_for_room(port *p)
         p->buffer_bytes = (unsigned)granted / 2;
 }
 
+/* Asks for times of arrival, the count of lost frames, CAN FD frames and all error frames. */
 static bool set_options(port *p)
 {
     const int fd = p->fd;
@@ -58,6 +59,7 @@ static bool set_options(port *p)
            set_option(fd, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, (int)CAN_ERR_MASK);
 }
 
+/* Binds the socket to an interface, and keeps the index: the name may move to another one. */
 static bool bind_to(port *p, const char *interface)
 {
     struct sockaddr_can address = {.can_family = AF_CAN};
@@ -114,6 +116,7 @@ static void flush_socket(port *p)
     (void)gathered_send(&((socketcan_port *)p)->gathered, p, p->fd, send_at_once);
 }
 
+/* Counts frames that the kernel has dropped since then, also when no later frame tells of it. */
 static void count_drops(port *p)
 {
     uint32_t memory[SK_MEMINFO_VARS] = {0};
@@ -159,6 +162,8 @@ static bool is_own_name(const port *p, const char *interface, char error[PORT_ER
     return false;
 }
 
+/* Claims an interface in this network namespace for a bus, since two canwired on one would carry
+ * each other's frames for ever. Returns false with a text that says who has it. */
 static bool claim_interface(socketcan_port *s, const char *interface, const char *bus,
                             char error[PORT_ERROR_TEXT_MAX])
 {

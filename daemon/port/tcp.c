@@ -93,6 +93,8 @@ static void get_host_name(char out[HOST_NAME_BYTES])
     out[HOST_NAME_BYTES - 1] = '\0';
 }
 
+/* Sends a beacon to the broadcast address of one network, in the format of socketcand. It names the
+ * address that this machine has there. */
 static void send_to(int fd, const beacon *b, struct in_addr from, struct in_addr mask,
                     unsigned number)
 {
@@ -183,6 +185,7 @@ static listener *use_listener(const portname *name)
     return l;
 }
 
+/* Closes an address at which no port is left. */
 static void close_listener(listener *l)
 {
     listener **link = &listeners;
@@ -193,6 +196,7 @@ static void close_listener(listener *l)
     free(l);
 }
 
+/* Returns the port of that bus name at an address, or NULL. */
 static port_tcp *find_port(const listener *l, const char *bus)
 {
     port_tcp *t = l->ports;
@@ -201,6 +205,7 @@ static port_tcp *find_port(const listener *l, const char *bus)
     return t;
 }
 
+/* Adds a port to those of an address, behind the others, whose order decides about the beacon. */
 static void tcp_join(port_tcp *t, listener *l)
 {
     port_tcp **link = &l->ports;
@@ -210,6 +215,7 @@ static void tcp_join(port_tcp *t, listener *l)
     t->at = l;
 }
 
+/* Takes a port out of an address. The last one closes it. */
 static void tcp_leave(port_tcp *t)
 {
     port_tcp **link = &t->at->ports;
@@ -233,6 +239,8 @@ static void tcp_prepare(int fd)
     (void)setsockopt(fd, IPPROTO_TCP, TCP_KEEPIDLE, &idle_s, sizeof idle_s);
 }
 
+/* Accepts programs, a limited number at a time. Without descriptors or memory the listener is left
+ * alone until the next read. */
 static void accept_waiting(port *p)
 {
     const int listening = tcp_own(p)->at->fd;
@@ -258,6 +266,7 @@ static void turn_away(port *p, member *c, const char *why)
     shared_disconnect(p, c);
 }
 
+/* Gives a program to the port that it has chosen. */
 static void tcp_move(port *from, member *c, port *to)
 {
     member *moved = shared_move(from, c, to);
@@ -291,6 +300,7 @@ static bool is_first(const port_tcp *t)
     return first == t;
 }
 
+/* Sends one beacon for all ports of an address that want one. */
 static void send_beacon(port_tcp *t)
 {
     beacon b;
@@ -301,6 +311,7 @@ static void send_beacon(port_tcp *t)
     beacon_send(&b, t->at->address.host, t->at->address.number);
 }
 
+/* Sends the beacon when it is time, and sees that the port wakes up for the next one. */
 static void see_to_beacon(port *p)
 {
     port_tcp *t = tcp_own(p);

@@ -78,6 +78,7 @@ static int ecu_of(const port *p)
 
 /* ---- Programs come and go -------------------------------------------------------------------- */
 
+/* Takes a program for the plain ECU, which sends plain frames without a hello. */
 static bool connect_ecu(port *p, int fd)
 {
     if (!shared_prepare(fd, SEND_BUFFER_BYTES) || !shared_watch(p, fd, PLAIN))
@@ -188,6 +189,7 @@ static void note_size(port *p, int received)
             p->messages.headers[i].msg_len == CANFD_MTU && port_is_frame(p, (unsigned)i);
 }
 
+/* Returns how many messages stand before the end of the connection. */
 static int messages_before_end(const port *p, int received)
 {
     int count = 0;
@@ -335,6 +337,8 @@ static port *make_port(void)
     return NULL;
 }
 
+/* Makes a socket at a path and listens there. Returns NULL, and a text that begins with the
+ * port. */
 static port *open_at(const char *kind, const char *path, char error[PORT_ERROR_TEXT_MAX])
 {
     char why[PATHSOCKET_ERROR_MAX] = "";
@@ -379,6 +383,7 @@ port *port_unix_open_door(const char *path, char error[PORT_ERROR_TEXT_MAX])
     return p;
 }
 
+/* Returns the guest that has come first, of those that wait for a node; NULL: none waits. */
 static member *first_waiting(port_unix *u)
 {
     member *first = NULL;

@@ -136,6 +136,8 @@ bool broadcast_wants(const broadcast *b, canid_t id)
     return find_subscription(b, id) != NULL;
 }
 
+/* Returns true when bits of the mask differ from the frame before, or when there was none. A
+ * subscription without a mask takes each frame. */
 static bool has_changed(const broadcast_subscription *s, const struct can_frame *frame)
 {
     if (!s->by_content || !s->received)

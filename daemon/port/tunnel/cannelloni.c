@@ -92,6 +92,7 @@ static uint32_t hash(const uint8_t *bytes, size_t count)
     return h;
 }
 
+/* Keeps a packet that has come, in place of an older one, so that a copy is known as such. */
 static void remember(cannelloni_sequence *s, uint8_t number, uint32_t content, int64_t ns)
 {
     s->seen[number % CANNELLONI_SEEN].there = true;

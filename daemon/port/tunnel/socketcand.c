@@ -186,6 +186,8 @@ static bool put_frame(member *c, const struct canfd_frame *frame, size_t size, i
     return put_or_hold(c, text, used);
 }
 
+/* Sets when the program must be seen to next: a frame of its jobs, its statistics, or a frame that
+ * it has to get late. */
 static void set_wake(member *c)
 {
     const talk *t = talk_of(c);
@@ -196,6 +198,8 @@ static void set_wake(member *c)
         c->wake_ns = t->held_ns;
 }
 
+/* Returns true when a program gets a frame: in raw mode all of them, else those of its
+ * subscriptions. Broadcast mode knows no CAN FD. */
 static bool takes(const member *c, const void *frame, size_t size)
 {
     const talk *t = talk_of(c);
@@ -206,6 +210,8 @@ static bool takes(const member *c, const void *frame, size_t size)
     return t->mode == BCM && size == CAN_MTU && broadcast_wants(&t->broadcast, id);
 }
 
+/* Gives a frame to a program. In broadcast mode a subscription may leave it out, or hold it back
+ * until its interval is over. */
 static bool socketcand_send_frame(member *c, const message_head *head, const void *frame,
                                   size_t size)
 {
@@ -255,6 +261,7 @@ static uint64_t socketcand_lose(member *c)
     return count;
 }
 
+/* Lets a program in, which begins in broadcast mode, as with socketcand. */
 static void welcome(member *c, const char *node, bool fd)
 {
     (void)node;
@@ -364,6 +371,8 @@ static member_result hand_in(member *c, port *p, const void *frame, size_t size,
     return MEMBER_FRAME;
 }
 
+/* `open BUS` makes the program wait for a place. A name that is too long becomes one that no bus
+ * has. */
 static member_result do_open(member *c, port *p, const command *in, port_frame *out)
 {
     (void)out;
@@ -385,6 +394,7 @@ static member_result do_echo(member *c, port *p, const command *in, port_frame *
     return MEMBER_CONTROL;
 }
 
+/* `rawmode`, `bcmmode` and `controlmode` differ in their first letters. */
 static member_result do_mode(member *c, port *p, const command *in, port_frame *out)
 {
     (void)p;
@@ -394,6 +404,8 @@ static member_result do_mode(member *c, port *p, const command *in, port_frame *
     return MEMBER_CONTROL;
 }
 
+/* A command of socketcand that canwire has no use for: it is refused by its name, and the program
+ * stays. */
 static member_result do_missing(member *c, port *p, const command *in, port_frame *out)
 {
     char text[80];
@@ -422,6 +434,7 @@ static member_result do_sendrtr(member *c, port *p, const command *in, port_fram
     return hand_in(c, p, &frame, sizeof frame, in->realtime_ns, out);
 }
 
+/* `fdsend ID FLAGS DATA` hands a CAN FD frame in, if the node knows such frames. */
 static member_result do_fdsend(member *c, port *p, const command *in, port_frame *out)
 {
     struct canfd_frame frame = {.can_id = 0};
@@ -450,6 +463,7 @@ static member_result do_add(member *c, port *p, const command *in, port_frame *o
     return hand_in(c, p, &frame, sizeof frame, in->realtime_ns, out);
 }
 
+/* `update` changes the data of a running job. Its identifier says which one. */
 static member_result do_update(member *c, port *p, const command *in, port_frame *out)
 {
     struct can_frame frame;
@@ -461,6 +475,8 @@ static member_result do_update(member *c, port *p, const command *in, port_frame
     return MEMBER_CONTROL;
 }
 
+/* `subscribe` gets each frame of an identifier, `filter` those in which bits of a mask have
+ * changed. */
 static member_result do_subscribe(member *c, port *p, const command *in, port_frame *out)
 {
     uint8_t mask[CANFD_MAX_DLEN] = {0}, length;
@@ -493,6 +509,7 @@ static member_result do_remove(member *c, port *p, const command *in, port_frame
     return MEMBER_CONTROL;
 }
 
+/* `statistics MS` asks for the counters each so many milliseconds; 0 ends that. */
 static member_result do_statistics(member *c, port *p, const command *in, port_frame *out)
 {
     talk *t = talk_of(c);
@@ -541,6 +558,8 @@ static bool sets_bus(const talk *t, const command *in)
            (strcmp(in->words[1], "B") == 0 || strcmp(in->words[1], "C") == 0);
 }
 
+/* Runs a command, if the mode of the program has it. One that would change the bus ends the
+ * connection, as its program would believe in settings that do not hold. */
 static member_result socketcand_run(member *c, port *p, const command *in, port_frame *out)
 {
     const talk *t = talk_of(c);
@@ -691,6 +710,7 @@ static void name_program(member *c)
         (void)snprintf(c->name, sizeof c->name, "[%s]:%u", text, ntohs(six->sin6_port));
 }
 
+/* Begins to speak with a program, which hears "hi" before it says anything. */
 static bool open_talk(member *c)
 {
     c->more = calloc(1, sizeof(talk));

@@ -88,6 +88,8 @@ static bool tunnel_watch(const tunnel *t, int fd, unsigned what, uint32_t events
     return epoll_ctl(t->base.fd, EPOLL_CTL_ADD, fd, &event) == 0;
 }
 
+/* Watches the connection for room, but only while something waits for it: epoll would wake the loop
+ * all the time. */
 static void watch_room(tunnel *t, bool wanted)
 {
     struct epoll_event event = {.events = EPOLLIN | (wanted ? EPOLLOUT : 0), .data.u32 = LINK};
@@ -124,6 +126,7 @@ static void lose_out(tunnel *t)
     forget_out(t);
 }
 
+/* Keeps how long the oldest frame of a packet has waited for it to be sent. */
 static void note_held(tunnel *t)
 {
     const uint64_t held_ns = (uint64_t)(clock_ns(CLOCK_MONOTONIC) - t->out_ns);
@@ -188,6 +191,7 @@ static void send_stream(tunnel *t)
     watch_room(t, t->out_bytes > 0);
 }
 
+/* Sends what has been gathered, if anything. */
 static void tunnel_flush(tunnel *t)
 {
     if (t->link < 0 || t->out_bytes == head_bytes(t))
@@ -241,6 +245,8 @@ static port_sent tunnel_send_frame(port *p, const void *frame, size_t size)
 
 /* ---- Connections ----------------------------------------------------------------------------- */
 
+/* Ends the connection. Gathered frames are lost, and counted so. A port that connects tries again
+ * later. */
 static void disconnect(tunnel *t)
 {
     if (t->state == UP)
@@ -256,6 +262,8 @@ static void disconnect(tunnel *t)
     wake_at(t, t->retry_ns);
 }
 
+/* Sets a connection so that frames leave at once, and that a peer whose machine is gone is noticed
+ * within a known time. */
 static void prepare_connection(int fd)
 {
     const int on = 1, room = SEND_BUFFER_BYTES, idle_s = IDLE_S, ask_s = ASK_S, asks = ASKS;
@@ -270,6 +278,7 @@ static void prepare_connection(int fd)
     (void)setsockopt(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, &gone_ms, sizeof gone_ms);
 }
 
+/* Sends the greeting of cannelloni. No frame is sent before that of the peer has come. */
 static void greet(tunnel *t)
 {
     t->state = GREETING;
@@ -280,6 +289,8 @@ static void greet(tunnel *t)
         disconnect(t);
 }
 
+/* Returns true for a sender that has the address of the peer, whatever its port. Without a peer in
+ * the configuration all are. */
 static bool is_peer(const tunnel *t, const struct sockaddr_storage *from)
 {
     struct sockaddr_storage peer;
@@ -376,6 +387,7 @@ static void accept_waiting(tunnel *t)
     }
 }
 
+/* Begins a connection. It waits for nothing: complete_connection() takes the result. */
 static void connect_to_peer(tunnel *t)
 {
     struct sockaddr_storage peer;
@@ -499,6 +511,7 @@ static void tunnel_complain(tunnel *t)
     disconnect(t);
 }
 
+/* Takes the greeting of the peer, of which a part may be yet to come. */
 static void take_greeting(tunnel *t)
 {
     const size_t there = t->in_end - t->in_begin;
@@ -536,6 +549,7 @@ static bool tunnel_take_frame(tunnel *t, port_frame *out, bool *good)
     return true;
 }
 
+/* Reads what there is. Returns false when nothing is left, or the peer has gone. */
 static bool read_more(tunnel *t)
 {
     if (t->readable)
@@ -608,6 +622,7 @@ static void admit_next(tunnel *t)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
+/* Notes that there may be something to read, and goes on with what waited for room. */
 static void on_link(tunnel *t, uint32_t events)
 {
     t->readable = true;
@@ -617,6 +632,7 @@ static void on_link(tunnel *t, uint32_t events)
         tunnel_flush(t);
 }
 
+/* Looks once what has happened to the listener, the connection and the timer. */
 static void tunnel_look(tunnel *t)
 {
     struct epoll_event events[WATCHED];
@@ -644,6 +660,8 @@ static void see_to_time(tunnel *t, bool more)
     wake_at(t, more ? now_ns : 0);
 }
 
+/* Takes frames of the peer. A peer that waits is let in when all of the former one have been
+ * taken. */
 static unsigned read_port(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
 {
     tunnel *t = tunnel_own(p);
