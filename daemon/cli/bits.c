@@ -103,6 +103,7 @@ int cli_bits(int argc, char **argv)
     return CLI_OK;
 }
 
+/* Makes the bits of a frame. Returns NULL, or what is wrong with it. */
 static const char *encode(cw_frame *frame, cw_bits *bits, const options *chosen)
 {
     const char *problem = text_parse_frame(frame, chosen->frame);
@@ -290,6 +291,7 @@ static unsigned greater(unsigned a, unsigned b)
     return a > b ? a : b;
 }
 
+/* Ends a part before the bit `end`: its label, its value and its width are then known. */
 static void complete_part(part *out, const cw_bits *bits, unsigned end)
 {
     out->count = end - out->first;
@@ -298,6 +300,7 @@ static void complete_part(part *out, const cw_bits *bits, unsigned end)
     out->width = greater(out->count, (unsigned)strlen(out->label));
 }
 
+/* Splits the bits into fields, which stay whole when lines are broken. */
 static void split_into_parts(display *out)
 {
     part *current = &out->parts[0];
@@ -333,6 +336,7 @@ static unsigned display_columns(void)
     return columns < COLUMNS_MAX ? (unsigned)columns : COLUMNS_MAX;
 }
 
+/* Returns true for a terminal that shows colours to somebody who has not refused them. */
 static bool display_colour(void)
 {
     const char *refused = getenv("NO_COLOR");
@@ -487,6 +491,7 @@ static void bits_print_line(const display *shown, unsigned first, unsigned end, 
     putchar('\n');
 }
 
+/* Prints the fields of a row as lines below each other. Lines without content are left out. */
 static void print_row(const display *shown, unsigned first, unsigned end)
 {
     for (unsigned kind = 0; kind < LINE_COUNT; kind++) {
@@ -497,6 +502,7 @@ static void print_row(const display *shown, unsigned first, unsigned end)
     putchar('\n');
 }
 
+/* Prints the frame in rows that fit the width of the terminal. */
 static void print_annotated(const cw_frame *frame, const cw_bits *bits)
 {
     display shown = {.bits = bits, .columns = display_columns(), .colour = display_colour()};

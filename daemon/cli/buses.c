@@ -76,6 +76,7 @@ static bool is_running(const char *name)
     return listener != BUSES_NOBODY && (listener != BUSES_CLOSED || with_closed);
 }
 
+/* Returns true for the socket of a bus that has a listener: others have been left behind. */
 static int is_bus(const struct dirent *file)
 {
     const char *name = file->d_name;

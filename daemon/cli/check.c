@@ -45,6 +45,7 @@ static int check_rig(const char *file, bool ports);
 static void warn(FILE *out, const char *file, cfg_place place, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
 
+/* Prints a warning in the form of compilers, which editors know. */
 static void warn(FILE *out, const char *file, cfg_place place, const char *format, ...)
 {
     char text[1024];
@@ -55,6 +56,7 @@ static void warn(FILE *out, const char *file, cfg_place place, const char *forma
     plain_print(out, "%s:%d:%d: warning: %s\n", file, place.line, place.column, text);
 }
 
+/* Warns of a rule that can never act. */
 static void doubt_rule(const cfg *config, size_t i, uint64_t fed, FILE *out)
 {
     const cw_rule *rule = &config->rules[i];
@@ -68,6 +70,7 @@ static void doubt_rule(const cfg *config, size_t i, uint64_t fed, FILE *out)
              rule->name);
 }
 
+/* Warns where more frames come at one moment than the queue of a node holds. */
 static void doubt_queue(const cfg *config, size_t i, FILE *out)
 {
     const cfg_node *node = &config->nodes[i];
@@ -85,6 +88,7 @@ static void doubt_queue(const cfg *config, size_t i, FILE *out)
          node->name, count, at, node->queue, count);
 }
 
+/* Warns of a node that nobody acknowledges: it would send its first frame for ever. */
 static void doubt_acknowledgement(const cfg *config, size_t i, FILE *out)
 {
     const cfg_node *node = &config->nodes[i];
@@ -135,6 +139,7 @@ static bool find_gap(release_plan *plan, uint64_t *begin, uint64_t *end)
     return false;
 }
 
+/* Warns of a pause in all traffic that `canwire sim` would take for its end. */
 static void doubt_gaps(const cfg *config, FILE *out)
 {
     char from[TIME_TEXT_MAX];
@@ -244,6 +249,7 @@ static bool check_replay(const cfg_node *node, const cfg_traffic *traffic)
     return true;
 }
 
+/* Reads the replayed files from end to end: a bad line in one would end a run at that moment. */
 static bool check_replays(const cfg *config)
 {
     bool good = true;
@@ -276,6 +282,7 @@ static bool check_bus(const cfg *config, const rig *all, size_t bus, bool ports)
     return good;
 }
 
+/* Checks each bus of a rig with what its gateways bring there. */
 static int check_rig(const char *file, bool ports)
 {
     rig *found = rig_load(file, stderr);
@@ -294,6 +301,7 @@ static int check_rig(const char *file, bool ports)
     return good ? CLI_OK : CLI_BAD_INPUT;
 }
 
+/* Checks a configuration or a file of rules. With `ports` it only lists ports, for scripts. */
 static int check_file(const char *file, bool ports)
 {
     cfg *config;

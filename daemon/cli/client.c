@@ -182,6 +182,7 @@ static void complain_of_absence(const client *c, const char *unit)
         client_complain(c, "no such bus (is %s running?)", unit);
 }
 
+/* Says why a bus cannot be reached, and what its user can do about that. */
 static void complain_unreachable(const client *c, const char *path, int error)
 {
     char unit[64] = "canwired";
@@ -217,6 +218,7 @@ static void set_patience(int fd)
     (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
 }
 
+/* Connects, and waits for a bus that is just starting. Returns 0 or an errno. */
 static int client_connect_to(client *c, const struct sockaddr_un *address)
 {
     while (connect(c->fd, (const struct sockaddr *)address, sizeof *address) != 0)
@@ -442,6 +444,8 @@ static void clean_members(json_t *object, json_t *rest)
     }
 }
 
+/* Cleans a text of control characters, which could act on the terminal. Lists and objects are put
+ * off: depth costs no stack. */
 static void clean_one(json_t *value, json_t *rest)
 {
     if (json_is_string(value)) {
@@ -511,6 +515,7 @@ static bool is_order(const json_t *request)
     return strcmp(name, "status") != 0 && strcmp(name, "faults") != 0 && strcmp(name, "watch") != 0;
 }
 
+/* Returns why no reply has come. An order may still be carried out: nobody knows. */
 static const char *why_no_reply(int number, bool order)
 {
     if (number == EAGAIN)
@@ -520,6 +525,7 @@ static const char *why_no_reply(int number, bool order)
     return number == ENOMEM ? "out of memory" : "it ended the connection";
 }
 
+/* Reads a reply. Returns NULL after a message, also when the bus refuses. */
 static json_t *read_reply(client *c, int64_t until)
 {
     const char *line = lines_next(&c->in, c->fd, until);
@@ -551,6 +557,7 @@ json_t *client_ask(client *c, json_t *request)
     return sent ? read_reply(c, until) : NULL;
 }
 
+/* Asks a question by a connection of its own. Takes the request. */
 static json_t *ask_once(const char *bus, json_t *request, bool exact)
 {
     client c;

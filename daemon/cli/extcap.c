@@ -56,6 +56,7 @@ typedef struct request {
 
 /* ---- Answers --------------------------------------------------------------------------------- */
 
+/* Lists the buses that run as interfaces, in the words of Wireshark. */
 static int show_interfaces(void)
 {
     char *names[BUSES_MAX];
@@ -97,6 +98,7 @@ static int extcap_refuse(const char *name, const char *why)
     return CLI_BAD_INPUT;
 }
 
+/* Records a bus into the fifo that Wireshark reads, until it closes that. */
 static int capture(const request *r)
 {
     static char name[] = "the fifo";
@@ -118,6 +120,7 @@ static int capture(const request *r)
 
 #define EXTCAP_UNCLEAR (-1) /* the options do not say what to do */
 
+/* Answers one of Wireshark's questions. That for the interfaces goes before all others. */
 static int extcap_answer(const request *r)
 {
     if (r->interfaces)

@@ -161,6 +161,8 @@ static bool find_profile(injection *in, const char *bus, const char *name)
     return found;
 }
 
+/* Reads rules from a file, a profile or the word itself, and adds the parameters. A word that looks
+ * like a file is never taken for rules. */
 static bool inject_read_text(injection *in, const char *bus, const char *word)
 {
     const bool is_file = file_exists(word, true) || looks_like_file(word);
@@ -179,6 +181,7 @@ static bool inject_read_text(injection *in, const char *bus, const char *word)
     return is_whole(&in->text);
 }
 
+/* Sends the rules. Their names go to standard output, for scripts; warnings do not. */
 static int send_text(const char *bus, const injection *in)
 {
     json_t *request = client_request("inject");

@@ -95,6 +95,7 @@ static const command *find_command(const char *name)
     return NULL;
 }
 
+/* Refuses a word that is no command, with the nearest one as a guess. */
 static int refuse_command(const char *name)
 {
     nearest guess = {.word = name};
@@ -121,6 +122,7 @@ static int run_command(const command *c, int argc, char **argv)
     return c->run(argc, argv);
 }
 
+/* `canwire help COMMAND` is `canwire COMMAND --help`. */
 static int help(int argc, char **argv)
 {
     if (argc < 2) {

@@ -60,6 +60,7 @@ typedef struct bus_files {
     char folder[PATH_MAX]; /* in which canwired runs; empty: unknown */
 } bus_files;
 
+/* Finds the folder from which relative names of the bus are; "" for a process of somebody else. */
 static void record_files_find_folder(char folder[PATH_MAX], const json_t *status)
 {
     char link[64];
@@ -142,6 +143,7 @@ static void add_recording(bus_files *files, const json_t *record)
                        .older = rotated ? (unsigned)kept - 1 : 0});
 }
 
+/* Adds the files that the bus uses: none of them may be overwritten. */
 static void add_files(bus_files *files, const json_t *status)
 {
     const json_t *recordings = json_object_get(status, "recordings");
@@ -283,6 +285,8 @@ static event_read_result look_again(recording *r, cw_event *event, uint64_t *tim
     return event_read(event, time_ns, line, &r->config);
 }
 
+/* Writes an event of the bus. A node that is not known is asked for: a reload may have brought
+ * it. */
 static void record_bus_take_line(recording *r, const char *text)
 {
     json_t *line = client_parse(text, NULL);
@@ -331,6 +335,7 @@ static void end_events(void)
     (void)shutdown(bus_fd, SHUT_RD);
 }
 
+/* Ends the events, so that the loop ends after those that are there. */
 static void record_bus_on_signal(int number)
 {
     int error = errno;
@@ -372,6 +377,8 @@ static bool has_reader(const record_order *order)
     return order->stream < 0 || poll(&stream, 1, 0) <= 0;
 }
 
+/* Starts the writer. Of a stream, which may be a pipe, the reader is watched: without one nothing
+ * would be written, and the recording would never end. */
 static bool record_bus_begin(recording *r)
 {
     const record_order *order = r->order;
@@ -391,6 +398,7 @@ static bool record_bus_begin(recording *r)
     return r->recorder != NULL;
 }
 
+/* Says what was written and what was lost. A quiet recording speaks only of losses. */
 static void tell_end(const recording *r, bool written)
 {
     const char *file = r->order->what.file;
@@ -426,6 +434,7 @@ static int record_bus_finish(recording *r)
     return error != 0 || !written ? CLI_BAD_INPUT : CLI_OK;
 }
 
+/* Records until the bus, its user, the reader or the disk ends it. */
 static int record_bus_run(recording *r)
 {
     const char *line;

@@ -46,6 +46,7 @@ typedef struct target {
     pid_t pid; /* 0: any */
 } target;
 
+/* Takes the number of a process. 0 would be all of a group. */
 static bool take_pid(void *out, const char *option, const char *text)
 {
     const char *end = text;
@@ -174,6 +175,7 @@ static void report_service_manager(void)
     (void)close(fd);
 }
 
+/* Reloads by a signal, which gives no answer. So it is only for a bus without a control socket. */
 static int hang_up(const target *t)
 {
     if (t->pid == 0) {
@@ -268,6 +270,8 @@ static bool ask_process(int *status, const target *t, size_t expected)
     return good;
 }
 
+/* Reloads the buses of a file that is good. The process may still have their control sockets where
+ * an earlier version of the file put them. */
 static int reload_buses(const target *t, cfg *const *buses, size_t count)
 {
     int status;
@@ -288,6 +292,8 @@ static int reload_bad(const target *t, const char *errors)
     return CLI_BAD_INPUT;
 }
 
+/* Reloads what runs by a file. A file that is bad is still told to the bus, which says so in its
+ * status. */
 static int reload_by_file(const target *t)
 {
     memo errors;

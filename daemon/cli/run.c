@@ -113,6 +113,8 @@ static bool has_go_note(const char *notes, size_t size)
     return false;
 }
 
+/* Reads in an ELF file how a program is linked. Unreadable ones are taken for programs with a
+ * dynamic linker, which can preload. */
 static traits read_traits(int fd, const ElfW(Ehdr) *head)
 {
     traits found = {.has_linker = false};
@@ -172,6 +174,7 @@ static void run_warn_of(const char *program)
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
+/* Takes a node of the bus that was named last. */
 static bool take_node(void *out, const char *option, const char *text)
 {
     run_request *r = out;
@@ -244,6 +247,7 @@ static const char *interface_of(const run_node *n)
     return n->interface ? n->interface : n->name;
 }
 
+/* Checks the names that the program will see as interfaces. */
 static bool has_good_names(const run_request *r)
 {
     for (unsigned i = 0; i < r->count; i++) {
@@ -321,6 +325,7 @@ static bool set_time(const run_request *r)
 
 /* ---- Running --------------------------------------------------------------------------------- */
 
+/* Becomes the program. It returns only when that cannot be run, with the exit status of a shell. */
 static int run_program(char **arguments)
 {
     (void)execvp(arguments[0], arguments);

@@ -41,6 +41,7 @@ typedef struct search {
     char names[NAMES_MAX]; /* of all nodes */
 } search;
 
+/* Considers a node. The named one is taken; failing that, the first place for a guest. */
 static void consider(search *s, const told_node *told)
 {
     const size_t used = strlen(s->names);
@@ -137,6 +138,7 @@ static bool is_fd(const json_t *node)
     return kind && strcmp(kind, "fd") == 0;
 }
 
+/* Looks for the node in the status of a bus that runs. */
 static bool find_in_status(search *s)
 {
     json_t *reply = client_ask_exact(s->node->bus, client_request("status"));
@@ -160,6 +162,7 @@ static bool find_in_status(search *s)
 
 /* ---- The configuration ----------------------------------------------------------------------- */
 
+/* Looks for the node in a configuration: its bus need not have a control socket. */
 static bool find_in_file(search *s)
 {
     char directory[PATH_MAX];

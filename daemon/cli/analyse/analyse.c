@@ -146,6 +146,8 @@ static void begin_later(cfg *config)
             config->nodes[i].traffic[t].offset.bits += INTEGRATED_BITS;
 }
 
+/* Runs the traffic on the bus without faults, and keeps the worst response that each message has.
+ * It begins when all nodes have integrated. */
 static bool simulate(sources *s, cfg *config, uint64_t until)
 {
     sim_run run;
@@ -210,6 +212,7 @@ static bool find_all(const analysis *a, sources *s, int *survived, cfg *config)
     return !a->simulated || simulate(s, config, a->simulated);
 }
 
+/* Finds the response times and shows them. A message that can be late is a failed expectation. */
 static int analyse(const wishes *w, cfg *config)
 {
     sources s;

@@ -28,6 +28,7 @@ static unsigned most_stuff_bits(unsigned bits)
     return (bits - 1) / STUFF_EVERY;
 }
 
+/* Returns the bits of a classical frame with as many stuff bits as any data can cause. */
 static unsigned longest_classical(const cw_frame *frame)
 {
     const unsigned head =
@@ -36,6 +37,8 @@ static unsigned longest_classical(const cw_frame *frame)
     return stuffed + most_stuff_bits(stuffed) + CLASSICAL_TAIL + LENGTHS_INTERMISSION_BITS;
 }
 
+/* Returns the bits from stuff count to CRC, with their fixed stuff bits; without ISO there is no
+ * count. */
 static unsigned fd_crc_bits(const cw_frame *frame)
 {
     const bool is_short = cw_frame_length(frame) <= FD_SHORT_BYTES;

@@ -112,6 +112,7 @@ static destroyed find_destroyed(const analysis *a)
 
 /* ---- Table ----------------------------------------------------------------------------------- */
 
+/* Prints ticks as milliseconds, "-" for a time that has no bound. */
 static const char *print_time(char out[CELL_MAX], uint64_t ticks)
 {
     const uint64_t ns = ticks == CW_NEVER ? 0 : text_ticks_ns(ticks);
@@ -128,6 +129,7 @@ static const char *print_percent(char out[CELL_MAX], uint64_t ppm)
     return out;
 }
 
+/* Prints the row of a message, with a word at its end when it can be late or breaks its bound. */
 static void print_message(FILE *out, const analysis *a, size_t i)
 {
     const source *s = &a->sources->list[i];
@@ -153,6 +155,7 @@ static void print_message(FILE *out, const analysis *a, size_t i)
     fputc('\n', out);
 }
 
+/* Prints the load of each node that sends, and of all of them, with three lengths of frames. */
 static void print_loads(FILE *out, const analysis *a)
 {
     const sources *s = a->sources;
@@ -299,6 +302,7 @@ static json_t *json_of_load(const sources *s, unsigned node)
                      (json_int_t)load_ppm(s, node, LONGEST));
 }
 
+/* Adds the rates that follow from the rate of errors on the wire. */
 static void put_errors(json_t *object, const analysis *a)
 {
     const destroyed d = find_destroyed(a);

@@ -37,6 +37,8 @@ static bool same_fifo(const response_message *a, const response_message *b)
     return a->fifo && a->node == b->node;
 }
 
+/* Returns how others delay a message. In a FIFO it may wait behind a frame of its own node that has
+ * a lower priority, so the lowest one counts. */
 static view view_of(const response_bus *bus, const response_message *self)
 {
     view v = {.bus = bus, .self = self, .key = self->key};
@@ -70,6 +72,8 @@ static uint64_t time_of_errors(const view *v, uint64_t time)
     return errors * (ERROR_BITS * v->bus->bit + longest);
 }
 
+/* Returns the longest frame that may have begun just before: a frame on the bus is not
+ * interrupted. */
 static uint64_t find_blocking(const view *v)
 {
     uint64_t longest = 0;
@@ -166,6 +170,8 @@ static void find_slotted(const view *v, response_message *self)
     self->instances = 1;
 }
 
+/* Finds the worst response: each instance within the longest busy period is looked at, since the
+ * first one need not be the worst. */
 static void find_response(const response_bus *bus, response_message *self)
 {
     const view v = view_of(bus, self);

@@ -41,6 +41,7 @@ typedef struct references {
     bool only;        /* no other frames of FILE do so */
 } references;
 
+/* Counts the triggers of a schedule that send the reference of a node, with the longest of them. */
 static void count_triggers(references *r, const cfg *config, const cfg_node *of,
                            const cfg_schedule *s)
 {
@@ -56,6 +57,8 @@ static void count_triggers(references *r, const cfg *config, const cfg_node *of,
     }
 }
 
+/* Finds what sends the frames by which a node knows its cycle. Traffic that does so, too, makes the
+ * cycle's length unknown. */
 static references find_references(const cfg *config, const cfg_node *of)
 {
     references r = {.only = true};

@@ -186,6 +186,8 @@ static void sources_add(sources *s, source **source_of, response_message **messa
     };
 }
 
+/* Adds an entry of traffic as a message. Of replays nothing is known beforehand: the analysis is
+ * incomplete. */
 static void add_traffic(sources *s, unsigned index, const cfg_traffic *traffic)
 {
     const cw_rate rate = s->config->rate;
@@ -204,6 +206,8 @@ static void add_traffic(sources *s, unsigned index, const cfg_traffic *traffic)
     message->jitter = text_time_ticks(traffic->jitter, rate);
 }
 
+/* Adds a trigger of a schedule. Without a known cadence it is counted as a stranger, whose time
+ * nobody knows. */
 static void add_trigger(sources *s, const slots *in, unsigned index, unsigned k)
 {
     const cfg_schedule *schedule = &s->config->nodes[index].schedule;

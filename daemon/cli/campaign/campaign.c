@@ -82,6 +82,7 @@ static bool complete_shard(options *o)
     return good;
 }
 
+/* Loads the campaign and does what is asked with it. Of the words, `run` alone knows shards. */
 static int run_part(options *o, const char *name, const char *file, const char *number)
 {
     uint64_t row = 0;

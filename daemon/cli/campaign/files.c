@@ -67,6 +67,7 @@ static bool print_paths(const fileuses *all)
     return good;
 }
 
+/* Prints the files that a campaign reads, so that they can be brought to another machine. */
 int campaign_files(const campaign *c)
 {
     fileuses all = {.count = 0};

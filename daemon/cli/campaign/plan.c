@@ -43,6 +43,7 @@ typedef struct estimate {
 
 /* ---- The process ----------------------------------------------------------------------------- */
 
+/* Makes a row for the estimate alone, and gives how long that took. */
 static unsigned char estimate_make(void *user, uint64_t number, buffer *line)
 {
     estimate *e = user;
@@ -53,6 +54,7 @@ static unsigned char estimate_make(void *user, uint64_t number, buffer *line)
     return 0;
 }
 
+/* Keeps the first row that has ended its process or its time: the estimate says so. */
 static unsigned char estimate_lose(void *user, uint64_t number, const pool_loss *loss,
                                    buffer *line)
 {
@@ -190,6 +192,7 @@ static bool print_value(const factor *f, const choice *chosen)
     return good;
 }
 
+/* Prints the values of the first rows. Returns false without memory. */
 static bool print_rows(const campaign *c)
 {
     bool good = true;
@@ -215,6 +218,8 @@ static void print_real_time(const campaign *c, unsigned processes)
         puts("a row takes until its programs end");
 }
 
+/* Prints the factors, some rows and how long all of them take. Rows with programs take their own
+ * time. */
 int campaign_plan(const campaign *c, unsigned jobs)
 {
     print_factors(c);
@@ -231,6 +236,7 @@ int campaign_plan(const campaign *c, unsigned jobs)
 
 /* ---- Show ------------------------------------------------------------------------------------ */
 
+/* Prints the scenario of a row. */
 int campaign_show(const campaign *c, uint64_t number)
 {
     choice choices[CAMPAIGN_FACTORS_MAX];

@@ -97,6 +97,7 @@ static char *real_name(const char *name)
     return result;
 }
 
+/* Returns true when two names lead to one file, which need not exist yet. */
 static bool report_files_is_same(const char *a, const char *b)
 {
     char *first = real_name(a);
@@ -161,6 +162,7 @@ bool campaign_take_jobs(void *out, const char *option, const char *text)
     return true;
 }
 
+/* Takes the limit of latencies. Bit times are refused: rows may differ in their bit rate. */
 static bool take_ftti(void *out, const char *option, const char *text)
 {
     cfg_time time = {.ns = 0};
@@ -170,6 +172,7 @@ static bool take_ftti(void *out, const char *option, const char *text)
     return true;
 }
 
+/* Takes the confidence of intervals. 100 % would make them say nothing. */
 static bool take_confidence(void *out, const char *option, const char *text)
 {
     char *end = NULL;
@@ -180,6 +183,7 @@ static bool take_confidence(void *out, const char *option, const char *text)
     return true;
 }
 
+/* Takes the time that looking for shorter scenarios may need; 0: as they are. */
 static bool take_minimise(void *out, const char *option, const char *text)
 {
     cfg_time time = {.ns = 0};
@@ -275,6 +279,7 @@ static bool write_buses(const bundle_text *t, const char *folder, const char *na
     return good;
 }
 
+/* Writes a scenario into the folder; the buses of a rig get files beside it. */
 static bool report_write_scenario(const report_view *v, size_t i, const char *folder)
 {
     const bundle_text *buses = &v->shortest->list[i].found.text;
@@ -327,6 +332,8 @@ static bool flush_output(void)
     return false;
 }
 
+/* Writes all that was asked for. The text goes to standard output, unless another form goes
+ * there. */
 static bool write_all(const report_view *v, const options *o, const rowfile files[REPORT_OUTPUTS])
 {
     static report_writer *const writers[REPORT_OUTPUTS] = {
@@ -362,6 +369,7 @@ static bool can_have_scenarios(const intake *in, const options *o)
     return false;
 }
 
+/* Finds the shortest scenarios, where they are wanted, and writes the report. */
 static bool write_report(const intake *in, const options *o, const rowfile files[REPORT_OUTPUTS])
 {
     shortest found = {.count = 0};

@@ -72,6 +72,7 @@ static const class_counts *counts_of(const heat_map *h, uint32_t row, uint32_t c
     return h->turned ? crosstab_find(h->table, column, row) : crosstab_find(h->table, row, column);
 }
 
+/* Finds the highest share of the cells that are shown: it gets the darkest ground. */
 static void find_highest(heat_map *h)
 {
     h->highest = 0;
@@ -109,6 +110,7 @@ static void write_title(FILE *out, const heat_map *h, const char *name, const cl
     fputs("\">", out);
 }
 
+/* Writes a cell that has rows. Its ground and its number say the share, its title the counts. */
 static void report_figures_write_counts(FILE *out, const heat_map *h, const char *name,
                                     const class_counts *c)
 {
@@ -155,6 +157,7 @@ static void write_value(FILE *out, const axis *a, size_t i, const char *scope)
     fputs("</th>", out);
 }
 
+/* Writes the row of titles: both factors, and the values of the second one. */
 static void report_figures_write_head(FILE *out, const heat_map *h)
 {
     fputs("<tr><th>", out);
@@ -167,6 +170,7 @@ static void report_figures_write_head(FILE *out, const heat_map *h)
     fputs("</tr>\n", out);
 }
 
+/* Says how many values there would be, where not all are shown. */
 static void write_left_off(FILE *out, const axis *a)
 {
     if (a->count == a->all)
@@ -200,6 +204,8 @@ static void write_map(FILE *out, const heat_map *h)
     free(name);
 }
 
+/* Draws the map of two factors. The one with more values has the rows, as a page is longer than
+ * wide. */
 static void map_pair(FILE *out, const report_view *v, const pair_measure *m, size_t i, size_t k)
 {
     const report *r = v->report;
@@ -280,6 +286,7 @@ void plot_shares(FILE *out, const report_view *v)
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
+/* Draws one value as a bar, whose parts are the shares of the classes. */
 static void plot_value(FILE *out, const dimension_value *value, double y)
 {
     const double rated = (double)class_counts_rated(&value->rows);
@@ -322,6 +329,8 @@ static double report_plot_place_of(uint64_t ns, double first)
     return (ns > 0 ? log2((double)ns) * BINS_A_POWER : 0) - first;
 }
 
+/* Adds the classes of latency up for the columns of the plot; the first and last one take what lies
+ * outside. Returns the highest column. */
 static uint64_t fill_bins(uint64_t bins[BINS], const latency *l, double first)
 {
     uint64_t most = 1;
@@ -343,6 +352,7 @@ static void write_time(FILE *out, double x, uint64_t ns, const char *anchor, dou
     write_label(out, x, y, anchor, text);
 }
 
+/* Draws the limit, where there is one on the axis. */
 static void write_limit(FILE *out, const latency *l, double first, double step)
 {
     const double at = report_plot_place_of(l->limit_ns, first);

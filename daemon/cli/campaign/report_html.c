@@ -47,6 +47,7 @@ static void write_share(FILE *out, share s)
 
 /* ---- Classes --------------------------------------------------------------------------------- */
 
+/* Writes title and style, how many rows there are or are missing, and remarks on their meaning. */
 static void report_html_write_head(FILE *out, const report_view *v)
 {
     const report *r = v->report;
@@ -134,6 +135,7 @@ static void report_html_write_counts(FILE *out, const report_view *v, const char
     fputs("</tr>\n", out);
 }
 
+/* Writes the worst values as a table. All that are not told apart are one row. */
 static void write_table(FILE *out, const report_view *v, const dimension *d, const uint32_t *list,
                         size_t count)
 {
@@ -150,6 +152,7 @@ static void write_table(FILE *out, const report_view *v, const dimension *d, con
         fprintf(out, "<p>and %zu further values</p>\n", count - VALUES_SHOWN);
 }
 
+/* Writes the section of a factor, or of something like it: a plot, with the table folded away. */
 static void write_dimension(FILE *out, const report_view *v, const dimension *d)
 {
     size_t count = 0;
@@ -166,6 +169,7 @@ static void write_dimension(FILE *out, const report_view *v, const dimension *d)
 
 /* ---- Coverage -------------------------------------------------------------------------------- */
 
+/* Writes how many values are there, of how many; an unknown number stays empty. */
 static void write_of(FILE *out, const char *name, uint64_t seen, uint64_t possible, bool over)
 {
     fputs("<tr>", out);
@@ -176,6 +180,7 @@ static void write_of(FILE *out, const char *name, uint64_t seen, uint64_t possib
     fputs("</td></tr>\n", out);
 }
 
+/* Writes how much of the values, and of their pairs, the rows have met. */
 static void write_coverage(FILE *out, const report *r)
 {
     fputs("<h2>Coverage</h2>\n<table>\n<tr><th>factor, or two of them</th><th>values that rows "
@@ -251,6 +256,7 @@ static void report_html_write_scenario(FILE *out, const report_view *v, size_t i
     free(text);
 }
 
+/* Writes the shortest scenarios, and why there are no more of them. */
 static void write_scenarios(FILE *out, const report_view *v)
 {
     const shortest *s = v->shortest;

@@ -26,6 +26,7 @@ static json_t *counted(const report_view *v, uint64_t count, uint64_t all)
     return object;
 }
 
+/* Returns the classes with a rate, each with its count and share. */
 static json_t *classes_of(const report_view *v, const class_counts *c)
 {
     json_t *object = json_object();
@@ -34,6 +35,8 @@ static json_t *classes_of(const report_view *v, const class_counts *c)
     return object;
 }
 
+/* Returns the counts of classes without a rate: rows of which nobody knows what they would have
+ * done. */
 static json_t *outside_of(const class_counts *c)
 {
     json_t *object = json_object();
@@ -75,6 +78,7 @@ static void put_seconds(json_t *object, const char *key, uint64_t ns)
     put(object, key, json_real((double)ns / 1e9));
 }
 
+/* Returns the latencies as bins, of which empty ones are left out. */
 static json_t *histogram_of(const latency *l)
 {
     json_t *list = json_array();
@@ -112,6 +116,7 @@ static json_t *latency_of(const report_view *v)
 
 /* ---- Factors --------------------------------------------------------------------------------- */
 
+/* Adds the counts of a value. Classes without a row are left out. */
 static void put_counts(json_t *object, const report_view *v, const class_counts *c)
 {
     put_count(object, "rows", class_counts_all(c));
@@ -129,6 +134,7 @@ static json_t *report_json_value_of(const report_view *v, const char *text, cons
     return object;
 }
 
+/* Returns the values of a factor. The value null stands for those that are not told apart. */
 static json_t *dimension_of(const report_view *v, const dimension *d)
 {
     json_t *object = json_object();
@@ -169,6 +175,7 @@ static json_t *cell_of(const report_view *v, const char *first, const char *seco
     return object;
 }
 
+/* Returns the counts of each pair of values of two factors, in the order of values. */
 static json_t *cells_of(const report_view *v, size_t i, size_t k)
 {
     const report *r = v->report;
@@ -184,6 +191,7 @@ static json_t *cells_of(const report_view *v, size_t i, size_t k)
     return list;
 }
 
+/* Returns two factors with the pairs of values that rows have met; null: more than were counted. */
 static json_t *pair_of(const report_view *v, size_t i, size_t k)
 {
     const report *r = v->report;
@@ -212,6 +220,7 @@ static json_t *pairs_list(const report_view *v)
 
 /* ---- Scenarios ------------------------------------------------------------------------------- */
 
+/* Returns why a row counts as degraded. */
 static json_t *reasons_of(unsigned degraded)
 {
     json_t *list = json_array();
@@ -230,6 +239,7 @@ static json_t *buses_of(const bundle_text *t)
     return object;
 }
 
+/* Returns a scenario: where it comes from, what has been tried with it, and how to run it again. */
 static json_t *scenario_of(const report_view *v, size_t i)
 {
     const shortest_scenario *one = &v->shortest->list[i];

@@ -41,6 +41,7 @@ static void put_rows(buffer *out, const class_counts *c)
                          class_name((row_class)i));
 }
 
+/* Writes a value as a test case, which fails when a row of it has failed. */
 static void write_case(FILE *out, const char *suite, const char *name, const class_counts *c)
 {
     buffer message = {.data = NULL};
@@ -55,6 +56,7 @@ static void write_case(FILE *out, const char *suite, const char *name, const cla
     buffer_free(&message);
 }
 
+/* Writes a factor as a suite with a test case for each value, up to a limit. */
 static void write_suite(FILE *out, const dimension *d)
 {
     junit_counts t = {.cases = 0};

@@ -79,6 +79,7 @@ static bool may_be_worse(const class_counts *c, const pair_measure *m, const wor
            (rated > other_rated || count * other_rated > other_count * rated);
 }
 
+/* Considers all pairs of values of two factors for the list of the worst ones. */
 static void look_at(worst_pair list[REPORT_PAIRS_WORST], size_t *count, const report_view *v,
                     const pair_measure *m, size_t i, size_t k)
 {

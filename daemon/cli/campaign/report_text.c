@@ -37,6 +37,7 @@ static void report_text_write_head(FILE *out, const report_view *v)
     free(missing);
 }
 
+/* Prints the classes with their shares. Those without a rate follow in one line. */
 static void write_classes(FILE *out, const report_view *v)
 {
     const class_counts *c = &v->report->classes;
@@ -74,6 +75,7 @@ static void write_ms(FILE *out, const char *name, uint64_t ns)
     fprintf(out, " %s %s ms", name, decimal(ns, 6).text);
 }
 
+/* Prints how many of the rows kept the limit of latency. */
 static void write_limit(FILE *out, const report_view *v)
 {
     const report *r = v->report;
@@ -158,6 +160,7 @@ static void write_worst_pair(FILE *out, const report *r, const pair_measure *m,
     free(name);
 }
 
+/* Prints the worst pairs of values, and for how many factors not all pairs are known. */
 static void write_worst_pairs(FILE *out, const report_view *v)
 {
     worst_pair list[REPORT_PAIRS_WORST];
@@ -184,6 +187,7 @@ static void write_of(FILE *out, uint64_t seen, uint64_t possible, bool over)
         fprintf(out, " of %" PRIu64, possible);
 }
 
+/* Prints how many pairs of values the rows have met, for the first pairs of factors. */
 static void write_pairs(FILE *out, const report *r)
 {
     unsigned shown = 0;
@@ -224,6 +228,7 @@ static const char *state_of(const shortest_scenario *one)
     return one->found.whole ? "" : " (not as short as possible)";
 }
 
+/* Prints a scenario in a line: its size, the row it comes from, and its state. */
 static void report_text_write_scenario(FILE *out, const shortest *s, size_t i)
 {
     const shortest_scenario *one = &s->list[i];

@@ -70,6 +70,7 @@ static double badness(const class_counts *c)
     return rated > 0 ? (undetected * 1e6 + bad * 1e3 + (double)c->of[CLASS_DEGRADED]) / rated : 0;
 }
 
+/* Orders values: the worst ones first; equal ones keep their order. */
 static int report_view_compare(const void *left, const void *right, void *user)
 {
     const dimension *d = user;

@@ -77,6 +77,8 @@ static bool find_outcome(outcome *out, const char *text, size_t length)
     return false;
 }
 
+/* Counts a row of the file, and chooses rows to make again: a sample from all of them, and the last
+ * one. */
 static void count_row(resume *r, outcome o, const char *line, size_t length)
 {
     const uint64_t number = r->first + r->there++;
@@ -122,6 +124,7 @@ static unsigned char resume_lose(void *user, uint64_t number, const pool_loss *l
     return (unsigned char)runner_lost(again->resume->runner, number, loss, line);
 }
 
+/* Compares a row that was made again with that of the file. */
 static bool campaign_resume_take(void *user, unsigned char code, const char *line, size_t length)
 {
     repeated *again = user;
@@ -164,6 +167,7 @@ static const resume_row *last_of(const resume *r)
     return is_spread ? NULL : &r->last;
 }
 
+/* Says how many rows are there, and which of them have been checked. */
 static void resume_tell(const resume *r, unsigned made, const char *file)
 {
     plain_print(stderr, "canwire campaign: %s: %s %s there", file,

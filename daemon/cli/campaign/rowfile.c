@@ -108,6 +108,7 @@ static int open_locked(const char *part)
     return -1;
 }
 
+/* Opens the part of a file of rows, locked: two runs would mix their rows. */
 static bool open_part(rowfile *f)
 {
     const int fd = open_locked(f->part);

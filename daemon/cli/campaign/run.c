@@ -66,6 +66,7 @@ static void count_row(run *r, outcome o, const char *row, size_t length)
     tally_add(&r->tally, "canwire campaign", o, row, length);
 }
 
+/* Counts a row and writes it. Rows come in order, whichever process has made them. */
 static bool run_take(void *user, unsigned char code, const char *row, size_t length)
 {
     run *r = user;
@@ -88,6 +89,7 @@ static bool check_row(void *user, const char *line, size_t length)
 
 /* ---- Progress -------------------------------------------------------------------------------- */
 
+/* Shows the progress now and then, and brings written rows to the file. */
 static void run_look(void *user, uint64_t made)
 {
     const run *r = user;
@@ -114,6 +116,7 @@ static void few(void *user, unsigned jobs, int error)
 
 /* ---- The run --------------------------------------------------------------------------------- */
 
+/* Makes the rows that are not there yet, in several processes. */
 static bool run_rows(run *r, const campaign_run_options *o)
 {
     static const pool_calls calls = {
@@ -153,6 +156,7 @@ static int run_conclude(const run *r)
     return tally_all_passed(&r->tally) ? CLI_OK : CLI_EXPECTATION;
 }
 
+/* Chooses the rows: one, those of a shard, or all. */
 static void choose_rows(run *r, const campaign_run_options *o)
 {
     const uint64_t rows = r->campaign->rows;

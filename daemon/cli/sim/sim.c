@@ -156,6 +156,7 @@ static bool sim_scout_prepare(sim_run *ahead, sim_progress *progress, sim_until 
     return true;
 }
 
+/* Looks for the event in a run of the configuration. */
 static bool run_file(sim_until *found, const sim_scout *s, const sim_until *awaited)
 {
     sim_run ahead;
@@ -168,6 +169,7 @@ static bool run_file(sim_until *found, const sim_scout *s, const sim_until *awai
     return good;
 }
 
+/* Looks for the event in a run of the journal, whose complaints come in the real run. */
 static bool run_journal(sim_until *found, const sim_scout *s, const sim_until *awaited)
 {
     sim_run ahead = {.bus = NULL};
@@ -204,6 +206,7 @@ static void sim_scout_go(const sim_scout *s, sim_until *awaited)
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
+/* Sets the end of the run. Traffic without an end needs one, or an awaited event. */
 static bool set_until(sim *s, const time_option *o, const time_option *to)
 {
     const bool endless = !s->journal.player && cfg_find_unending(s->config, NULL);
@@ -249,6 +252,7 @@ static void watch_losses(sim *s)
     sim_add_sink(&s->run, &sink);
 }
 
+/* Loads the configuration and makes its bus. */
 static bool make_bus(sim *s, const sim_options *o)
 {
     s->config = cfg_load(o->file, stderr);
@@ -275,6 +279,7 @@ static bool open_journal(sim *s, const sim_options *o)
     return sim_journal_open(&s->journal, o->journal);
 }
 
+/* Asks for the events that outputs need, and for no more: each kind costs time. */
 static void add_writer(sim *s, const sim_options *o)
 {
     sim_sink writer = {.user = s, .event = sim_write_event, .kinds = 1u << CW_EVENT_TX};
@@ -402,6 +407,7 @@ static bool close_outputs(sim *s)
     return good;
 }
 
+/* Writes what is known at the end: statistics or a summary, the judgement, losses, traces. */
 static bool sim_finish_run(sim *s, const sim_options *o)
 {
     if (outfile_begin(&s->out[OUT_STATS]))
@@ -423,6 +429,7 @@ static bool writes_to_stdout(const sim_options *o)
     return any;
 }
 
+/* Frees all, also after a failure anywhere before. */
 static void tear_down(sim *s)
 {
     sim_trace_close(&s->trace);

@@ -36,6 +36,8 @@ static bool same_nodes(const cfg *config, const cfg *next, const uint8_t *from)
     return same;
 }
 
+/* Ends what cannot go over to the next configuration. With other nodes traces end, and captures
+ * name the new ones. */
 static void sim_journal_leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
 {
     const sim_journal *j = user;
@@ -48,6 +50,7 @@ static void sim_journal_leave(void *user, const cfg *next, const uint8_t from[CW
         pcapng_begin(j->pcapng->stream, next);
 }
 
+/* Goes on with the next configuration of the journal. */
 static void sim_journal_go_over(void *user)
 {
     const sim_journal *j = user;

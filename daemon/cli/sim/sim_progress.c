@@ -76,6 +76,7 @@ typedef struct progress_line {
     const char *awaited;
 } progress_line;
 
+/* Prints the time that is left, if the bus goes on as fast as up to now. */
 static void print_left(FILE *out, const progress_line *n)
 {
     const double per_tick = n->wall_s / (double)n->stats->ticks;
@@ -146,6 +147,7 @@ static void end_line(int signal)
     (void)raise(signal);
 }
 
+/* Sees to it that an interrupt wipes the line first, where nobody else handles interrupts. */
 static void watch_interrupt(sim_progress *p)
 {
     struct sigaction ending = {.sa_flags = (int)SA_RESETHAND};
@@ -182,6 +184,7 @@ static void write_progress(sim_progress *p, const cw_bus *bus, uint64_t end)
     (void)fflush(stderr);
 }
 
+/* Wipes the line for other output. */
 static void wipe(void *user)
 {
     sim_progress *p = user;

@@ -104,6 +104,8 @@ static void copy_event(cw_event *to, const cw_event *from)
     memcpy(&to->frame, frame, offsetof(cw_frame, data) + length);
 }
 
+/* Writes an event of a bus. The bus may have left its configuration since: then it was kept as
+ * text. */
 static void sim_rig_write_event(sim_rig *s, const rig_bus *b, kept *k)
 {
     const cfg *config = b->run.config;
@@ -211,6 +213,7 @@ static bool sim_rig_keep(rig_bus *b, const cw_event *event)
     return true;
 }
 
+/* Keeps an event until all buses have reached its time: outputs are in order of time. */
 static void keep_event(void *user, const cw_event *event)
 {
     rig_bus *b = user;
@@ -270,6 +273,8 @@ static void keep_names(void *user)
     }
 }
 
+/* Ends what belongs to the configuration that a bus leaves. Names of its nodes are kept for events
+ * that are still to be written. */
 static void sim_rig_leave(void *user, const cfg *next, const uint8_t from[CW_NODES_MAX])
 {
     rig_bus *b = user;
@@ -347,6 +352,7 @@ static bool check_end(const sim_rig *s, const cfg *config)
     return !cfg_find_unending(config, NULL);
 }
 
+/* Makes a bus, from the journal or the configuration. Messages come from the real run alone. */
 static bool open_run(sim_rig *s, rig_bus *b)
 {
     if (s->player)
@@ -421,6 +427,7 @@ static bool await_all(sim_rig *s)
     return s->awaits > 0;
 }
 
+/* Chooses the events of a bus that outputs need. */
 static void choose_events(rig_bus *b, const sim_rig_options *o)
 {
     b->kinds = 1u << CW_EVENT_TX;
@@ -432,6 +439,7 @@ static void choose_events(rig_bus *b, const sim_rig_options *o)
         b->kinds |= 1u << CW_EVENT_CAPTURE;
 }
 
+/* Makes bus i of a rig, with its end, its judge and what it keeps. */
 static bool sim_rig_open_bus(sim_rig *s, size_t i)
 {
     rig_bus *b = &s->buses[i];
@@ -500,6 +508,7 @@ static bool load_rig(sim_rig *s)
     return sim_group_open(&s->group, s->config) || sim_rig_fail("out of memory");
 }
 
+/* Makes all buses and opens the outputs. Returns false after a message. */
 static bool set_up(sim_rig *s)
 {
     s->group = (sim_group){.step = s->options->step,
@@ -614,6 +623,7 @@ static void begin_pcapng(sim_rig *s)
                          s->config->bus_count);
 }
 
+/* Warns once, for all buses, that the awaited event may never come. */
 static void warn_once(sim_rig *s)
 {
     size_t i = 0;

@@ -40,6 +40,7 @@ static void write_repeat(seeds *s, buffer *row, uint64_t seed)
     outcome_end_row(row, &s->repeat);
 }
 
+/* Runs the scenario with a seed, and writes its row. */
 static unsigned char sim_seeds_make(void *user, uint64_t seed, buffer *row)
 {
     seeds *s = user;
@@ -51,6 +52,7 @@ static unsigned char sim_seeds_make(void *user, uint64_t seed, buffer *row)
     return (unsigned char)o;
 }
 
+/* Writes the row of a seed whose process has ended or took too long. */
 static unsigned char sim_seeds_lose(void *user, uint64_t seed, const pool_loss *loss, buffer *row)
 {
     seeds *s = user;
@@ -61,6 +63,7 @@ static unsigned char sim_seeds_lose(void *user, uint64_t seed, const pool_loss *
     return (unsigned char)o;
 }
 
+/* Counts a row and prints it. Rows come in order of seeds. */
 static bool sim_seeds_take(void *user, unsigned char code, const char *row, size_t length)
 {
     seeds *s = user;
@@ -79,6 +82,7 @@ static void few(void *user, unsigned jobs, int error)
 
 /* ---- The run --------------------------------------------------------------------------------- */
 
+/* Opens the scenario, which must have an end: nobody would interrupt each seed. */
 static bool open_scenario(seeds *s)
 {
     const sim_seeds_options *o = s->options;

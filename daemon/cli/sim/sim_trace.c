@@ -65,6 +65,7 @@ static bool is_inside(const sim_trace *self, const cw_event *event)
     return event->tick > start || (event->tick == start && acts);
 }
 
+/* Passes an event of the window on to the traces. */
 static void take_event(void *user, const cw_event *event)
 {
     sim_trace *self = user;
@@ -78,6 +79,7 @@ static void take_event(void *user, const cw_event *event)
         self->no_memory = true;
 }
 
+/* Passes a bit of the window on. One before it shows the state in which the window begins. */
 static void take_bit(void *user, const cw_bus *bus)
 {
     sim_trace *self = user;
@@ -161,6 +163,7 @@ void sim_trace_begin(sim_trace *self)
         sim_trace_prepare(self, self->run->bus);
 }
 
+/* Writes the picture, unless it would have too many bits. */
 static bool draw(const sim_trace *self, const char *program)
 {
     if (!fits_picture(svg_count(self->svg), program))

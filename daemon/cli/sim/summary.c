@@ -46,6 +46,7 @@ static void print_fd(FILE *out, const cw_bus_stats *stats)
     fputc('\n', out);
 }
 
+/* Prints the share of bad frames, and how many that nobody has noticed are to be expected. */
 static void print_errors(FILE *out, const cw_bus_stats *stats)
 {
     const uint64_t ppm = residual_error_ppm(stats), ppt = residual_expected_ppt(stats);

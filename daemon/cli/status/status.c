@@ -121,6 +121,7 @@ typedef struct answers {
     bool good; /* all have answered */
 } answers;
 
+/* Keeps the status of a bus. One bad answer makes the whole a failure, and the others are shown. */
 static void take_answer(void *user, const char *path, json_t *reply)
 {
     answers *all = user;
@@ -192,6 +193,7 @@ static void check_answer(void *user, const char *path, json_t *reply)
     json_decref(status);
 }
 
+/* Checks all buses that run. That none runs, or that nobody can tell, is a finding, too. */
 static void check_all(check *c)
 {
     glob_t found;
@@ -207,6 +209,7 @@ static void check_all(check *c)
     check_bus(c, "", NULL, last_message);
 }
 
+/* Checks as a plugin of a monitoring system, which reads one line: messages become part of it. */
 static int show_check(const check_limits *limits, const char *bus)
 {
     check c = {.limits = *limits};

@@ -123,6 +123,8 @@ static void check_link(check *c, const json_t *node, const char *what, const cha
     raise_to(c, c->limits.links);
 }
 
+/* Checks the state of a node and its connections. A sleeping node is well, and guests come and
+ * go. */
 static void status_check_check_node(check *c, const json_t *node)
 {
     const char *state = get_any_text(node, "state"), *link = get_any_text(node, "link");
@@ -142,6 +144,7 @@ static void status_check_check_node(check *c, const json_t *node)
     check_link(c, node, "tunnel", get_any_text(json_object_get(node, "tunnel"), "state"));
 }
 
+/* Checks a recording or a publication, unless they are not of interest. */
 static void check_sink(check *c, const json_t *sink)
 {
     if (c->limits.sinks == CHECK_OK || json_is_true(json_object_get(sink, "good")))
@@ -163,6 +166,7 @@ static void check_lately(check *c, const json_t *one)
     raise_to(c, c->limits.losses);
 }
 
+/* Warns of rules that are not in force though somebody wanted them, and of a refused reload. */
 static void check_rules(check *c, const json_t *status)
 {
     const char *lost = get_any_text(json_object_get(status, "lost_rules"), "note");
@@ -252,6 +256,7 @@ void check_tell(check *c, check_level level, const char *text)
     raise_to(c, level);
 }
 
+/* Checks all of a bus. A status that lacks something is unknown: it comes from another version. */
 void check_bus(check *c, const char *bus, const json_t *status, const char *why)
 {
     const json_t *now = json_object_get(status, "bus");
@@ -286,6 +291,7 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
     check_expectations(c, json_object_get(status, "expectations"));
 }
 
+/* Returns a text without control characters: monitoring systems show it on pages. */
 static const char *plain_text(buffer *text)
 {
     if (!buffer_text(text))

@@ -212,6 +212,7 @@ static void print_local_time(FILE *out, const json_t *time)
     fputc('\n', out);
 }
 
+/* Prints the counters of a trigger, and how late its frames began. */
 static void print_slots(FILE *out, const json_t *trigger)
 {
     fprintf(out, "\t    at %jd %s %s: slots %jd sent %jd missed %jd failed %jd arbit-lost %jd",
@@ -224,6 +225,7 @@ static void print_slots(FILE *out, const json_t *trigger)
     fputc('\n', out);
 }
 
+/* Prints where in its cycle a time-triggered node is. */
 static void print_schedule(FILE *out, const json_t *schedule)
 {
     const json_t *triggers = json_object_get(schedule, "triggers");
@@ -278,6 +280,7 @@ static void print_sleep(FILE *out, const json_t *settings)
         fputc('\n', out);
 }
 
+/* Prints state and settings in the words of `ip -details link`, as far as it has some. */
 static void print_state(FILE *out, const json_t *node, intmax_t bitrate)
 {
     const json_t *settings = json_object_get(node, "settings");
@@ -306,6 +309,7 @@ static int column_width(const column *columns, size_t count, size_t i)
     return width > TITLE_WIDTH ? width : TITLE_WIDTH;
 }
 
+/* Prints counters below their titles, in the way of `ip -statistics`. */
 static void print_columns(FILE *out, const json_t *values, const column *columns, size_t count)
 {
     for (size_t i = 0; i < count; i++)
@@ -334,6 +338,7 @@ static size_t add_columns(column columns[COLUMNS_MAX], size_t count, const cw_st
     return count;
 }
 
+/* Prints the counters that the tables of counters put into one line. */
 static void print_line(FILE *out, const json_t *node, cw_stat_line line)
 {
     column columns[COLUMNS_MAX];
@@ -601,6 +606,7 @@ void status_print(FILE *out, const json_t *status)
     gateways_print(out, json_object_get(status, "gateways"));
 }
 
+/* Returns a word for the state of a rule. */
 static const char *fault_state(const json_t *fault)
 {
     if (json_is_true(json_object_get(fault, "active")))

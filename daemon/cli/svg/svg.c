@@ -58,6 +58,7 @@ static size_t kept(const svg *self)
 
 /* ---- Taking bits ----------------------------------------------------------------------------- */
 
+/* Notes the data rate, and the number of the first bit, when the picture begins. */
 static void note_rates(svg *self, const cw_bus *bus)
 {
     data_timing t;
@@ -220,6 +221,7 @@ static uint64_t bit_number(const pen *p, size_t bit)
     return before + bit;
 }
 
+/* Draws the grid of bits. Each fifth or tenth has its number and its time. */
 static void draw_ticks(const pen *p, int y)
 {
     const svg_row *row = p->row;
@@ -311,6 +313,7 @@ static uint64_t wire_nodes(const cw_bit_view *bit, unsigned wire)
     return nodes;
 }
 
+/* Returns the level on a wire. Parts of a broken line have levels of their own. */
 static level wire_level(const cw_bit_view *bit, unsigned wire)
 {
     uint64_t nodes = wire_nodes(bit, wire);
@@ -418,6 +421,7 @@ static bool node_is_faulty(const cw_bit_view *bit, unsigned node)
 
 /* ---- Wires ----------------------------------------------------------------------------------- */
 
+/* Writes the level of each bit as a digit below the line. */
 static void draw_digits(const pen *p, const level_lane *l)
 {
     put_rect(p, bit_x(p, p->row->first), p->y + SVG_WAVE + 1,
