@@ -231,6 +231,7 @@ static bool check_scenario(campaign_owner *o, schema *self)
     return good;
 }
 
+/* Reads the scenario, as a whole and as a document: values are put into its text. */
 static void read_scenario(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     campaign_owner *o = object;
@@ -248,6 +249,7 @@ static void read_scenario(schema *self, const schema_key *key, yaml_node_t *valu
 
 /* ---- Other keys ------------------------------------------------------------------------------ */
 
+/* Reads the end of each row. The buses of a rig need not agree in the length of a bit. */
 static void read_until(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     campaign_owner *o = object;
@@ -261,6 +263,7 @@ static void read_until(schema *self, const schema_key *key, yaml_node_t *value, 
     o->campaign.until = schema_copy(self, text);
 }
 
+/* Reads how much real time a row may take. */
 static void read_limit(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     campaign_owner *o = object;
@@ -277,6 +280,7 @@ static void read_limit(schema *self, const schema_key *key, yaml_node_t *value, 
     o->campaign.limit_ms = (int64_t)(limit.ns / 1000000);
 }
 
+/* Reads which rows of the product are taken: a word, or a number with its kind. */
 static void read_sample(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const schema_choice words[] = {
@@ -342,6 +346,7 @@ static void read_ftti(schema *self, const schema_key *key, yaml_node_t *value, v
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
+/* Reads the campaign, then checks what concerns several keys, as far as the keys are good. */
 static void campaign_read_root(campaign_owner *o, diag *errors, yaml_document_t *document)
 {
     schema self = {.errors = errors, .arena = &o->arena, .document = document, .user = o};

@@ -72,6 +72,7 @@ const schema_key campaign_ecu_keys[] = {
 
 /* ---- Names ----------------------------------------------------------------------------------- */
 
+/* Reads the name of a program, which names its files. */
 static void ecus_read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
@@ -94,6 +95,7 @@ static const cfg_node *ecus_find_node(const cfg *config, const char *name)
     return NULL;
 }
 
+/* Reads the node of a program. The program is its only source of traffic. */
 static void read_node(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const campaign_owner *o = self->user;
@@ -171,6 +173,7 @@ static const char *read_variable(schema *self, const schema_key *key, const yaml
     return "";
 }
 
+/* Reads the variables of a program, which are the last in its environment. */
 static void read_env(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     ecu *e = object;
@@ -262,6 +265,7 @@ static void ecus_read_frame(schema *self, const schema_key *key, yaml_node_t *va
         schema_problem(self, key, value, text_parse_filters(&e->filter, &count, 1, text));
 }
 
+/* Reads the sign that a program is ready: a line of its output, or a frame. */
 static void read_ready(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     if (value->type != YAML_MAPPING_NODE) {
@@ -286,6 +290,7 @@ static bool is_taken(const char *name)
     return taken;
 }
 
+/* Checks that no other file of a row has the name. */
 static void check_name(schema *self, const ecu_plan *plan, const yaml_node_t *item)
 {
     const ecu *e = &plan->list[plan->count];
@@ -323,6 +328,7 @@ static void check_program(schema *self, const yaml_node_t *item, ecu *e, size_t 
         schema_complain(self, item, "ecu: 'node' is missing; only with 'bus: own' there is none");
 }
 
+/* Reads the programs. A name that is missing is that of the node. */
 void campaign_read_ecus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     campaign_owner *o = object;

@@ -9,6 +9,7 @@ static void raise_to(uint16_t *most, uint16_t value)
     *most = value > *most ? value : *most;
 }
 
+/* Keeps the highest counters of each node. */
 static void note_counters(observation *seen, const cw_event *event)
 {
     for (uint64_t rest = event->nodes; rest; rest &= rest - 1) {
@@ -18,6 +19,7 @@ static void note_counters(observation *seen, const cw_event *event)
     }
 }
 
+/* Keeps when each node last left error active, and when it came back. */
 static void note_state(observation *seen, const cw_event *event)
 {
     const bool active = event->state == CW_STATE_ERROR_ACTIVE;

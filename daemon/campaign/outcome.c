@@ -32,6 +32,7 @@ static void write_failed(buffer *row, const expect_outcome *e)
     buffer_put(row, "}");
 }
 
+/* Writes how many expectations were met, and those that were not by name. */
 static void write_expectations(buffer *row, const expect_report *report)
 {
     jsontext_value(row, "expectations", "{");
@@ -89,6 +90,7 @@ static uint64_t find_first_fault(const scenario *s)
     return first;
 }
 
+/* Writes the first error: when, where in the frame, and who has seen it. */
 static void write_error(buffer *row, const scenario_bus *b)
 {
     const observation *seen = &b->seen;
@@ -156,6 +158,8 @@ static inline uint64_t sum_of(const void *values, size_t size, unsigned count)
     return sum;
 }
 
+/* Writes state and counters of a node. This is the longest part of a row, so it is written without
+ * checks of room in between. */
 static void write_counters(buffer *row, const cw_node_stats *n, const observation *seen,
                            unsigned node)
 {

@@ -109,6 +109,7 @@ static bool give(int fd, buffer *lines)
     return true;
 }
 
+/* Waits for an order. Returns false when there are no more. */
 static bool get(int fd, pool_order *order)
 {
     char *at = (char *)order;
@@ -132,6 +133,8 @@ static bool pool_worker_add(const pool_work *work, uint64_t number, buffer *line
     return pool_add_line(lines, work->calls->make(work->user, number, line), line);
 }
 
+/* Makes the lines of an order, and gives them now and then. It gives what it has before it ends for
+ * want of memory. */
 static bool pool_worker_obey(const pool_work *work, int fd, const pool_order *order, buffer *line,
                              buffer *lines)
 {
@@ -150,6 +153,7 @@ static bool pool_worker_obey(const pool_work *work, int fd, const pool_order *or
     return give(fd, lines);
 }
 
+/* Does orders that come by a socket until that ends; it then ends the process. */
 _Noreturn static void pool_worker(const pool_work *work, int fd)
 {
     pool_order order;
@@ -294,6 +298,7 @@ static bool is_all_opened(const pool *p)
     return p->opened * p->chunk_size >= p->work->count;
 }
 
+/* Gives a worker the next chunk. */
 static void open_chunk(pool *p, worker *w)
 {
     const uint64_t begin = p->opened * p->chunk_size;
@@ -348,6 +353,7 @@ static bool hand_on(pool *p, chunk *c)
     return true;
 }
 
+/* Hands lines on, in order, up to the first chunk that is not whole. */
 static bool take_chunks(pool *p)
 {
     while (p->closed < p->opened) {
@@ -363,6 +369,7 @@ static bool take_chunks(pool *p)
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
 
+/* Counts a line that has come. After the last one of its chunk the worker has nothing to do. */
 static void count_line(pool *p, worker *w)
 {
     p->made++;
@@ -423,6 +430,7 @@ static bool replace(pool *p, worker *w)
     return !w->chunk || order(p, w);
 }
 
+/* Reads what a process gives. Another one takes the place of a process that has ended. */
 static bool listen_to(pool *p, worker *w)
 {
     if (!buffer_reserve(&w->part, READ_BYTES))
@@ -477,6 +485,7 @@ static unsigned list_polled(pool *p, struct pollfd polled[], worker *workers[])
     return count;
 }
 
+/* Waits for lines, but not longer than the progress is shown or a line may take. */
 static bool wait_for_lines(pool *p)
 {
     struct pollfd polled[POOL_JOBS_MAX];
@@ -497,6 +506,7 @@ static bool wait_for_lines(pool *p)
     return good;
 }
 
+/* Chooses the size of chunks: small enough that all processes end together. */
 static bool set_up(pool *p)
 {
     const uint64_t chunks = (uint64_t)p->work->jobs * CHUNKS_A_JOB;
@@ -507,6 +517,7 @@ static bool set_up(pool *p)
     return p->chunks || pool_fail(p, ENOMEM);
 }
 
+/* Ends all processes, those with work at once. */
 static void tear_down(pool *p)
 {
     for (unsigned i = 0; i < p->work->jobs; i++) {

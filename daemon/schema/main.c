@@ -80,6 +80,7 @@ static json_t *numbers_of(const schema_range *range)
                      "maximum", schema_number_of(range->max));
 }
 
+/* Returns what the type of a key says of its value, or NULL when its reader must say it. */
 static json_t *typed(maker *self, const schema_key *key)
 {
     json_t *map = key->map ? make_map(self, key->map, key->within, key->as) : NULL;
@@ -91,6 +92,8 @@ static json_t *typed(maker *self, const schema_key *key)
     return value;
 }
 
+/* Returns what JSON schema says of the value of a key. A key of which nothing is known ends the
+ * build. */
 static json_t *schema_value_of(maker *self, const schema_key *key)
 {
     json_t *value = typed(self, key);
@@ -126,6 +129,8 @@ static json_t *preset_of(const char *text)
     return value ? value : json_string(text);
 }
 
+/* Makes the schema of a key, with help and default. In a profile a parameter may stand for part of
+ * a value. */
 static json_t *make_key(maker *self, const schema_key *key)
 {
     json_t *value = schema_value_of(self, key);
@@ -185,6 +190,8 @@ static void end_map(json_t *map, const schema_key *last)
     }
 }
 
+/* Makes the schema of a map from the table of its reader. One with a name becomes a definition,
+ * once. */
 static json_t *make_map(maker *self, const schema_key *keys, uint8_t kind, const char *name)
 {
     const bool open = self->open;
@@ -355,6 +362,7 @@ static json_t *begin_file(const char *title, const char *what)
                      "title", title, "description", what);
 }
 
+/* Writes the schema of configurations and profiles, which are told apart by their keys. */
 static void make_configuration(const char *folder)
 {
     maker self = make_begin();
@@ -430,6 +438,7 @@ static json_t *actions_by_kind(void)
     return all;
 }
 
+/* Writes the tables of counters and actions, for the man pages. */
 static void write_tables(const char *path)
 {
     json_t *root = json_pack(

@@ -230,6 +230,8 @@ const char *type_of_reader(schema_reader *read)
     return NULL;
 }
 
+/* Returns what a sign stands for, or NULL for itself. Of two apostrophes it passes the first
+ * one. */
 static const char *expand(const char **text, const char *map)
 {
     if (**text == '@')

@@ -162,6 +162,8 @@ static _Noreturn void end_child(int status)
     _exit(status);
 }
 
+/* Answers for an adapter, in a process of its own without any rights. The kernel keeps the device
+ * for as long as that lives. */
 static _Noreturn void run_server(const adapters *all, const adapter *a, int kernel, int beat,
                                  pid_t parent)
 {
@@ -179,6 +181,8 @@ static _Noreturn void run_server(const adapters *all, const adapter *a, int kern
     end_child((int)serve(kernel, beat, &who, a->path));
 }
 
+/* Starts the process that gives the interface its name: that waits for the kernel, and this process
+ * must not. */
 static void start_namer(adapter *a)
 {
     const pid_t parent = getpid();
@@ -204,6 +208,7 @@ static void stop_process(pid_t *process)
 
 /* ---- One adapter ----------------------------------------------------------------------------- */
 
+/* Unplugs an adapter, and ends its processes. It rests before it is plugged in again. */
 static void unplug(adapters *all, adapter *a)
 {
     if (a->port < 0)
@@ -218,6 +223,7 @@ static void unplug(adapters *all, adapter *a)
     a->rest = RETRY_TICKS;
 }
 
+/* Says why an adapter cannot be plugged in, once for each reason. */
 static void adapters_complain(adapter *a, int number)
 {
     if (a->told != number)
@@ -228,6 +234,7 @@ static void adapters_complain(adapter *a, int number)
     a->rest = RETRY_TICKS;
 }
 
+/* Says who may not open the socket of an adapter, and why, as far as its mode tells. */
 static void explain_forbidden(const adapter *a)
 {
     char text[ACCESS_WHY_BYTES];
@@ -279,6 +286,7 @@ static bool may_plug_in(adapter *a)
     return false;
 }
 
+/* Finds a port that is free, and none of our own. */
 static int find_port(const adapters *all)
 {
     int used[ADAPTERS_MAX];
@@ -303,6 +311,7 @@ static bool start_server(const adapters *all, adapter *a, const int kernel[2], c
     return a->server > 0 && vhci_attach(&all->files, a->port, kernel[0]);
 }
 
+/* Plugs an adapter in: its process answers the kernel before the kernel asks. */
 static void plug_in(adapters *all, adapter *a)
 {
     int kernel[2], beat[2];
@@ -344,6 +353,8 @@ static bool has_ended(pid_t *process, int *result)
     return true;
 }
 
+/* Takes the result of naming. An interface without its name is of no use: the adapter is
+ * unplugged. */
 static void look_at_namer(adapters *all, adapter *a)
 {
     int result;
@@ -398,6 +409,8 @@ static bool has_come_back(adapter *a)
     return naming_find(a->port) != 0;
 }
 
+/* Looks for an interface that is back because its namespace has gone. It is moved again if there is
+ * a new one; otherwise the adapter is unplugged. */
 static void look_for_interface(adapters *all, adapter *a)
 {
     if (!has_come_back(a))
@@ -409,6 +422,8 @@ static void look_for_interface(adapters *all, adapter *a)
         unplug(all, a);
 }
 
+/* Takes the end of the process of an adapter. One that is barred rests longer, if only an attempt
+ * tells whether it still is. */
 static void look_at_end(adapters *all, adapter *a, int result)
 {
     unplug(all, a);
@@ -422,6 +437,7 @@ static void look_at_end(adapters *all, adapter *a, int result)
         a->rest = BARRED_TICKS;
 }
 
+/* Does what is due for an adapter. It is called once a tick. */
 static void look_after(adapters *all, adapter *a)
 {
     int result;
@@ -523,6 +539,7 @@ static bool adapters_is_same(const adapter *a, const adapter *b)
            strcmp(a->path, b->path) == 0;
 }
 
+/* Marks the adapter of a node as wanted, or adds it. Others are unplugged after a reload. */
 static void want(adapters *a, const cfg_node *node)
 {
     const adapter made = make_adapter(node);

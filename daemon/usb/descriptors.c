@@ -58,6 +58,7 @@ static int put_text(unsigned char *answer, const char *text)
     return answer[0];
 }
 
+/* Gives a text of the device. Returns its bytes, -1: there is none, and the request stalls. */
 static int answer_text(unsigned char *answer, const usb_identity *who, unsigned number)
 {
     static const unsigned char languages[] = {4, USB_DT_STRING, LANGUAGE & 0xff, LANGUAGE >> 8};
@@ -118,6 +119,8 @@ static int answer_firmware(unsigned char *answer, const usb_identity *who)
     return FIRMWARE_INFO_BYTES;
 }
 
+/* Answers a request that all devices know. Settings are accepted and change nothing: there is one
+ * of each. */
 static int answer_standard(unsigned char *answer, const usb_identity *who,
                            const unsigned char setup[8])
 {

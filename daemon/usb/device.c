@@ -114,6 +114,7 @@ static void answer_failed(usb_device *d, unsigned place)
     forget_held(d, place);
 }
 
+/* Fails all frames that the bus has not sent, as an unplugged device does. */
 static void fail_all(usb_device *d)
 {
     while (d->held_count > 0) {
@@ -191,6 +192,8 @@ static void put_switch(buffer *out, const char *key, bool on)
     jsontext_value(out, key, on ? "true" : "false");
 }
 
+/* Writes what the driver has set, as keys of a node. The driver restarts by itself: restart-ms is
+ * 0. */
 static void put_settings(buffer *out, const usb_device *d)
 {
     jsontext_item(out, "{");
@@ -205,6 +208,7 @@ static void put_settings(buffer *out, const usb_device *d)
     jsontext_value(out, "restart-ms", "0}");
 }
 
+/* Hands an order over to the node, with the settings of the driver where it begins. */
 static void order(usb_device *d, message_order what, bool with_settings)
 {
     buffer text = {.data = NULL};
@@ -233,6 +237,7 @@ static void set_on(usb_device *d, bool listen_only)
     order(d, MESSAGE_ON, true);
 }
 
+/* Takes the node off the bus. Nothing of before is told later. */
 static void set_off(usb_device *d)
 {
     if (d->on)
@@ -243,6 +248,7 @@ static void set_off(usb_device *d)
     fail_all(d);
 }
 
+/* Obeys a command of the driver. */
 static void device_obey(usb_device *d, const peak_command *c)
 {
     switch (c->opcode) {
@@ -268,6 +274,7 @@ static void device_obey(usb_device *d, const peak_command *c)
 
 /* ---- Requests -------------------------------------------------------------------------------- */
 
+/* Answers a request about the device itself. */
 static bool take_control(usb_device *d, const usb_request *r, const unsigned char *data)
 {
     unsigned char reply[USB_ANSWER_MAX];
@@ -281,6 +288,7 @@ static bool take_control(usb_device *d, const usb_request *r, const unsigned cha
     return device_answer(d, SUBMITTED, r->number, 0, r->length, NULL, 0);
 }
 
+/* Keeps a request that reads until there is something to give. */
 static bool take_read(usb_device *d, const usb_request *r)
 {
     if (d->read_count == DEVICE_READS_MAX)
@@ -325,6 +333,7 @@ static bool device_take_frame(usb_device *d, const usb_request *r, const unsigne
     return true;
 }
 
+/* Takes a request of the kernel for an endpoint, and answers it now or later. */
 static bool take_submit(usb_device *d, const usb_request *r, const unsigned char *data)
 {
     if (r->endpoint == 0)
@@ -352,6 +361,7 @@ static bool take_unlink(usb_device *d, const usb_request *r)
     return device_answer(d, UNLINKED, r->number, found ? -ECONNRESET : 0, 0, NULL, 0);
 }
 
+/* Reads the head of a request, as USB/IP has it: numbers are big-endian. */
 static usb_request parse(const char *bytes)
 {
     uint32_t head[HEAD_WORDS];

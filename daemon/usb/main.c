@@ -124,6 +124,7 @@ static void explain_nothing(const char *file)
 
 /* ---- The run --------------------------------------------------------------------------------- */
 
+/* Catches signals without SA_RESTART: a wait ends, and the loop looks. */
 static void catch_signals(void)
 {
     const struct sigaction caught = {.sa_handler = usb_on_signal};
@@ -214,6 +215,7 @@ static int run_file(adapters *a, const vhci *files, int missing, const char *fil
     return good ? EXIT_SUCCESS : unit_failure();
 }
 
+/* Plugs in what the configuration asks for, until it is stopped. */
 static int serve_file(const vhci *files, int missing, const char *file)
 {
     adapters *a = adapters_new(files);

@@ -83,6 +83,7 @@ bool peak_take_command(peak_command *out, const unsigned char *bytes, size_t siz
 static const unsigned char fd_lengths[] = {0, 1, 2,  3,  4,  5,  6,  7,
                                            8, 12, 16, 20, 24, 32, 48, 64};
 
+/* Takes the CAN FD part of a record. Its DLC is known to be at most 15. */
 static void take_fd(peak_frame *out, unsigned dlc, unsigned flags)
 {
     out->size = CANFD_MTU;
@@ -104,6 +105,7 @@ static size_t data_bytes(const peak_frame *f)
     return f->fd.can_id & CAN_RTR_FLAG ? 0 : f->fd.len; /* the length is at one place in both */
 }
 
+/* Takes a frame of the driver. A record that ends in its data is broken. */
 static peak_found usb_peak_take_frame(peak_frame *out, const unsigned char *at, size_t size)
 {
     const unsigned flags = get16(at + 14), dlc = at[12] >> 4;
@@ -136,6 +138,7 @@ peak_found peak_take_frame(peak_frame *out, const unsigned char *bytes, size_t s
 
 /* ---- To the driver --------------------------------------------------------------------------- */
 
+/* Writes the head of a record, and zeros up to its end. Returns its size. */
 static size_t put_head(unsigned char *out, size_t size, unsigned type, uint64_t us)
 {
     memset(out, 0, size);
@@ -146,6 +149,7 @@ static size_t put_head(unsigned char *out, size_t size, unsigned type, uint64_t 
     return size;
 }
 
+/* Returns the least DLC whose length is enough. */
 static unsigned fd_dlc(unsigned length)
 {
     unsigned dlc = 0;

@@ -81,6 +81,8 @@ static void give_signs(int beat, int64_t *next_ms, wire *w)
     wire_connect(w);
 }
 
+/* Waits for the kernel and the node, and does what they want. Returns false at the end; *good: an
+ * orderly one. */
 static bool serve_go_on(int kernel, int beat, usb_device *d, wire *w, bool *good)
 {
     struct pollfd watched[WATCHED] = {

@@ -117,6 +117,7 @@ typedef struct port_set {
     size_t count;
 } port_set;
 
+/* Returns true for a high-speed port that is free and not among the used ones. */
 static bool is_free(const port_line *line, const void *arg)
 {
     const port_set *used = arg;

@@ -53,6 +53,8 @@ static void wire_send_frame(void *user, uint32_t number, const peak_frame *frame
         (void)send_message(w, MESSAGE_FRAME, number, &frame->fd, frame->size);
 }
 
+/* Sends an order with settings. Without a connection it is left out: device_begin() repeats it when
+ * there is one. */
 static void send_order(void *user, message_order order, const char *settings)
 {
     wire *w = user;
@@ -68,6 +70,7 @@ const device_calls wire_calls = {.send = wire_send_frame, .order = send_order};
 
 /* ---- From canwired --------------------------------------------------------------------------- */
 
+/* Takes a frame of the bus. One of our own says that it has been sent. */
 static void wire_take_frame(const wire *w, const message *m, size_t size)
 {
     if (m->head.flags & MESSAGE_OWN)
@@ -76,6 +79,8 @@ static void wire_take_frame(const wire *w, const message *m, size_t size)
         device_received(w->device, &m->frame, size, m->head.bus_ns / NS_PER_US);
 }
 
+/* Takes a refusal. A node that is taken may be free in a moment, so it is tried some times before
+ * it counts. */
 static void take_error(wire *w, message *m, size_t size)
 {
     m->error.text[size < sizeof m->error ? size - sizeof m->error.code : MESSAGE_TEXT_BYTES - 1] =
@@ -92,6 +97,7 @@ static void take_error(wire *w, message *m, size_t size)
     w->told = w->there ? w->told : code;
 }
 
+/* Takes a message of canwired. Types that are of no use here are left out. */
 static void wire_take(wire *w, message *m, size_t whole)
 {
     const size_t size = whole - sizeof m->head;

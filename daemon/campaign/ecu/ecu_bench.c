@@ -109,6 +109,7 @@ static void find_lost(ecu_bench *b, size_t i)
                            config_of(b, i)->name);
 }
 
+/* Takes output of a program, which may be the sign that it is ready. */
 static void take_output(ecu_bench *b, size_t i)
 {
     const ecu *e = config_of(b, i);
@@ -128,6 +129,7 @@ static void take_notify(ecu_bench *b)
         b->bus_ready = true;
 }
 
+/* Takes a frame of the bus: it is the sign of those programs that wait for it at their node. */
 static void ecu_bench_take_frame(ecu_bench *b, const json_t *event)
 {
     cw_frame frame;
@@ -144,6 +146,8 @@ static void ecu_bench_take_frame(ecu_bench *b, const json_t *event)
     }
 }
 
+/* Takes the answer to a question for bus time. Programs that have become ready since then did so at
+ * that time. */
 static void take_status(ecu_bench *b, const json_t *reply)
 {
     const json_t *status = json_object_get(reply, "status");
@@ -195,6 +199,8 @@ static void tell_crash(ecu_bench *b, const ecu *e, int status)
         ecu_bench_conclude(b, ECU_CRASHED, "%s: exit status %d", e->name, WEXITSTATUS(status));
 }
 
+/* Notes the end of a process. One that fails, or ends before it was ready, has crashed the row;
+ * after the run an end is expected. */
 static void note_end(ecu_bench *b, pid_t pid, int status)
 {
     if (pid == b->bus)
@@ -214,6 +220,7 @@ static void note_end(ecu_bench *b, pid_t pid, int status)
     }
 }
 
+/* Takes ended children. Any other signal aborts the bench. */
 static void take_signals(ecu_bench *b)
 {
     struct signalfd_siginfo signal;
@@ -351,6 +358,7 @@ static bool open_notify(ecu_bench *b)
            ecu_bench_fail(b, address.sun_path);
 }
 
+/* Starts canwired with the scenario. It says by its notify socket that it is ready. */
 static bool start_bus(ecu_bench *b)
 {
     const ecu_folder *f = b->task->folder;
@@ -389,6 +397,7 @@ static bool open_control(ecu_bench *b)
 
 /* ---- Programs -------------------------------------------------------------------------------- */
 
+/* Opens the log of a program, and the pipe through which its output comes. */
 static bool open_output(ecu_bench *b, size_t i, int *out)
 {
     char name[128];
@@ -404,6 +413,7 @@ static bool open_output(ecu_bench *b, size_t i, int *out)
     return true;
 }
 
+/* Starts a program in its folder. One whose sign is its start is ready then. */
 static bool start_program(ecu_bench *b, size_t i)
 {
     const ecu *e = config_of(b, i);
@@ -504,6 +514,7 @@ static void find_late_crash(ecu_bench *b)
     }
 }
 
+/* Takes what programs have written up to their end. */
 static void drain_outputs(ecu_bench *b)
 {
     for (size_t i = 0; i < count_of(b); i++) {
@@ -516,6 +527,7 @@ static void drain_outputs(ecu_bench *b)
     }
 }
 
+/* Ends canwired so that its journal is whole; one that does not end is killed. */
 static void end_bus(ecu_bench *b)
 {
     if (b->bus > 0)

@@ -116,6 +116,7 @@ static void add_row(words *w, const ecu_task *task)
     ecu_command_add(w, "PYTHONHASHSEED=0");
 }
 
+/* Sets what a program gets to know of its row. Its own variables come last and win. */
 static void add_variables(words *w, const ecu_task *task, size_t program)
 {
     const ecu *e = &task->campaign->ecus.list[program];

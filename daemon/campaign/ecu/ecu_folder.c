@@ -137,6 +137,7 @@ static bool make_files(ecu_folder *f, const char *work, char why[ECU_WHY_MAX])
     return ecu_folder_fail(why, f->files);
 }
 
+/* Makes the folder of sockets. It is not that of files: paths of sockets have at most 107 bytes. */
 static bool make_sockets(ecu_folder *f, char why[ECU_WHY_MAX])
 {
     const char *temporary = getenv("TMPDIR");

@@ -83,6 +83,7 @@ static void run_virtual(ecu_bench *b)
     }
 }
 
+/* Runs a row: the bus, its programs, then the time that it lasts. */
 static void ecu_keeper_run(ecu_bench *b)
 {
     uint64_t begin_ns = 0;
@@ -145,6 +146,8 @@ static void close_others(int a, int b)
     (void)close_range(high + 1, ~0u, 0);
 }
 
+/* Is the process of a row. It ends with all that has been started, and gives its result to the
+ * parent. */
 _Noreturn static void be_keeper(const ecu_task *task, int out, pid_t parent)
 {
     ecu_result result = {.end_ns = ECU_NO_TIME};
@@ -182,6 +185,7 @@ typedef struct watch {
     bool late;
 } watch;
 
+/* Lets a keeper go on that was stopped. From then on it has a limit here, beside its own. */
 static void look_at_keeper(watch *w)
 {
     w->stopped = stopped_go_on(w->keeper) || w->stopped;

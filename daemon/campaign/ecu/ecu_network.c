@@ -63,6 +63,7 @@ static bool add_multicast(int fd)
     return ioctl(fd, SIOCADDRT, &route) == 0;
 }
 
+/* Brings up the loopback of a new network, with multicast, which LCM needs. */
 static bool bring_up(void)
 {
     struct ifreq lo = {.ifr_name = "lo"};

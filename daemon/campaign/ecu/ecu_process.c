@@ -30,6 +30,7 @@ static void set_variables(const char *const *env)
         (void)putenv((char *)*env);
 }
 
+/* Prepares a process for its program. Returns false when the parent has gone meanwhile. */
 static bool ecu_process_prepare(const ecu_start *how, pid_t parent)
 {
     sigset_t none;
@@ -44,6 +45,7 @@ static bool ecu_process_prepare(const ecu_start *how, pid_t parent)
            dup2(how->output, STDOUT_FILENO) >= 0 && dup2(how->output, STDERR_FILENO) >= 0;
 }
 
+/* Becomes the program, or says in its output why it cannot. */
 _Noreturn static void be_program(const ecu_start *how, pid_t parent)
 {
     if (!ecu_process_prepare(how, parent))

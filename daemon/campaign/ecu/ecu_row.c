@@ -156,6 +156,7 @@ static bool ecu_row_find_folder(char out[PATH_MAX], const char *file)
     return realpath(folder, out) || ecu_row_complain(folder, strerror(errno));
 }
 
+/* Finds canwire and canwired: that beside this program, else that of PATH. */
 static bool find_programs(ecu_rows *e)
 {
     const ssize_t length = readlink("/proc/self/exe", e->tool, sizeof e->tool - 1);
@@ -183,6 +184,7 @@ static bool make_work(ecu_rows *e)
     return ecu_row_complain(e->shown, strerror(errno));
 }
 
+/* Finds out whether each row can have a network of its own, and says once if not. */
 static void find_network(ecu_rows *e)
 {
     if (e->campaign->ecus.host_network)
@@ -417,6 +419,8 @@ static void write_repeat(const one *o, buffer *row)
     outcome_end_row(row, repeat);
 }
 
+/* Writes the row by what its journal says, or without one by how its run has ended. The files of a
+ * row that has passed go. */
 static outcome write_row(one *o, buffer *row, bool has_journal)
 {
     outcome result = outcome_of(o->result.verdict);

@@ -159,6 +159,7 @@ static const char *from_row(const change *c, const char *socket)
     return arena_print(c->memory, ECU_SOCKETS "%s", socket + strlen(c->wanted->sockets));
 }
 
+/* Puts the socket of a program into the port of its node. */
 static const char *set_port(change *c, size_t program)
 {
     char socket[ECU_SOCKET_MAX];
@@ -180,6 +181,7 @@ typedef struct found_file {
     const char *file;
 } found_file;
 
+/* Keeps the name of a file that is relative: from the folder of a row it would lead elsewhere. */
 static bool is_relative(found_file *found, const yaml_node_t *value)
 {
     const char *text = ecu_text_text_of(value);

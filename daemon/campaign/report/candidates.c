@@ -57,6 +57,7 @@ static void take_out(candidates *c, size_t at)
     c->count--;
 }
 
+/* Puts a candidate into its place: the list is in order. */
 static void put_in(candidates *c, const candidate *added)
 {
     size_t at = c->count;

@@ -46,6 +46,8 @@ static void put_printed(buffer *out, char *text)
     free(text);
 }
 
+/* Adds the value of each factor. A place in a frame has frame and field as well, which are counted
+ * as groups. */
 static void put_factors(buffer *out, const report_row *row, const report *r)
 {
     buffer text = {.data = NULL};
@@ -64,6 +66,7 @@ static void put_factors(buffer *out, const report_row *row, const report *r)
     buffer_free(&text);
 }
 
+/* Adds the failed expectations but for those that stand for a detection. Returns their number. */
 static uint32_t put_expectations(buffer *out, const report_row *row, const row_signs *signs)
 {
     uint32_t count = 0;
@@ -102,6 +105,7 @@ static void put_error(buffer *out, const report_row *row)
                                   text_of(e, "role")));
 }
 
+/* Adds what the shortest scenario of a class would be found by. */
 static void put_candidate(buffer *out, digest_head *head, const report_row *row,
                           const row_signs *signs)
 {
@@ -170,6 +174,7 @@ static void digest_count(digest_part *d, dimension *of)
     dimension_count(of, dimension_find(of, next_text(d)), d->head.class);
 }
 
+/* Counts the values of a row, alone and in pairs. */
 static void add_factors(report *r, digest_part *d)
 {
     uint32_t numbers[CAMPAIGN_FACTORS_MAX] = {0};

@@ -42,6 +42,7 @@ static bool intake_complain(const intake *in, const char *format, ...)
 
 /* ---- The first row --------------------------------------------------------------------------- */
 
+/* Loads the campaign of the rows, whose expectations say which failures are detections. */
 static bool load_campaign(intake *in, const char *file)
 {
     in->campaign = campaign_load(file, stderr);
@@ -98,6 +99,7 @@ static void note_command(intake *in, const char *repeat)
     in->command_end = memory_text(last + strspn(last, DIGITS));
 }
 
+/* Begins with the first row, which says where all of them come from. */
 static bool intake_begin(intake *in, const char *line, size_t length)
 {
     report_row row;
@@ -194,6 +196,8 @@ static bool has_same_command(const intake *in, const report_row *row)
            strcmp(number + strspn(number, DIGITS), in->command_end) == 0;
 }
 
+/* Returns what is wrong with the command of a row, to be freed, or NULL. Rows of another file would
+ * mix two campaigns. */
 static char *check_command(const intake *in, const report_row *row)
 {
     row_source own;
@@ -209,6 +213,8 @@ static char *check_command(const intake *in, const report_row *row)
     return wrong;
 }
 
+/* Returns what is wrong with a row, to be freed, or NULL: its values must be those of the
+ * campaign. */
 static char *check(intake *in, const report_row *row, const char *line, size_t length)
 {
     char *wrong = check_command(in, row);
@@ -268,6 +274,7 @@ static bool pass_cut(const intake *in)
                                "file, --partial passes over it");
 }
 
+/* Reads rows, of which the last one may be cut off: the run was interrupted. */
 static bool read_lines(intake *in, FILE *stream)
 {
     char *line = NULL;
@@ -345,6 +352,7 @@ static bool begin_with(intake *in, FILE *stream)
     return good;
 }
 
+/* Reads a file: a large one in blocks by several processes. */
 static bool read_stream(intake *in, FILE *stream)
 {
     const uint64_t size = large_size(in, stream);

@@ -174,6 +174,7 @@ static void drop_runs(work *w, outline *o, const outline_list *list, size_t coun
     }
 }
 
+/* Drops runs of items from a list, long ones first: few attempts make most of it go. */
 static void drop_from_list(work *w, outline *o, const outline_list *list, size_t items[])
 {
     size_t count = 0;
@@ -192,6 +193,7 @@ static void drop_from(work *w, outline *o, outline_kind kind)
     free(items);
 }
 
+/* Drops items of a kind from all documents of the scenario. */
 static void drop_items(work *w, outline_kind kind)
 {
     bool gone = false;
@@ -211,6 +213,7 @@ static void drop_traffic(work *w)
 
 /* ---- Time ------------------------------------------------------------------------------------ */
 
+/* Tries a shorter run. One that does not do the same is taken back. */
 static bool try_until(work *w, uint64_t us)
 {
     const bool had = w->has_until;
@@ -257,6 +260,7 @@ static void leave_rig(work *w)
     w->bundle = several;
 }
 
+/* Returns the scenario as it is now, whole: nothing more could be dropped. */
 static minimised result_of(const work *w, bool tried)
 {
     minimised result = {.tried = tried,

@@ -61,6 +61,7 @@ static void add_inner_lists(outline *o, const yaml_node_t *outer, const char *ke
     }
 }
 
+/* Finds the lists of a configuration from which items may go. */
 static void find_lists(outline *o, const yaml_node_t *root)
 {
     add_list(o, outline_find(o, root, "faults"), OUTLINE_FAULTS, 0);
@@ -208,6 +209,7 @@ static void begin_scalar(writer *w, const yaml_node_t *node)
     free(path);
 }
 
+/* Begins to write a value. A list or map that was in lines is so again. */
 static void begin_value(writer *w, const yaml_node_t *node)
 {
     yaml_event_t event;
@@ -275,6 +277,8 @@ static void end_level(writer *w)
                          : yaml_mapping_end_event_initialize(&event));
 }
 
+/* Writes the document without the items that have gone. It has its own stack: depth comes from
+ * files. */
 static void write_document(writer *w)
 {
     yaml_event_t event;

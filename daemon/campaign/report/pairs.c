@@ -45,6 +45,8 @@ static uint64_t *bits_of(pairs *p, pair_cover *c, uint32_t value)
     return c->rows[value];
 }
 
+/* Notes that rows have this pair of values. Beyond the limits a pair of factors is no longer
+ * counted. */
 static void add_met(pairs *p, pair_cover *c, uint32_t first, uint32_t second)
 {
     const bool small = first < PAIRS_VALUES_MAX && second < PAIRS_VALUES_MAX;
@@ -70,6 +72,7 @@ static bool take_cell(pairs *p, const crosstab *t)
     return true;
 }
 
+/* Counts a row by the class it has, for its pair of values. Those without room are one cell. */
 static void add_class(pairs *p, crosstab *t, uint32_t first, uint32_t second, row_class class)
 {
     const bool known = first != DIMENSION_OTHER && second != DIMENSION_OTHER;

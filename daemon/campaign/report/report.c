@@ -60,6 +60,7 @@ static void add_group(report *r, const char *name, const char *part)
             (dimension){.name = memory_print("%s.%s", name, part)};
 }
 
+/* Adds a factor. One that is a place in a frame has two groups more, by frame and by field. */
 static void begin_factor(report *r, const report_row *first, const char *name)
 {
     r->factors[r->factor_count++].name = memory_text(name);
