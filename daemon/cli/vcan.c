@@ -104,6 +104,7 @@ static bool vcan_complain(const char *what, const char *why)
     return false;
 }
 
+/* Returns what the user can do about an error of the kernel. */
 static const char *remedy(int number)
 {
     switch (number) {
@@ -150,6 +151,7 @@ static void print_peer(char out[PEER_BYTES], const cfg_node *node)
                    node->netns ? node->netns : "");
 }
 
+/* Prints the alias by which `down` knows its interfaces again: the file, and the peer. */
 static void print_alias(char out[LINKS_ALIAS_BYTES], const char *owner, const cfg_node *node)
 {
     char peer[PEER_BYTES];
@@ -158,6 +160,7 @@ static void print_alias(char out[LINKS_ALIAS_BYTES], const char *owner, const cf
     (void)snprintf(out, LINKS_ALIAS_BYTES, "%.*s%s", (int)OWNER_MAX, owner, peer);
 }
 
+/* Returns true for an interface whose alias names this file as its owner. */
 static bool is_ours(const char *owner, const link_info *info)
 {
     size_t length = strlen(owner);
@@ -273,6 +276,7 @@ static bool plan_port(plan *p, size_t i)
     return true;
 }
 
+/* Makes a vxcan, whose other end may be in a namespace. Returns 0 or an errno. */
 static int make_pair(plan *p, size_t index)
 {
     const cfg_node *node = &p->config->nodes[index];
@@ -286,6 +290,8 @@ static int make_pair(plan *p, size_t index)
     return number;
 }
 
+/* Makes an interface. It is noted as made before anything else can fail, so that it can be
+ * removed. */
 static bool vcan_make(plan *p, size_t i)
 {
     const cfg_node *node = &p->config->nodes[i];
@@ -309,6 +315,7 @@ static bool vcan_make(plan *p, size_t i)
     return true;
 }
 
+/* Does the step of the plan for a port. */
 static bool carry_out(plan *p, size_t i)
 {
     const char *port = p->config->nodes[i].port;
@@ -344,6 +351,7 @@ static void take_back(plan *p)
     }
 }
 
+/* Plans all ports before anything is done: a port in the way leaves all as it is. */
 static bool plan_ports(plan *p)
 {
     bool good = true;
@@ -401,6 +409,7 @@ static bool is_claimed(const link_info *info)
     return true;
 }
 
+/* Collects the interfaces of the file. One that canwired has claimed stays. */
 static bool collect(void *user, const link_info *info)
 {
     name_list *list = user;
@@ -468,6 +477,7 @@ static bool up(links *l, const char *owner, const cfg *const *buses, size_t coun
     return good;
 }
 
+/* Makes the interfaces of a configuration or of all buses of a rig. */
 static bool up_file(links *l, const char *owner, const char *file)
 {
     rig *several;

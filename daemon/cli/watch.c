@@ -28,6 +28,7 @@ static const char help[] =
 #define NODE_WIDTH 16
 #define KIND_WIDTH 16
 
+/* Prints a member of an event. Of one that is true the name says all. */
 static void print_value(const char *key, const json_t *value)
 {
     if (json_is_string(value))
@@ -62,6 +63,7 @@ static void print_event(json_t *event)
     putchar('\n');
 }
 
+/* Prints an event for people. A line that is none is told apart, and the next ones follow. */
 static void watch_print_line(const char *line)
 {
     json_error_t error;

@@ -454,6 +454,7 @@ static void print_wire_nodes(char out[WIRE_NAMES_MAX], const pen *p, unsigned wi
         memcpy(out + room - 1, ELLIPSIS, sizeof ELLIPSIS);
 }
 
+/* Draws the level on a wire. If there are several, each says which nodes it has. */
 static void draw_wire(pen *p, unsigned wire)
 {
     fputs("<g class=\"wire\">\n", p->out);
@@ -519,6 +520,7 @@ static void draw_label(const pen *p, unsigned node, size_t first, size_t end)
     fputs("</text>\n", p->out);
 }
 
+/* Marks the stuff bits of a part. */
 static void draw_stuff(const pen *p, unsigned node, size_t first, size_t end)
 {
     for (size_t b = first; b < end; b++) {
@@ -558,6 +560,7 @@ static void draw_part(const pen *p, unsigned node, size_t first, size_t end)
     draw_label(p, node, first, end);
 }
 
+/* Draws what a node takes the bits for: stretches of one field and one role. */
 static void draw_parts(const pen *p, unsigned node)
 {
     size_t first = p->row->first;
@@ -680,6 +683,7 @@ static void draw_inside(const pen *p, unsigned node, int top)
     fputs("</g>\n", p->out);
 }
 
+/* Draws a node: what it takes the bits for, the levels that it drives and samples, and notes. */
 static void draw_node(pen *p, unsigned node)
 {
     const int top = p->y + SVG_BAND + 4;

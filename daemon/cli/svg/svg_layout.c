@@ -68,6 +68,7 @@ static int find_labels(const cfg *config)
     return width;
 }
 
+/* Returns the shortest bit, which sets the scale: bits at the data rate must stay readable. */
 static uint64_t shortest_bit(const cw_bit_view *bits, size_t count)
 {
     uint64_t ticks = bits[0].end - bits[0].start;
@@ -137,6 +138,7 @@ static int text_end(const placed_note *n)
     return n->same || end < n->x ? n->x : end;
 }
 
+/* Takes the notes of a node in a row, with the places at which they point. */
 static void take_lane(shelf *on, svg_layout *self, const svg_row *row, unsigned lane)
 {
     on->count = 0;
@@ -239,6 +241,8 @@ static void place_before(shelf *on, size_t first)
     }
 }
 
+/* Places the notes of a node in a row: some before their point, some behind, on as many lines as
+ * they need. */
 static void place_lane(svg_layout *self, svg_row *row, unsigned lane, shelf *on)
 {
     take_lane(on, self, row, lane);
@@ -268,6 +272,7 @@ static bool place_notes(svg_layout *self, const note_list *notes, size_t count)
 
 /* ---- The whole layout ------------------------------------------------------------------------ */
 
+/* Puts the rows below each other; the height of each depends on its notes. */
 static void stack_rows(svg_layout *self, size_t node_count, bool inside, bool rates)
 {
     int y = SVG_TITLE;

@@ -138,6 +138,7 @@ static size_t half_at_end(const note_list *self, uint64_t tick)
     return 2 * (self->bits + (tick > self->end));
 }
 
+/* Adds the hit of a rule. One that acts on a bit points at its middle, others at its end. */
 static bool add_hit(note_list *self, const cw_event *event)
 {
     const cw_rule *rule = &self->config->rules[event->rule];
@@ -158,6 +159,7 @@ bool notes_event(note_list *self, const cw_event *event)
     return true;
 }
 
+/* Adds what has changed at a node since the bit before: counters and state. */
 static void append_changes(note_list *self, unsigned node, const cw_bit_node *now)
 {
     note *n = &self->pending[node];

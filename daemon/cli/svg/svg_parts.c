@@ -9,6 +9,7 @@
 
 #define VALUE_MAX 20 /* bytes of a value with the final 0 */
 
+/* Returns colours and labels of a field, the longest label first: the one that fits is taken. */
 static const svg_style *field_style(cw_field field)
 {
     static const svg_style styles[CW_FIELD_COUNT] = {

@@ -117,6 +117,7 @@ static bool refuse_value(const char *option, const char *text, const char *allow
     return false;
 }
 
+/* Takes a whole number. One that is meant in another way of writing gets a hint. */
 static bool take_number(uint32_t *out, const char *option, const char *text, uint32_t lowest,
                         uint32_t highest)
 {
@@ -196,6 +197,7 @@ static bool take_length(void *out, const char *option, const char *text)
     return *mm <= LENGTH_MAX_MM || refuse_value(option, text, "expected up to 10km");
 }
 
+/* Takes the name of a controller, with a guess for one that is not known. */
 static bool take_controller(void *out, const char *option, const char *text)
 {
     const timing_limits **limits = out;

@@ -73,6 +73,7 @@ static uint64_t stubs_ps(const timing_node *a, const timing_node *b)
     return a->stub_ps + b->stub_ps;
 }
 
+/* Finds the node whose clock, and that whose line, leaves the least room to this one. */
 static void fill_worst(row *r, const table *all, size_t i)
 {
     const cfg *config = all->config;
@@ -88,6 +89,7 @@ static void fill_worst(row *r, const table *all, size_t i)
         r->line_mm = (longest - stubs) * MM_PER_M / config->line_ps_per_m;
 }
 
+/* Computes the row of a node. Without other nodes there is nothing that it must tolerate. */
 static row row_of(const table *all, size_t i)
 {
     const cfg *config = all->config;
@@ -142,6 +144,7 @@ static decimal_text rounded_percent(int64_t ppb)
     return decimal_signed(ppb / PPB_PER_CENTIPERCENT, 2);
 }
 
+/* Fills the columns about other nodes, "-" where there are none. */
 static void put_worst(cells c, const row *r)
 {
     const timing_worst *worst = &r->worst;

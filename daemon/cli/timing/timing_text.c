@@ -54,6 +54,7 @@ static void print_prop(FILE *out, const bit_timing *t, const timing_request *req
     fputc('\n', out);
 }
 
+/* Prints the sample point, and the wished one when they differ. */
 static void print_sample(FILE *out, const bit_timing *t, uint32_t wished_permille)
 {
     uint32_t ppb = timing_sample_point_ppb(t);
@@ -64,6 +65,7 @@ static void print_sample(FILE *out, const bit_timing *t, uint32_t wished_permill
     fputc('\n', out);
 }
 
+/* Prints how much clocks may differ, and which of the two limits it is. */
 static void print_tolerance(FILE *out, const bit_timing *t)
 {
     fprintf(out, "tolerance     %s %%: %s %% by sjw, %s %% by the phase segments\n",

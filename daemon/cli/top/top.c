@@ -79,6 +79,8 @@ static const top_model *model(const top *t)
     return &t->buses[t->bus].model;
 }
 
+/* Asks all buses. One that does not answer keeps its last numbers, and a message stays until all
+ * answer again. */
 static void ask_all(top *t)
 {
     bool good = true;
@@ -142,6 +144,7 @@ static void act(top *t, json_t *request, const char *done, const char *what)
         (void)snprintf(t->message, sizeof t->message, "%s", told);
 }
 
+/* Restarts the selected node, which must be one and no rule. */
 static void restart(top *t)
 {
     const top_model *m = model(t);
@@ -154,6 +157,7 @@ static void restart(top *t)
     act(t, request, "restarting ", m->nodes[t->selected].name);
 }
 
+/* Clears the selected rule. In the list, rules come after nodes. */
 static void top_clear(top *t)
 {
     const top_model *m = model(t);
@@ -188,6 +192,7 @@ static void begin_input(top *t)
     *t->input = '\0';
 }
 
+/* Takes a key while a rule is typed in: Enter injects it, Escape gives it up. */
 static void take_input(top *t, int key)
 {
     if (key == TOP_KEY_ENTER || key == TOP_KEY_ESCAPE)
@@ -267,6 +272,7 @@ static uint64_t now_ns(void)
     return (uint64_t)wall_ns();
 }
 
+/* Catches what ends programs, so that the terminal is as before at the end. */
 static void catch_signals(void)
 {
     const struct sigaction action = {.sa_handler = top_on_signal};
@@ -275,6 +281,8 @@ static void catch_signals(void)
     (void)sigaction(SIGHUP, &action, NULL);
 }
 
+/* Shows the buses until the user ends it. A key is answered at once; buses are asked in their
+ * interval. */
 static void run_screen(top *t)
 {
     uint64_t next = now_ns() + t->interval_ns;
@@ -374,6 +382,7 @@ static bool top_begin(top *t, char **names, unsigned count)
     return t->buses != NULL;
 }
 
+/* Shows these buses, of which at least one must be there. */
 static int run_with(top *t, char **names, size_t count)
 {
     int status = CLI_BAD_INPUT;

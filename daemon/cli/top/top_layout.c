@@ -87,6 +87,7 @@ static const char *rate(char text[CELL], int64_t milli)
     return text;
 }
 
+/* Prints a time with a unit that leaves few digits; "-" for none. */
 static const char *time_span(char text[CELL], int64_t ns)
 {
     if (ns <= 0)
@@ -102,6 +103,7 @@ static const char *time_span(char text[CELL], int64_t ns)
     return text;
 }
 
+/* Returns how bad the state of a node is, as its colour. */
 static top_style style_of_node(const top_node *n)
 {
     if (strcmp(n->state, "bus-off") == 0 || strncmp(n->state, "link ", 5) == 0)
@@ -130,6 +132,7 @@ static int64_t worst_delay(const top_model *m)
     return worst;
 }
 
+/* Adds the line of a bus. One that is gone is still shown: it may come back. */
 static void add_bus(page *p, const top_view *v, unsigned number)
 {
     const top_shown *bus = &v->buses[number];
@@ -200,6 +203,7 @@ static void add_node_head(page *p)
                    "STATE", "TEC", "REC", "TX/S", "RX/S", "ERR/S", "WORST");
 }
 
+/* Adds the line of a rule. One that acts is marked. */
 static void add_rule(page *p, const top_rule *t)
 {
     char hits[CELL];

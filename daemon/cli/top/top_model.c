@@ -51,6 +51,8 @@ static const top_rule *top_model_find_rule(const top_model *m, const char *name)
     return NULL;
 }
 
+/* Takes a node out of the status. A rate needs the counters of the same node before, found by its
+ * name. */
 static void take_node(top_node *n, const json_t *node, const top_model *before, int64_t passed_ns)
 {
     const json_t *link = json_object_get(node, "link");
@@ -72,6 +74,7 @@ static void take_node(top_node *n, const json_t *node, const top_model *before, 
     n->delay_max_ns = get_number(json_object_get(node, "delay"), "max_ns");
 }
 
+/* Returns a word for the state of a rule. */
 static const char *rule_state(const json_t *rule)
 {
     if (json_is_true(json_object_get(rule, "active")))

@@ -73,6 +73,7 @@ void top_screen_size(unsigned *height, unsigned *width)
     *width = (unsigned)getmaxx(stdscr);
 }
 
+/* Returns how a line looks. Without colours bold and reverse must do. */
 static attr_t attribute(const top_line *line)
 {
     const attr_t colour = has_colors() ? (attr_t)COLOR_PAIR((int)line->style) : 0;
