@@ -31,15 +31,21 @@ print(sorted(line.split("/")[-1].strip() for line in open("/proc/self/maps")
 """
 
 
+LIBRARY = "build/release/wheel/libcanwire-sim.so"
+
+
+def make_packages(folder, **more):
+    """Returns the paths of the wheel and of the source package."""
+    done = subprocess.run([ROOT / "scripts/wheel", ROOT / LIBRARY, folder], check=True,
+                          capture_output=True, text=True, env={**os.environ, **more})
+    return done.stdout.split()
+
+
 @pytest.fixture(name="made", scope="module")
 def fixture_made(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("wheel")
-    library = "build/release/wheel/libcanwire-sim.so"
-    subprocess.run(["flock", "build", "make", "-s", library], cwd=ROOT,
+    subprocess.run(["flock", "build", "make", "-s", LIBRARY], cwd=ROOT,
                    check=True)  # another process may have the same wish
-    done = subprocess.run([ROOT / "scripts/wheel", ROOT / library, folder], check=True,
-                          capture_output=True, text=True)
-    return done.stdout.split()
+    return make_packages(tmp_path_factory.mktemp("wheel"))
 
 
 def environment(folder, **more):
@@ -84,6 +90,13 @@ def test_the_wheel_is_for_any_python_3_of_this_c_library(made):
     assert all("Permission is hereby granted" in text for text in licences.values())
     assert "Kirill Simonov" in licences["libyaml-0.txt"]
     assert "Petri Lehtinen" in licences["libjansson.txt"]
+
+
+@pytest.mark.parametrize("seed", ["0", "5"])  # sets of libraries have two orders with them
+def test_packages_that_are_made_again_are_the_same(made, seed, tmp_path):
+    again = make_packages(tmp_path, PYTHONHASHSEED=seed)
+    assert [pathlib.Path(path).read_bytes() for path in again] == \
+        [pathlib.Path(path).read_bytes() for path in made]
 
 
 def test_the_source_package_makes_its_library(made, tmp_path):
