@@ -307,6 +307,16 @@ def test_a_journal_repeats_both_buses(rig, tmp_path):
     assert "ok (bus body, safety" in canwire("check", "--journal", tmp_path / "j").stdout
 
 
+def test_many_events_of_a_journal_are_in_order_of_time(rig, tmp_path):
+    """Its lines are of one bus after the other, and more events lie between two of them than are
+    kept at once."""
+    r = rig("--journal", "j", airbag=every("051#01", "1ms"), engine=every("123#DEADBEEF", "500us"))
+    wait_until(lambda: r.status("body")["bus"]["frames"] > 1500, "frames")
+    r.stop()
+    times = [e["t"] for e in read_run(tmp_path)]
+    assert times == sorted(times) and len(times) > 4000
+
+
 def test_a_journal_repeats_what_came_in_data_phases(rig, tmp_path):
     """Bits are shorter there. A replay that stops before the last ones shows other errors."""
     data = "A5" * 32

@@ -155,15 +155,19 @@ static void write_events(sim_rig *s, uint64_t tick)
     }
 }
 
-/* Writes what all buses have reached. */
-static void write_reached(void *user)
+/* Writes what all buses have reached, but for the events from a tick on. */
+static void write_reached_before(sim_rig *s, uint64_t tick)
 {
-    sim_rig *s = user;
-    uint64_t reached = CW_NEVER;
+    uint64_t reached = tick;
     for (size_t i = 0; i < s->bus_count; i++)
         reached = least(reached, cw_bus_now(s->buses[i].run.bus));
     write_events(s, reached);
     s->write_at = 2 * s->count > KEPT_MAX ? 2 * s->count : KEPT_MAX;
+}
+
+static void write_reached(void *user)
+{
+    write_reached_before(user, CW_NEVER);
 }
 
 /* Opens a gap in the list, which has room. */
@@ -213,7 +217,8 @@ static bool sim_rig_keep(rig_bus *b, const cw_event *event)
     return true;
 }
 
-/* Keeps an event until all buses have reached its time: outputs are in order of time. */
+/* Keeps an event until all buses have reached its time: outputs are in order of time. The bus may
+ * be beyond it, and have more events to tell behind this one. */
 static void keep_event(void *user, const cw_event *event)
 {
     rig_bus *b = user;
@@ -227,7 +232,7 @@ static void keep_event(void *user, const cw_event *event)
         return;
     }
     if (s->player && s->count >= s->write_at)
-        write_reached(s);
+        write_reached_before(s, event->tick);
 }
 
 /* ---- Journal --------------------------------------------------------------------------------- */
