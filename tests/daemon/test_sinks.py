@@ -114,7 +114,8 @@ def test_lcm_is_tried_again_more_and_more_rarely_and_in_silence(bus):
 def test_a_server_without_a_route_needs_no_multicast(bus):
     """No TCP connection goes to that address."""
     running = bus('lcm: { url: "tcpq://255.255.255.255:7700" }\n')
-    wait_until(lambda: "Network is unreachable" in running.log.read_text(), "the warning")
+    running.line("lcm ", "failing: Network is unreachable")  # liblcm's own words come at the start
+    wait_until(lambda: "are lost" in running.log.read_text(), "the warning")
     log = running.stop()
     assert "are lost: Network is unreachable\n" in log and "ip route" not in log
 
