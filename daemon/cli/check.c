@@ -228,7 +228,7 @@ static void print_summary(const cfg *config)
     printf("%s, %s, %s", cfg_has_fd(config) ? "CAN FD" : "classical CAN",
            counted(config->node_count, "node").text, counted(config->rule_count, "rule").text);
     if (config->expect_count > 0)
-        printf(", %s for canwire sim", counted(config->expect_count, "expectation").text);
+        printf(", %s", counted(config->expect_count, "expectation").text);
     puts(")");
 }
 

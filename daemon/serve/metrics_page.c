@@ -64,6 +64,9 @@
     X(ONE, uint64_t, bytes, BYTES, USUAL, NONE, NOWHERE, "of a recording")                         \
     X(ONE, uint64_t, gaps, TIMES, USUAL, NONE, NOWHERE, "a journal has lost something")
 
+#define METRICS_SINK_STATE(X)                                                                      \
+    X(NOW, uint64_t, state, TIMES, USUAL, NONE, NOWHERE, "1, with the state that it has")
+
 #define METRICS_GATEWAY(X)                                                                         \
     X(ONE, uint64_t, forwarded, FRAMES, USUAL, NONE, NOWHERE, "carried to the other bus")          \
     X(ONE, uint64_t, lost, FRAMES, USUAL, NONE, NOWHERE, "without room in the queue of a rule")    \
@@ -85,6 +88,7 @@ typedef struct more_of_node {
 typedef struct sync_of_node { METRICS_SYNC(CW_MEMBER) } sync_of_node;
 typedef struct of_rule { METRICS_RULE(CW_MEMBER) } of_rule;
 typedef struct of_sink { METRICS_SINK(CW_MEMBER) } of_sink;
+typedef struct state_of_sink { METRICS_SINK_STATE(CW_MEMBER) } state_of_sink;
 typedef struct of_gateway { METRICS_GATEWAY(CW_MEMBER) } of_gateway;
 
 #define ROW_BUS(...) CW_STAT_ROW(more_of_bus, __VA_ARGS__)
@@ -92,6 +96,7 @@ typedef struct of_gateway { METRICS_GATEWAY(CW_MEMBER) } of_gateway;
 #define ROW_SYNC(...) CW_STAT_ROW(sync_of_node, __VA_ARGS__)
 #define ROW_RULE(...) CW_STAT_ROW(of_rule, __VA_ARGS__)
 #define ROW_SINK(...) CW_STAT_ROW(of_sink, __VA_ARGS__)
+#define ROW_SINK_STATE(...) CW_STAT_ROW(state_of_sink, __VA_ARGS__)
 #define ROW_GATEWAY(...) CW_STAT_ROW(of_gateway, __VA_ARGS__)
 #define ROW_OWN(...) CW_STAT_ROW(metrics_own, __VA_ARGS__)
 
@@ -104,6 +109,7 @@ static const cw_stat node_rows[] = {
 static const cw_stat sync_rows[] = {METRICS_SYNC(ROW_SYNC){.name = NULL}};
 static const cw_stat rule_rows[] = {METRICS_RULE(ROW_RULE){.name = NULL}};
 static const cw_stat sink_rows[] = {METRICS_SINK(ROW_SINK){.name = NULL}};
+static const cw_stat sink_state_rows[] = {METRICS_SINK_STATE(ROW_SINK_STATE){.name = NULL}};
 static const cw_stat gateway_rows[] = {METRICS_GATEWAY(ROW_GATEWAY){.name = NULL}};
 static const cw_stat own_rows[] = {METRICS_OWN(ROW_OWN){.name = NULL}};
 static const cw_stat data_rows[] = {
@@ -126,6 +132,7 @@ typedef enum set {
     SET_RULE,
     SET_GATEWAY,
     SET_SINK,
+    SET_SINK_STATE,
     SET_OWN,
     SETS
 } set;
@@ -149,6 +156,7 @@ static const struct {
     [SET_RULE] = {"canwire_rule_", rule_rows, sizeof(of_rule)},
     [SET_GATEWAY] = {"canwire_gateway_", gateway_rows, sizeof(of_gateway)},
     [SET_SINK] = {"canwire_sink_", sink_rows, sizeof(of_sink)},
+    [SET_SINK_STATE] = {"canwire_sink_", sink_state_rows, sizeof(state_of_sink)},
     [SET_OWN] = {"canwire_metrics_", own_rows, sizeof(metrics_own)},
 };
 
@@ -335,8 +343,10 @@ void metrics_page_sinks(metrics_page *page, const char *bus, const sink_list *al
 {
     for (size_t i = 0; i < all->count; i++) {
         const sink_info *s = &all->all[i];
-        const label labels[] = {
-            {"bus", bus}, {"kind", sink_kind_name(s->kind)}, {"name", s->name}};
+        const label labels[] = {{"bus", bus}, {"kind", sink_kind_name(s->kind)},
+                                {"name", s->name}, {"state", s->state}};
+        add(page, SET_SINK_STATE, USUAL, put_labels(&page->labels, labels, 4),
+            &(state_of_sink){.state = 1});
         add(page, SET_SINK, USUAL, put_labels(&page->labels, labels, 3),
             &(of_sink){.good = s->good, .written = s->written, .lost = s->lost, .bytes = s->bytes,
                        .gaps = s->gaps});

@@ -39,6 +39,8 @@ faults:
   - { name: bad, when: { frame: "123", every: 10, count: 5 }, do: { flip: "crc[3]", at: dash } }
   - { name: asleep, when: { time: 1ms }, do: { set: [ fd ], sleep: on } }
 record: [ { file: "odd \\"name\\".log" } ]
+expect-report: verdict.xml
+expect: [ { delivered: 100, frame: "123" } ]
 """
 SMALL = "bus: { name: day, bitrate: 500000 }\ncontrol: day.sock\nnodes: [ { name: a } ]\n"
 
@@ -173,6 +175,9 @@ def test_states_rules_and_sinks_have_labels(bus):
     assert value("canwire_node_rec", bus="day", node="dash") == status["nodes"][1]["rec"]
     assert value("canwire_sink_good", bus="day", kind="record",
                  name='odd "name".log') == 1
+    for name, kind, state in (('odd "name".log', "record", "recording"),
+                              ("verdict.xml", "expect-report", "judging")):
+        assert value("canwire_sink_state", bus="day", kind=kind, name=name, state=state) == 1
     assert value("canwire_sink_lost_total", kind="journal", name="day.journal") == 0
     b.stop()
 
