@@ -34,6 +34,7 @@ struct service {
     size_t place; /* in the rig */
     live *live;
     const cfg *config; /* the configuration in effect */
+    const cfg_node *nodes; /* ... of which these are the nodes: another one has others */
     publisher *publisher;
     engine *engine;
     control *control;
@@ -232,18 +233,24 @@ static double seconds(cfg_time time, cw_rate rate)
     return (double)text_time_ticks(time, rate) / CW_CLOCK_HZ;
 }
 
-/* Adapts to another configuration of the bus. */
+/* Adapts to another configuration of the bus, or to another name of a guest. */
 static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
 {
     service *s = user;
+    const bool reloaded = s->nodes != s->config->nodes;
+    s->nodes = s->config->nodes;
     losses_remap(&s->losses, from);
     recordings_reload(s->recordings, engine_bus(s->engine));
-    verdicts_reload(s->verdicts, engine_bus(s->engine), from);
+    if (reloaded)
+        verdicts_reload(s->verdicts, engine_bus(s->engine), from);
+    else
+        verdicts_rename(s->verdicts, engine_bus(s->engine));
     if (s->host->journal)
         journal_retry(s->host->journal, engine_inputs(s->engine));
     observe_bits(s);
     confined_warn(s->config);
-    metrics_change(s->metrics);
+    if (reloaded)
+        metrics_change(s->metrics);
     if (s->control)
         control_remap(s->control, from);
     if (s->publisher) {
@@ -434,6 +441,7 @@ service *service_new(host *h, live *config)
     }
     *s = (service){
         .host = h, .place = h->count, .live = config, .config = live_config(config),
+        .nodes = live_config(config)->nodes,
         .name = CLAIM_NONE};
     if (s->config->lcm.enabled && !(s->publisher = publisher_start(s->config))) {
         log_error("out of memory");
@@ -603,6 +611,8 @@ void service_report_end(service *s)
              counted(stats.frames, "frame").text, counted(stats.error_frames, "error frame").text,
              counted(stats.pending, "frame").text, count_dropped(s));
     verdicts_conclude(s->verdicts, engine_bus(s->engine));
+    if (s->publisher)
+        publisher_verdicts(s->publisher, engine_bus(s->engine), s->verdicts);
     s->host->expectation_failed =
         s->host->expectation_failed || verdicts_failed(s->verdicts) > 0;
     (void)log_enter(NULL);

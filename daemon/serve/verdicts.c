@@ -23,6 +23,8 @@
 
 #define PATIENCE_S 1 /* at the end, for a slow disk; see PATIENCE_S of recordings.c */
 #define MOMENT_BYTES 400
+#define ONE_BYTES 1000u             /* of an expectation in a status, without them */
+#define STATUS_BYTES (256u * 1024u) /* of the texts in a status, which must fit into a reply */
 
 struct verdicts {
     const cfg *config;
@@ -34,7 +36,9 @@ struct verdicts {
     verdict *gone;
     uint64_t gone_left_out; /* that were too many */
     uint64_t failed;
+    uint64_t judged; /* expectations, those that are gone included */
     unsigned configuration;
+    char *cleared;  /* the file whose old report has been removed, or NULL */
     int error;      /* why the report could not be made at the start: the disk was full */
     char *file;     /* of the report that is being written; NULL: none is */
     spool *report;
@@ -163,15 +167,18 @@ verdicts *verdicts_start(const cfg *config, const cw_bus *bus, const char *label
         return NULL;
     }
     judge_anew(v, bus);
+    v->judged = v->count;
     return v;
 }
 
-void verdicts_begin(const verdicts *v)
+void verdicts_begin(verdicts *v)
 {
     const char *file = v->config->expect_report;
     folder in;
-    if (!file)
+    if (!file || (v->cleared && strcmp(v->cleared, file) == 0))
         return;
+    free(v->cleared);
+    v->cleared = copy_of(file);
     int error = folder_open(&in, file);
     if (error == 0 && unlinkat(in.fd, in.name, 0) != 0)
         error = errno;
@@ -215,6 +222,7 @@ void verdicts_reload(verdicts *v, const cw_bus *bus, const uint8_t from[CW_NODES
     verdict *old = v->all;
     const size_t old_count = v->count;
     v->error = 0;
+    verdicts_begin(v);
     if (old_count == 0 && v->config->expect_count == 0) {
         v->configuration++;
         return;
@@ -227,6 +235,7 @@ void verdicts_reload(verdicts *v, const cw_bus *bus, const uint8_t from[CW_NODES
     judge_anew(v, bus);
     for (size_t i = 0; i < v->count; i++) {
         const size_t k = find_equal(old, old_count, taken, &v->all[i]);
+        v->judged += k == old_count;
         if (k == old_count)
             continue;
         taken[k] = true;
@@ -241,6 +250,23 @@ void verdicts_reload(verdicts *v, const cw_bus *bus, const uint8_t from[CW_NODES
     free(taken);
     free(old);
     expect_free(old_judge);
+}
+
+void verdicts_rename(verdicts *v, const cw_bus *bus)
+{
+    cw_bus_stats now;
+    cw_bus_get_stats(bus, &now);
+    for (size_t i = 0; i < v->count; i++) {
+        verdict *one = &v->all[i];
+        expect_outcome o;
+        if (!expect_look(v->judge, i, &now, &o))
+            json_no_memory();
+        free(one->wanted);
+        free(one->name);
+        one->wanted = copy_of(o.wanted);
+        one->name = copy_of(o.name ? o.name : o.wanted);
+        expect_outcome_free(&o);
+    }
 }
 
 /* ---- While the bus runs ---------------------------------------------------------------------- */
@@ -303,16 +329,45 @@ static json_t *verdict_json(const verdicts *v, size_t i, const cw_bus_stats *now
     return object;
 }
 
+/* Returns about how many bytes an expectation takes in a status: what was got names the same nodes
+ * as what is wanted. */
+static size_t status_size(const verdict *one)
+{
+    return strlen(one->name) + 2 * strlen(one->wanted) + ONE_BYTES;
+}
+
+/* Returns the room of a status that those which have failed leave for others. */
+static size_t room_for_others(const verdicts *v)
+{
+    size_t room = STATUS_BYTES;
+    for (size_t i = 0; i < verdicts_count(v); i++) {
+        const verdict *one = verdicts_at(v, i);
+        const size_t size = one->failed ? status_size(one) : 0;
+        room -= size < room ? size : room;
+    }
+    return room;
+}
+
 void verdicts_put(const verdicts *v, const cw_bus *bus, json_t *status)
 {
     cw_bus_stats now;
+    size_t left_out = 0, rooms[] = {room_for_others(v), STATUS_BYTES};
     if (verdicts_count(v) == 0)
         return;
     json_t *array = json_array();
     cw_bus_get_stats(bus, &now);
-    for (size_t i = 0; i < verdicts_count(v); i++)
+    for (size_t i = 0; i < verdicts_count(v); i++) {
+        const verdict *one = verdicts_at(v, i);
+        const size_t size = status_size(one);
+        if (size > rooms[one->failed]) {
+            left_out++;
+            continue;
+        }
+        rooms[one->failed] -= size;
         put_last(array, verdict_json(v, i, &now));
+    }
     put(status, "expectations", array);
+    put_count(status, "expectations_left_out", left_out);
 }
 
 void verdicts_sink(const verdicts *v, sink_list *out)
@@ -323,7 +378,7 @@ void verdicts_sink(const verdicts *v, sink_list *out)
                                     .state = "judging",
                                     .why = v->error != 0 ? spool_explain(v->error) : NULL,
                                     .good = v->error == 0,
-                                    .written = verdicts_count(v),
+                                    .written = v->judged,
                                     .lost = v->gone_left_out});
 }
 
@@ -429,6 +484,7 @@ bool verdicts_stop(verdicts *v)
     free_all(v->all, v->count);
     free_all(v->gone, v->gone_count);
     free(v->file);
+    free(v->cleared);
     free(v);
     return good;
 }

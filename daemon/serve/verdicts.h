@@ -34,8 +34,8 @@ typedef struct verdict {
 verdicts *verdicts_start(const cfg *config, const cw_bus *bus, const char *label);
 
 /* Removes the report of an earlier run, which must not be taken for that of this one. To be called
- * when nothing can refuse the start any more. */
-void verdicts_begin(const verdicts *v);
+ * when nothing can refuse the start any more; a reload does it for another file. */
+void verdicts_begin(verdicts *v);
 
 /* Takes each event, in order. */
 void verdicts_event(verdicts *v, const cw_event *event);
@@ -43,6 +43,9 @@ void verdicts_event(verdicts *v, const cw_event *event);
 /* Adapts to a changed configuration; `from` as in engine_changed. Expectations with equal names and
  * conditions go on. Of those that are gone the failed ones stay. */
 void verdicts_reload(verdicts *v, const cw_bus *bus, const uint8_t from[CW_NODES_MAX]);
+
+/* Adapts to other names of guests. */
+void verdicts_rename(verdicts *v, const cw_bus *bus);
 
 /* Finds what has failed because nothing has happened; call it about once a second. */
 void verdicts_update(verdicts *v, const cw_bus *bus);
@@ -54,7 +57,8 @@ uint64_t verdicts_failed(const verdicts *v);
 /* Returns one of them: first those that are gone. */
 const verdict *verdicts_at(const verdicts *v, size_t i);
 
-/* Puts `expectations` of canwire-control(7), if there are any. */
+/* Puts `expectations` of canwire-control(7), if there are any, as many as a reply takes. Those that
+ * have failed come before others, then. */
 void verdicts_put(const verdicts *v, const cw_bus *bus, json_t *status);
 
 /* Adds the report, if there is to be one. */

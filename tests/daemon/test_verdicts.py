@@ -6,6 +6,7 @@ Nodes have traffic of their own, so all times are those of the bus. CANWIRE and 
 programs.
 """
 
+import contextlib
 import importlib.util
 import re
 import signal
@@ -15,6 +16,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
+from busclient import Client
 from simtool import CANWIRED, answer, canwire, kill_all, sim
 from test_daemon import HOST, fixture_lcm_server  # pylint: disable=unused-import
 from test_record import PATIENCE_S, wait_until
@@ -156,24 +158,33 @@ def fixture_verdict_t(tmp_path_factory):
 
 
 def test_lcm_has_them(bus, lcm_server, verdict_t):
+    """The last message has what only the end has decided."""
     server = lcm_server()
     running = bus(f"lcm: {{ url: 'tcpq://{HOST}:{server.port}', period: 50ms }}\n" +
-                  expect(FEW, GAP, CALM))
+                  expect(FEW, GAP, CALM, MANY))
     server.accept()
-    received, told = b"", None
-    while not told or told.failed < 2:
-        received += server.client.recv(1 << 16)
-        channel = b"CANWIRE.day.VERDICT"
-        _, found, last = received.rpartition(channel)
-        size = struct.unpack(">I", last[:4])[0] if len(last) > 4 else 0
-        if found and 0 < size <= len(last) - 4:
-            told = verdict_t.decode(last[4:4 + size])
-    assert (told.bus, told.expectations, told.failed, told.count) == ("day", 3, 2, 2)
+    received = b""
+
+    def wait_told(failed):
+        nonlocal received
+        told = None
+        while not told or told.failed < failed:
+            received += server.client.recv(1 << 16)
+            _, found, last = received.rpartition(b"CANWIRE.day.VERDICT")
+            size = struct.unpack(">I", last[:4])[0] if len(last) > 4 else 0
+            if found and 0 < size <= len(last) - 4:
+                told = verdict_t.decode(last[4:4 + size])
+        return told
+
+    told = wait_told(2)
+    assert (told.bus, told.expectations, told.failed, told.count) == ("day", 4, 2, 2)
     assert told.name == ["few", GAP_WANTED]
     assert told.wanted == ["at most 20 frames 123", GAP_WANTED]
     assert told.got == ["21", "none since 0ns"]
     assert told.event == ["tx 123#11 at load", ""]
     assert list(told.failed_ns) == [200106000, 50000000] and told.bus_time_ns >= 200106000
+    running.process.send_signal(signal.SIGTERM)
+    assert wait_told(3).name[-1] == "at least 1000000 frames"
     server.close()
     running.end(FAILED)
 
@@ -224,6 +235,55 @@ def test_a_kept_expectation_goes_on_counting(bus):
     assert running.verdicts()["kept"]["event"] == "rx 123#11 at dash"
     assert running.verdicts()["kept"]["failed_ns"] == 1000104000
     running.end(FAILED)
+
+
+def test_a_guest_with_a_name_of_its_own_changes_no_verdict(bus, tmp_path):
+    """It is told under its new name, also after a reload."""
+    quiet = "{ name: quiet, state: bus-off, reached: never, node: [ dash, guest-1 ], before: 100ms }"
+    heard = "{ name: heard, delivered: { min: 3 }, frame: '123', to: guest-1 }"
+    running = bus('guests: { count: 2, port: "unix:bus.sock" }\n' + expect(quiet, heard))
+    wait_until(lambda: running.verdicts()["quiet"]["state"] == "met", "the window")
+    with contextlib.closing(Client(tmp_path / "bus.sock", "tool")):
+        wait_until(lambda: "tool" in running.verdicts()["quiet"]["wanted"], "its name")
+        wait_until(lambda: running.verdicts()["heard"]["state"] == "met", "its frames")
+        reload(running, quiet, heard, CALM)
+        assert running.verdicts()["heard"]["state"] == "met"
+    wait_until(lambda: "guest-1" in running.verdicts()["quiet"]["wanted"], "the old name")
+    log = running.end(MET)
+    assert "expectation removed" not in log and "failed at" not in log
+    assert running.report()[1] == {"quiet": None, "heard": None, "calm": None}
+
+
+def test_many_expectations_leave_room_in_a_reply(bus):
+    never = ["{ name: '%03d %s', delivered: { min: 1 }, frame: '7FF', to: dash%s }" %
+             (i, "x" * 190, ", before: 1ms" if i % 10 == 9 else "") for i in range(400)]
+    running = bus(expect(*never))
+    wait_until(lambda: sum(one["state"] == "failed" for one in running.verdicts().values()) == 40,
+               "the windows")
+    status = running.json()
+    shown = len(status["expectations"])
+    assert shown + status["expectations_left_out"] == 400 and 40 < shown < 400
+    assert f"and {400 - shown} more" in running.canwire("status", "./day.sock")
+    running.end(FAILED)
+
+
+def test_a_gap_whose_window_is_over_says_so(bus):
+    running = bus(expect(FEW))
+    running.wait_failed("few")
+    reload(running, FEW, "{ name: late, gap: 5s, frame: '124', before: 1ms }")
+    running.wait_failed("late")
+    late = running.verdicts()["late"]
+    assert late["got"].startswith("nothing: it is judged from ") and late["failed_ns"] > 200000000
+    running.end(FAILED)
+
+
+def test_a_reload_to_another_report_removes_the_old_one(bus, tmp_path):
+    (tmp_path / "other.xml").write_text("stale")
+    running = bus(expect(CALM))
+    reload(running, CALM, report="other.xml")
+    wait_until(lambda: not (tmp_path / "other.xml").exists(), "its removal")
+    running.end(MET)
+    assert read_report(tmp_path / "other.xml") == ("day", {"calm": None})
 
 
 # ---- Reports that cannot be ----------------------------------------------------------------------

@@ -544,7 +544,7 @@ static void print_sink(FILE *out, const json_t *sink)
 }
 
 /* Prints how many expectations are met, and those that have failed. */
-static void print_expectations(FILE *out, const json_t *all)
+static void print_expectations(FILE *out, const json_t *all, uint64_t left_out)
 {
     size_t met = 0, failed = 0;
     for (size_t i = 0; i < json_array_size(all); i++) {
@@ -556,6 +556,8 @@ static void print_expectations(FILE *out, const json_t *all)
         fprintf(out, "%s: met %zu open %zu failed %zu\n",
                 counted(json_array_size(all), "expectation").text, met,
                 json_array_size(all) - met - failed, failed);
+    if (left_out > 0)
+        fprintf(out, "    and %" PRIu64 " more, for which there was no room\n", left_out);
     for (size_t i = 0; i < json_array_size(all); i++) {
         const json_t *one = json_array_get(all, i);
         const char *name = text(one, "name"), *wanted = text(one, "wanted");
@@ -591,7 +593,8 @@ void status_print(FILE *out, const json_t *status)
         print_node(out, json_array_get(nodes, i), i + 1, number(bus, "bitrate"));
     for (size_t i = 0; i < json_array_size(sinks); i++)
         print_sink(out, json_array_get(sinks, i));
-    print_expectations(out, json_object_get(status, "expectations"));
+    print_expectations(out, json_object_get(status, "expectations"),
+                       get_count(status, "expectations_left_out"));
     print_metrics(out, status);
     const char *lost = text(json_object_get(status, "lost_rules"), "note");
     const char *unread = text(status, "unread_rules");

@@ -59,9 +59,9 @@ ssize_t send(int fd, const void *data, size_t size, int flags)
     return (ssize_t)size;
 }
 
-static void answer(const void *message, size_t size)
+static void answer(const void *bytes, size_t size)
 {
-    assert_int_equal(write(kernel.sockets[1], message, size), size);
+    assert_int_equal(write(kernel.sockets[1], bytes, size), size);
 }
 
 static void answer_link(unsigned link)
@@ -71,14 +71,14 @@ static void answer_link(unsigned link)
         struct ifinfomsg info;
         struct rtattr attribute;
         char name[IF_NAMESIZE];
-    } message = {
-        .header = {.nlmsg_len = sizeof message, .nlmsg_type = RTM_NEWLINK,
+    } packet = {
+        .header = {.nlmsg_len = sizeof packet, .nlmsg_type = RTM_NEWLINK,
                    .nlmsg_flags = NLM_F_MULTI},
         .info = {.ifi_index = (int)link + 1, .ifi_flags = UP_FLAGS},
         .attribute = {.rta_len = RTA_LENGTH(IF_NAMESIZE), .rta_type = IFLA_IFNAME},
     };
-    strncpy(message.name, kernel.links[link], IF_NAMESIZE - 1);
-    answer(&message, sizeof message);
+    strncpy(packet.name, kernel.links[link], IF_NAMESIZE - 1);
+    answer(&packet, sizeof packet);
 }
 
 /* Answers with NLMSG_DONE or NLMSG_ERROR, with 0 or a negative number of an error. */
@@ -87,11 +87,11 @@ static void answer_end(uint16_t type, int error)
     struct {
         struct nlmsghdr header;
         struct nlmsgerr body;
-    } message = {
-        .header = {.nlmsg_len = sizeof message, .nlmsg_type = type},
+    } packet = {
+        .header = {.nlmsg_len = sizeof packet, .nlmsg_type = type},
         .body = {.error = error},
     };
-    answer(&message, sizeof message);
+    answer(&packet, sizeof packet);
 }
 
 /* Answers with the requested list, up to a link, and its end. */
