@@ -239,7 +239,8 @@ def test_a_kept_expectation_goes_on_counting(bus):
 
 def test_a_guest_with_a_name_of_its_own_changes_no_verdict(bus, tmp_path):
     """It is told under its new name, also after a reload."""
-    quiet = "{ name: quiet, state: bus-off, reached: never, node: [ dash, guest-1 ], before: 100ms }"
+    quiet = ("{ name: quiet, state: bus-off, reached: never, node: [ dash, guest-1 ], "
+             "before: 100ms }")
     heard = "{ name: heard, delivered: { min: 3 }, frame: '123', to: guest-1 }"
     running = bus('guests: { count: 2, port: "unix:bus.sock" }\n' + expect(quiet, heard))
     wait_until(lambda: running.verdicts()["quiet"]["state"] == "met", "the window")
