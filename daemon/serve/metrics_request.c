@@ -43,11 +43,32 @@ static piece cut(piece *rest, char at)
     return part;
 }
 
+/* Returns the bytes of an empty line at the begin of a piece; 0: there is none, or not yet. */
+static size_t empty_line(piece rest)
+{
+    const size_t bytes = rest.length > 0 && rest.text[0] == '\r' ? 2 : 1;
+    return rest.length >= bytes && rest.text[bytes - 1] == '\n' ? bytes : 0;
+}
+
+/* Returns what is known of a request, without an empty line before it (RFC 9112, 2.2). */
+static piece begin_of(const char *text, size_t length)
+{
+    const piece all = {text, length < METRICS_REQUEST_MAX ? length : METRICS_REQUEST_MAX};
+    const size_t empty = empty_line(all);
+    return (piece){text + empty, all.length - empty};
+}
+
+/* Returns true when an empty line ends it. */
+static bool has_end(piece rest)
+{
+    while (rest.length > 0 && empty_line(rest) == 0)
+        (void)cut(&rest, '\n');
+    return rest.length > 0;
+}
+
 bool metrics_request_is_whole(const char *text, size_t length)
 {
-    const size_t known = length < METRICS_REQUEST_MAX ? length : METRICS_REQUEST_MAX;
-    return length > METRICS_REQUEST_MAX || memmem(text, known, "\r\n\r\n", 4) ||
-           memmem(text, known, "\n\n", 2);
+    return length > METRICS_REQUEST_MAX || has_end(begin_of(text, length));
 }
 
 /* Returns what a program thinks of a kind of media: a weight (RFC 9110, 12.4.2), in thousandths. */
@@ -101,24 +122,47 @@ static void weigh(opinion *o, piece range, const char *type, const char *group, 
         *o = (opinion){exact, quality};
 }
 
-/* Returns true unless the program prefers the older text, as far as `Accept` says so. */
-static bool takes_openmetrics(piece accept)
+/* The opinions of all lines of `Accept` about both kinds of text. */
+typedef struct wish {
+    opinion newer, older;
+} wish;
+
+/* Takes a line of `Accept`. */
+static void read_accept(wish *w, piece accept)
 {
-    opinion newer = {0, 0}, older = {0, 0};
     while (accept.length > 0) {
         piece rest = cut(&accept, ',');
         const piece range = cut(&rest, ';');
-        weigh(&newer, range, OPENMETRICS, "application/*", rest);
-        weigh(&older, range, "text/plain", "text/*", rest);
+        weigh(&w->newer, range, OPENMETRICS, "application/*", rest);
+        weigh(&w->older, range, "text/plain", "text/*", rest);
     }
-    return newer.quality >= older.quality;
+}
+
+/* Returns true for a kind that a program refuses, which is more than that it does not name it. */
+static bool is_refused(const opinion *o)
+{
+    return o->exact > 0 && o->quality == 0;
+}
+
+/* Returns the path of a target, which may be an absolute one: http://HOST/PATH. */
+static piece path_of(piece target)
+{
+    static const char scheme[] = "http://";
+    const size_t bytes = sizeof scheme - 1;
+    const piece path = cut(&target, '?');
+    if (path.length <= bytes || strncasecmp(path.text, scheme, bytes) != 0)
+        return path;
+    const char *slash = memchr(path.text + bytes, '/', path.length - bytes);
+    if (!slash || slash == path.text + bytes)
+        return (piece){"", 0};
+    return (piece){slash, path.length - (size_t)(slash - path.text)};
 }
 
 /* Reads the first line. Returns the status. */
 static unsigned read_line(piece line, bool *head)
 {
     const piece method = cut(&line, ' ');
-    piece target = cut(&line, ' ');
+    const piece target = cut(&line, ' ');
     const piece version = cut(&line, ' ');
     if (method.length == 0 || target.length == 0 || line.length > 0)
         return 400;
@@ -129,28 +173,29 @@ static unsigned read_line(piece line, bool *head)
     *head = method.length == 4 && strncmp(method.text, "HEAD", 4) == 0;
     if (!*head && !(method.length == 3 && strncmp(method.text, "GET", 3) == 0))
         return 405;
-    const piece path = cut(&target, '?');
+    const piece path = path_of(target);
     return path.length == 8 && strncmp(path.text, "/metrics", 8) == 0 ? 200 : 404;
 }
 
 metrics_request metrics_request_read(const char *text, size_t length)
 {
     metrics_request request = {.status = 431, .openmetrics = true};
-    piece rest = {text, length < METRICS_REQUEST_MAX ? length : METRICS_REQUEST_MAX};
-    piece accept = {"", 0};
-    if (!metrics_request_is_whole(text, rest.length))
+    piece rest = begin_of(text, length);
+    wish wished = {.newer.exact = 0};
+    if (!has_end(rest))
         return request;
-    const bool plain = !memchr(text, 0, rest.length);
+    const bool plain = !memchr(rest.text, 0, rest.length);
     request.status = plain ? read_line(cut(&rest, '\n'), &request.head) : 400;
-    while (rest.length > 0) {
+    while (rest.length > 0 && empty_line(rest) == 0) {
         piece line = cut(&rest, '\n');
-        if (line.length == 0)
-            break;
         const piece name = cut(&line, ':');
         if (is_text(name, "accept"))
-            accept = cut(&line, '\n');
+            read_accept(&wished, line);
     }
-    request.openmetrics = takes_openmetrics(accept);
+    request.openmetrics =
+        !is_refused(&wished.newer) && wished.newer.quality >= wished.older.quality;
+    if (request.status == 200 && is_refused(&wished.newer) && is_refused(&wished.older))
+        request.status = 406;
     return request;
 }
 
@@ -163,6 +208,7 @@ static const struct {
     {400, "Bad Request", "this is no request of HTTP/1\n"},
     {404, "Not Found", "there is only /metrics\n"},
     {405, "Method Not Allowed", "only GET and HEAD: nothing can be changed here\n"},
+    {406, "Not Acceptable", "only application/openmetrics-text and text/plain\n"},
     {431, "Request Header Fields Too Large", "the request is too long\n"},
     {505, "HTTP Version Not Supported", "only HTTP/1.0 and HTTP/1.1\n"},
     {503, "Service Unavailable", "out of memory\n"},

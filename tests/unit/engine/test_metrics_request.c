@@ -17,9 +17,30 @@ TEST(a_request_is_whole_at_its_empty_line_and_at_its_limit)
     assert_false(metrics_request_is_whole("GET /metrics HTTP/1.1\r\n", 23));
     assert_true(metrics_request_is_whole("GET /metrics HTTP/1.1\r\n\r\n", 25));
     assert_true(metrics_request_is_whole("GET /metrics HTTP/1.1\n\nmore", 27));
+    assert_true(metrics_request_is_whole("GET /metrics HTTP/1.1\n\r\nmore", 28));
+    assert_true(metrics_request_is_whole("GET /metrics HTTP/1.1\r\n\n", 24));
+    assert_false(metrics_request_is_whole("GET /metrics HTTP/1.1\n\r", 23));
+    assert_false(metrics_request_is_whole("GET /metrics HTTP/1.1\n\rX\n", 25));
     assert_false(metrics_request_is_whole(many, METRICS_REQUEST_MAX));
     assert_true(metrics_request_is_whole(many, sizeof many));
     assert_int_equal(metrics_request_read(many, sizeof many).status, 431);
+}
+
+TEST(an_empty_line_before_a_request_is_ignored)
+{
+    static const char *const before[] = {"", "\r\n", "\n"};
+    for (size_t i = 0; i < sizeof before / sizeof before[0]; i++) {
+        char text[100];
+        const int length = snprintf(text, sizeof text, "%sHEAD /metrics HTTP/1.1\n\r\n", before[i]);
+        for (int part = 0; part < length; part++)
+            assert_false(metrics_request_is_whole(text, (size_t)part));
+        assert_true(metrics_request_is_whole(text, (size_t)length));
+        assert_int_equal(read_text(text).status, 200);
+        assert_true(read_text(text).head);
+    }
+    assert_true(metrics_request_is_whole("\r\n\r\n", 4));
+    assert_int_equal(read_text("\r\n\r\n").status, 400);
+    assert_int_equal(read_text("\n\nGET /metrics HTTP/1.1\n\n").status, 400);
 }
 
 TEST(each_piece_of_the_first_line_has_its_error)
@@ -37,6 +58,13 @@ TEST(each_piece_of_the_first_line_has_its_error)
         {"GET /metrics FTP/1.1", 400, false},   {"GET /metrics", 400, false},
         {"GET  /metrics HTTP/1.1", 400, false}, {"GET /metrics HTTP/1.1 x", 400, false},
         {"", 400, false},
+        {"GET http://a/metrics HTTP/1.1", 200, false},
+        {"HEAD HTTP://[::1]:9464/metrics?a=/b HTTP/1.1", 200, true},
+        {"GET http://a/ HTTP/1.1", 404, false}, {"GET http://a HTTP/1.1", 404, false},
+        {"GET http:// HTTP/1.1", 404, false},   {"GET http:///metrics HTTP/1.1", 404, false},
+        {"GET http://a/b/metrics HTTP/1.1", 404, false},
+        {"GET http://a?/metrics HTTP/1.1", 404, false},
+        {"GET ftp://a/metrics HTTP/1.1", 404, false},
     };
     for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
         char text[100];
@@ -73,6 +101,37 @@ TEST(the_older_text_is_for_those_who_prefer_it)
     assert_false(gets_openmetrics("application/openmetrics-text;q=zero, text/plain"));
 }
 
+TEST(lines_of_accept_count_together)
+{
+    assert_false(gets_openmetrics("text/plain\r\nAccept: */*;q=0.5"));
+    assert_false(gets_openmetrics("*/*;q=0.5\r\nAccept: text/plain"));
+    assert_true(gets_openmetrics("text/plain;q=0.5\r\nACCEPT:application/openmetrics-text"));
+    assert_false(gets_openmetrics("text/plain\r\nAccept:"));
+    assert_false(gets_openmetrics("text/plain\r\n\r\nAccept: application/openmetrics-text"));
+}
+
+/* Returns the status for a program that accepts this. */
+static unsigned status_for(const char *accept)
+{
+    char text[300];
+    (void)snprintf(text, sizeof text, "GET /metrics HTTP/1.1\nAccept:%s\n\n", accept);
+    return read_text(text).status;
+}
+
+TEST(a_weight_of_nothing_refuses_a_kind)
+{
+    assert_false(gets_openmetrics("application/openmetrics-text;q=0"));
+    assert_int_equal(status_for("application/openmetrics-text;q=0"), 200);
+    assert_true(gets_openmetrics("text/plain;q=0"));
+    assert_int_equal(status_for("text/plain;q=0.000"), 200);
+    assert_int_equal(status_for("*/*;q=0"), 406);
+    assert_int_equal(status_for("text/*;q=0, application/*; q=0.0"), 406);
+    assert_int_equal(status_for("*/*;q=0, text/plain"), 200);
+    assert_false(gets_openmetrics("*/*;q=0, text/plain"));
+    assert_int_equal(status_for("image/png"), 200); /* does not say that it refuses ours */
+    assert_int_equal(read_text("GET / HTTP/1.1\nAccept: */*;q=0\n\n").status, 404);
+}
+
 TEST(an_answer_has_its_length_and_only_get_has_a_text)
 {
     char answer[METRICS_HEAD_BYTES];
@@ -82,7 +141,7 @@ TEST(an_answer_has_its_length_and_only_get_has_a_text)
     assert_non_null(strstr(answer, "Content-Length: 4711\r\n"));
     assert_non_null(strstr(answer, "openmetrics-text; version=1.0.0; charset=utf-8\r\n"));
     for (unsigned status = 400; status <= 505; status++) {
-        if (status != 400 && status != 404 && status != 405 && status != 431 && status != 503 &&
+        if (status != 400 && (status < 404 || status > 406) && status != 431 && status != 503 &&
             status != 505)
             continue;
         unsigned long length = 0;
