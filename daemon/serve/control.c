@@ -8,7 +8,6 @@
 #include "base/text/jsontext.h"
 #include "base/log.h"
 #include "base/text/memo.h"
-#include "engine/reload.h"
 #include "record/output.h"
 #include "serve/requests.h"
 #include "serve/server.h"
@@ -35,7 +34,6 @@ typedef struct waiter {
 
 struct control {
     request_world world;
-    status_errors errors;
     server *server;
     watcher watchers[SERVER_CLIENTS_MAX];
     waiter waiters[SERVER_CLIENTS_MAX];
@@ -179,7 +177,6 @@ static unsigned format_event(control *c, const cw_event *event)
 void control_event(void *self, const cw_event *event)
 {
     control *c = self;
-    status_count(&c->errors, event);
     if (!(c->kinds >> event->kind & 1u))
         return;
     unsigned lines = format_event(c, event);
@@ -244,12 +241,6 @@ static const server_calls calls = {
     .too_long = "{\"ok\":false,\"error\":\"the line is too long\"}\n",
 };
 
-void control_remap(control *c, const uint8_t from[CW_NODES_MAX])
-{
-    reload_remap(c->errors.rx, sizeof c->errors.rx[0], from);
-    reload_remap(c->errors.tx, sizeof c->errors.tx[0], from);
-}
-
 void control_on_reload(control *c, control_reload *call, void *user)
 {
     c->world.reload = call;
@@ -267,19 +258,15 @@ void control_show_more(control *c, control_more *more, void *user)
     c->world.more_user = user;
 }
 
-const status_errors *control_errors(const control *c)
-{
-    return &c->errors;
-}
-
-control *control_start(struct ev_loop *loop, live *config, engine *bus, int inherited)
+control *control_start(struct ev_loop *loop, live *config, engine *bus,
+                       const status_errors *errors, int inherited)
 {
     control *c = calloc(1, sizeof *c);
     if (!c) {
         log_error("out of memory");
         return NULL;
     }
-    c->world = (request_world){.config = config, .engine = bus, .errors = &c->errors};
+    c->world = (request_world){.config = config, .engine = bus, .errors = errors};
     (void)snprintf(c->name, sizeof c->name, "%s", live_config(config)->bus_name);
     if (!memo_begin(&c->line))
         log_error("out of memory");

@@ -18,9 +18,11 @@
 
 typedef struct control control;
 
-/* Listens at the configuration's `control`. inherited: a socket that listens there already, or -1.
- * The others must live longer. Returns NULL after logging the reason. */
-control *control_start(struct ev_loop *loop, live *config, engine *bus, int inherited);
+/* Listens at the configuration's `control`. errors: those that nodes have detected, for the status.
+ * inherited: a socket that listens there already, or -1. The others must live longer. Returns NULL
+ * after logging the reason. */
+control *control_start(struct ev_loop *loop, live *config, engine *bus,
+                       const status_errors *errors, int inherited);
 
 /* Starts a reload for a request. Returns its round, or 0 after writing the reason.
  * control_reloaded() reports the end of a round to its clients; errors: NULL, or a line per
@@ -31,9 +33,6 @@ void control_reloaded(control *c, uint64_t round, const char *errors);
 
 /* Disconnects all clients and removes the socket. NULL is allowed. */
 void control_stop(control *c);
-
-/* Adapts to a changed configuration, in which nodes have other places. */
-void control_remap(control *c, const uint8_t from[CW_NODES_MAX]);
 
 /* Remembers injected rules there. control_saved() reports the end of all saves up to a number, as
  * kept_written(). */
@@ -46,9 +45,6 @@ void control_show_more(control *c, control_more *more, void *user);
 
 /* Reports to watchers that a recording has begun or, with the reason, that it has stopped. */
 void control_report_recording(control *c, const char *file, const char *why);
-
-/* Returns the errors that nodes have detected since the start of the socket. */
-const status_errors *control_errors(const control *c);
 
 /* Takes each event of the bus, as an engine_observer. */
 void control_event(void *self, const cw_event *event);

@@ -42,8 +42,8 @@
     X(NOW, uint64_t, delay_p50_ns, NS, USUAL, NONE, NOWHERE, "that half of them did not exceed")   \
     X(NOW, uint64_t, delay_p99_ns, NS, USUAL, NONE, NOWHERE,                                       \
       "that 99 of 100 of them did not exceed")                                                     \
-    X(ONE, uint64_t, rx_errors, ERRORS, FD, NONE, NOWHERE, "detected as a receiver")               \
-    X(ONE, uint64_t, tx_errors, ERRORS, FD, NONE, NOWHERE, "detected as the transmitter")
+    X(ONE, uint64_t, rx_errors, ERRORS, USUAL, NONE, NOWHERE, "detected as a receiver")            \
+    X(ONE, uint64_t, tx_errors, ERRORS, USUAL, NONE, NOWHERE, "detected as the transmitter")
 
 #define METRICS_SYNC(X)                                                                            \
     X(ONE, uint64_t, hard_syncs, TIMES, USUAL, NONE, NOWHERE, "it synchronised hard")              \
@@ -301,11 +301,11 @@ static void add_node(metrics_page *page, const cfg *config, const cw_bus *bus, u
         .delay_max_ns = text_ticks_ns(delay->max_ticks),
         .delay_p50_ns = text_ticks_ns(cw_delay_quantile_ticks(delay, 500)),
         .delay_p99_ns = text_ticks_ns(cw_delay_quantile_ticks(delay, 990)),
-        .rx_errors = errors ? errors->rx[node] : 0,
-        .tx_errors = errors ? errors->tx[node] : 0,
+        .rx_errors = errors->rx[node],
+        .tx_errors = errors->tx[node],
     };
     more.state[stats.state] = 1;
-    add(page, SET_NODE_MORE, USUAL | (errors ? 1u << CW_STAT_FD : 0), at, &more);
+    add(page, SET_NODE_MORE, USUAL, at, &more);
     add(page, SET_NODE, add_some(page, config, bus, node, at), at, &stats);
     add_port(page, &config->nodes[node], own, at);
 }

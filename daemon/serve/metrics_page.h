@@ -37,7 +37,7 @@ typedef struct metrics_own {
 /* Begins a page; all zeros is one that has been freed. */
 void metrics_page_begin(metrics_page *page, bool openmetrics);
 
-/* Adds a bus with its nodes and rules. errors: NULL where nobody counts them. */
+/* Adds a bus with its nodes and rules, and the errors that its nodes have detected. */
 void metrics_page_bus(metrics_page *page, const cfg *config, const cw_bus *bus,
                       const report *beyond, const status_errors *errors);
 

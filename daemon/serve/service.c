@@ -11,6 +11,7 @@
 #include "base/text/memo.h"
 #include "base/unit.h"
 #include "config/files.h"
+#include "engine/reload.h"
 #include "engine/reloader.h"
 #include "port/claim.h"
 #include "serve/control.h"
@@ -41,6 +42,7 @@ struct service {
     kept *kept; /* NULL without a control socket */
     ev_timer again; /* injects kept rules after a reload */
     metrics *metrics;
+    status_errors errors; /* since the start, for both */
     recordings *recordings;
     verdicts *verdicts;
     losses losses;
@@ -63,6 +65,7 @@ static void enter(const service *s)
 static void on_event(void *user, const cw_event *event)
 {
     service *s = user;
+    status_count(&s->errors, event);
     if (s->publisher)
         publisher_event(s->publisher, event);
     if (s->recordings)
@@ -251,8 +254,8 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
     confined_warn(s->config);
     if (reloaded)
         metrics_change(s->metrics);
-    if (s->control)
-        control_remap(s->control, from);
+    reload_remap(s->errors.rx, sizeof s->errors.rx[0], from);
+    reload_remap(s->errors.tx, sizeof s->errors.tx[0], from);
     if (s->publisher) {
         publisher_remap(s->publisher, from);
         s->statistics.repeat = seconds(s->config->lcm.period, s->config->rate);
@@ -313,8 +316,7 @@ static void measure(service *s, metrics_page *page)
     engine_update(s->engine);
     enter(s);
     engine_report(s->engine, &beyond);
-    metrics_page_bus(page, s->config, engine_bus(s->engine), &beyond,
-                     s->control ? control_errors(s->control) : NULL);
+    metrics_page_bus(page, s->config, engine_bus(s->engine), &beyond, &s->errors);
     const sink_list own = own_sinks(s);
     metrics_page_sinks(page, s->config->bus_name, &own);
     (void)log_enter(NULL);
@@ -482,7 +484,7 @@ static bool start_control(service *s, int inherited)
 {
     if (!s->config->control && inherited < 0)
         return true;
-    s->control = control_start(s->host->loop, s->live, s->engine, inherited);
+    s->control = control_start(s->host->loop, s->live, s->engine, &s->errors, inherited);
     if (!s->control)
         return false;
     control_on_reload(s->control, on_reload_request, s);

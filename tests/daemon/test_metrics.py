@@ -182,6 +182,32 @@ def test_states_rules_and_sinks_have_labels(bus):
     b.stop()
 
 
+def test_without_a_control_socket_the_errors_are_counted_too(tmp_path):
+    """Each of the five bad frames is a CRC error for dash, and a form error for its transmitter."""
+    port = free_port()
+    text = BUS[BUS.index("nodes:"):BUS.index("  - { name: dash")] + "  - { name: dash }\n" + \
+        BUS[BUS.index("faults:"):BUS.index("  - { name: asleep")]
+    (tmp_path / "day.yaml").write_text(
+        "bus: { name: day, bitrate: 500000 }\n" + text + f"metrics: {port}\n")
+
+    def errors():
+        try:
+            known = samples(ask(("127.0.0.1", port)).body)
+        except ConnectionRefusedError:
+            return None  # it does not listen yet
+        return [known[f"canwire_node_{way}_errors_total", (("bus", "day"), ("node", node))]
+                for way, node in (("rx", "dash"), ("tx", "engine"), ("tx", "dash"))]
+
+    log = tmp_path / "log"
+    with log.open("w") as out:
+        process = subprocess.Popen([CANWIRED, "-c", "day.yaml"], cwd=tmp_path, stderr=out)
+    try:
+        wait_until(lambda: errors() == [5, 5, 0], "the errors")
+        stop_canwired(process, log)
+    finally:
+        kill_all([process])
+
+
 def test_the_dashboard_asks_for_metrics_that_exist(bus):
     """Also each label that it asks for, and by which it sums."""
     b = whole_bus(bus)
