@@ -64,6 +64,7 @@ typedef struct client {
 typedef struct endpoint {
     pathsocket socket;
     char *name; /* as cfg_metrics has it; NULL: none */
+    bool deaf;  /* has the address, and does not listen: the next place overlaps */
 } endpoint;
 
 #define ENDPOINT_NONE {.socket = PATHSOCKET_NONE}
@@ -71,7 +72,7 @@ typedef struct endpoint {
 /* The place of the next configuration of the bus. */
 typedef struct plan {
     bool any;
-    bool same; /* the present place stays */
+    bool same; /* the present place stays, maybe with another spelling of its name */
     endpoint place;
 } plan;
 
@@ -276,6 +277,13 @@ static void on_connection(struct ev_loop *loop, ev_io *io, int events)
     }
 }
 
+/* Accepts connections where that was stopped, if there is a place that listens. */
+static void listen_again(metrics *m)
+{
+    if (m->place.name && !m->place.deaf)
+        ev_io_start(m->loop, &m->acceptor);
+}
+
 /* Ends connections that last too long, and accepts again. */
 static void on_tick(struct ev_loop *loop, ev_timer *timer, int events)
 {
@@ -286,8 +294,7 @@ static void on_tick(struct ev_loop *loop, ev_timer *timer, int events)
         if (c->phase != PHASE_FREE && ev_now(loop) - c->began > METRICS_LIMIT_S)
             end_client(c, c->phase != PHASE_ENDS);
     }
-    if (m->place.name)
-        ev_io_start(loop, &m->acceptor);
+    listen_again(m);
     if (m->own.clients == 0)
         ev_timer_stop(loop, timer);
 }
@@ -371,8 +378,77 @@ static void close_place(endpoint *place)
     *place = (endpoint)ENDPOINT_NONE;
 }
 
+/* Returns true for the place that a configuration wants, however it spells the path. */
+static bool is_at(const endpoint *place, const cfg_metrics *wanted)
+{
+    if (!place->name || !wanted->name)
+        return !place->name && !wanted->name;
+    return strcmp(place->name, wanted->name) == 0 ||
+           (wanted->path && pathsocket_is_at(&place->socket, wanted->path));
+}
+
+/* Returns true for two addresses of one port of which one is that of the whole machine. A path has
+ * no such pair. */
+static bool overlap(const char *a, const char *b)
+{
+    net_address one, other;
+    if (!a || !b || !address_parse(&one, a, strlen(a), 0) ||
+        !address_parse(&other, b, strlen(b), 0))
+        return false;
+    return one.number == other.number && !strchr(one.host, ':') == !strchr(other.host, ':') &&
+           (address_of_all(&one) || address_of_all(&other));
+}
+
+/* Lets a place listen no more. It keeps its address, which no other program gets. */
+static bool deafen(endpoint *place, const char *wanted)
+{
+    if (place->deaf || !overlap(place->name, wanted) || shutdown(place->socket.fd, SHUT_RD) != 0)
+        return false;
+    place->deaf = true;
+    return true;
+}
+
+/* Lets a place listen again. */
+static void undeafen(endpoint *place)
+{
+    if (place->deaf && listen(place->socket.fd, BACKLOG) != 0)
+        log_error("metrics %s: it does not listen any more: %s", place->name, strerror(errno));
+    else
+        place->deaf = false;
+}
+
+/* Lets those places listen again that no next one overlaps. */
+static void hear_again(metrics *m)
+{
+    undeafen(&m->next.place);
+    if (overlap(m->place.name, m->next.place.name))
+        return;
+    undeafen(&m->place);
+    listen_again(m);
+}
+
+/* Listens at an address as port_listen_at() does. An own place that overlaps it is deaf then. */
+static int listen_over(metrics *m, const net_address *address, const char *wanted)
+{
+    int fd = port_listen_at(address);
+    if (fd >= 0 || errno != EADDRINUSE)
+        return fd;
+    const bool now = deafen(&m->place, wanted), next = deafen(&m->next.place, wanted);
+    if (now)
+        ev_io_stop(m->loop, &m->acceptor);
+    int error = EADDRINUSE;
+    if (now || next) {
+        fd = port_listen_at(address);
+        error = errno;
+    }
+    if (fd < 0)
+        hear_again(m);
+    errno = error;
+    return fd;
+}
+
 /* Opens a place. Returns false after writing the reason; the place must be closed even then. */
-static bool open_place(endpoint *place, const cfg_metrics *wanted,
+static bool open_place(metrics *m, endpoint *place, const cfg_metrics *wanted,
                        char error[PATHSOCKET_ERROR_MAX])
 {
     net_address address;
@@ -386,15 +462,10 @@ static bool open_place(endpoint *place, const cfg_metrics *wanted,
                                error);
     const bool known = address_parse(&address, wanted->name, strlen(wanted->name), 0);
     assert(known);
-    place->socket.fd = known ? port_listen_at(&address) : -1;
+    place->socket.fd = known ? listen_over(m, &address, wanted->name) : -1;
     if (place->socket.fd < 0)
         (void)snprintf(error, PATHSOCKET_ERROR_MAX, "%s", strerror(errno));
     return place->socket.fd >= 0;
-}
-
-static bool is_at(const endpoint *place, const char *name)
-{
-    return place->name ? name && strcmp(place->name, name) == 0 : !name;
 }
 
 static void close_plan(plan *p)
@@ -407,14 +478,17 @@ bool metrics_prepare(metrics *m, const cfg *config, FILE *errors)
 {
     char error[PATHSOCKET_ERROR_MAX];
     const cfg_metrics *wanted = &config->metrics;
-    plan next = {.any = true, .same = is_at(&m->place, wanted->name), .place = ENDPOINT_NONE};
-    const bool moved = !next.same && m->next.any && is_at(&m->next.place, wanted->name);
-    if (!next.same && !moved && wanted->name && !open_place(&next.place, wanted, error)) {
+    plan next = {.any = true, .same = is_at(&m->place, wanted), .place = ENDPOINT_NONE};
+    const bool moved =
+        !next.same && m->next.any && !m->next.same && is_at(&m->next.place, wanted);
+    if (!next.same && !moved && wanted->name && !open_place(m, &next.place, wanted, error)) {
         fprintf(errors, "%s:%d:%d: metrics %s: %s\n", config->file, wanted->place.line,
                 wanted->place.column, wanted->name, error);
         close_plan(&next);
         return false;
     }
+    if (next.same && wanted->name && strcmp(m->place.name, wanted->name) != 0)
+        next.place.name = strdup(wanted->name); /* without memory it has the old spelling */
     m->moved = moved;
     m->earlier = m->next;
     if (moved)
@@ -432,8 +506,19 @@ void metrics_settle(metrics *m, bool taken)
         close_plan(&m->next);
         m->next = m->earlier;
         m->earlier = (plan){.place = ENDPOINT_NONE};
+        hear_again(m);
     }
     m->moved = false;
+}
+
+/* Gives the present place the spelling that is wanted now, if that is another one. */
+static void rename_place(metrics *m)
+{
+    if (!m->next.place.name)
+        return;
+    free(m->place.name);
+    m->place.name = m->next.place.name;
+    m->next.place.name = NULL;
 }
 
 void metrics_change(metrics *m)
@@ -444,8 +529,10 @@ void metrics_change(metrics *m)
         m->place = m->next.place;
         m->next.place = (endpoint)ENDPOINT_NONE;
         ev_io_set(&m->acceptor, m->place.socket.fd, EV_READ);
-        if (m->place.name)
-            ev_io_start(m->loop, &m->acceptor);
+        listen_again(m);
+    } else if (m->next.any) {
+        rename_place(m);
+        hear_again(m);
     }
     close_plan(&m->next);
 }

@@ -30,7 +30,8 @@ typedef void metrics_fill(void *user, metrics_page *page);
 metrics *metrics_new(struct ev_loop *loop, metrics_fill *fill, void *user);
 
 /* Opens what a configuration names, and keeps it beside the present socket until metrics_change().
- * Returns false, with nothing changed, after writing a line with the reason. */
+ * The new one alone listens where both cannot: at 127.0.0.1 and 0.0.0.0. Returns false,
+ * with nothing changed, after writing a line with the reason. */
 bool metrics_prepare(metrics *m, const cfg *config, FILE *errors);
 
 /* Says whether the bus takes that configuration. Otherwise the socket is closed again, and what was

@@ -68,6 +68,9 @@ class Bus:
     def status(self):
         return json.loads(self.canwire("status", "./day.sock", "--json"))
 
+    def moved(self, address):
+        wait_until(lambda: self.status()["metrics"]["address"] == address, address)
+
     def stop(self):
         return stop_canwired(self.process, self.log)
 
@@ -427,6 +430,79 @@ def test_start_and_reload_judge_a_taken_address_alike(bus):
         started = subprocess.run([CANWIRED, "-c", "day.yaml"], cwd=b.folder, text=True,
                                  capture_output=True, timeout=PATIENCE_S, check=False)
         assert started.returncode == 1 and problem in started.stderr
+
+
+def test_a_reload_moves_to_an_address_that_overlaps_its_own(bus):
+    """To all addresses of the machine and back, with IPv4 and IPv6. At each of them it takes
+    connections, and nobody else can listen there."""
+    b = bus()
+    for host, family, alone in (("0.0.0.0", socket.AF_INET, "127.0.0.1"),
+                                ("127.0.0.1", socket.AF_INET, "127.0.0.1"),
+                                ("[::1]", socket.AF_INET6, "::1"),
+                                ("[::]", socket.AF_INET6, "::1"),
+                                ("[::1]", socket.AF_INET6, "::1")):
+        b.write(f"'{host}:{b.port}'")
+        b.canwire("reload", "./day.sock")
+        b.moved(f"{host}:{b.port}")
+        assert ask((alone, b.port)).status == 200
+        with socket.socket(family) as other:
+            other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            with pytest.raises(OSError, match="Address already in use"):
+                other.bind((alone, b.port))
+                other.listen()
+    with pytest.raises(ConnectionRefusedError):
+        connect(b.at)
+    assert "metrics" not in b.stop()
+
+
+def test_a_reload_to_an_overlapping_address_that_is_taken_changes_nothing(bus):
+    """Another program has a further address of the same port."""
+    b = bus()
+    with socket.socket() as other:
+        other.bind(("127.0.0.2", b.port))
+        other.listen()
+        b.write(f"0.0.0.0:{b.port}")
+        problem = f"day.yaml:4:10: metrics 0.0.0.0:{b.port}: Address already in use"
+        for _ in range(2):
+            assert problem in b.canwire("reload", "./day.sock", status=1)
+            assert ask(b.at).status == 200
+            assert b.status()["metrics"]["address"] == f"127.0.0.1:{b.port}"
+    b.canwire("reload", "./day.sock")
+    b.moved(f"0.0.0.0:{b.port}")
+    assert ask(("127.0.0.2", b.port)).status == 200
+    b.stop()
+
+
+def test_a_reload_that_is_refused_for_something_else_listens_where_it_did(bus):
+    """The bus keeps its name; it refuses another one when the new address has been opened."""
+    b = bus()
+    for _ in range(2):
+        b.write(f"0.0.0.0:{b.port}", text=b.text.replace("day,", "night,"))
+        b.canwire("reload", "./day.sock", status=1)
+        assert ask(b.at).status == 200
+        with pytest.raises(ConnectionRefusedError):
+            connect(("127.0.0.2", b.port))
+    b.write(f"0.0.0.0:{b.port}")
+    b.canwire("reload", "./day.sock")
+    b.moved(f"0.0.0.0:{b.port}")
+    assert ask(("127.0.0.2", b.port)).status == 200
+    b.stop()
+
+
+def test_a_reload_takes_another_spelling_of_the_same_path(bus):
+    b = bus(metrics="unix:m.sock")
+    (b.folder / "dir").mkdir()
+    for path in "dir/../m.sock", str(b.folder / "m.sock"), "m.sock":
+        b.write(f"unix:{path}")
+        b.canwire("reload", "./day.sock")
+        b.moved(f"unix:{path}")
+        assert ask(b.folder / "m.sock").status == 200
+    b.write("unix:dir/m.sock")  # the same name elsewhere
+    b.canwire("reload", "./day.sock")
+    assert ask(b.folder / "dir/m.sock").status == 200
+    assert not (b.folder / "m.sock").exists()
+    b.stop()
+    assert not list(b.folder.glob("**/m.sock*"))
 
 
 def test_a_rig_has_one_page_of_all_its_buses(tmp_path):

@@ -291,6 +291,19 @@ bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, con
     return pathsocket_judge(s, number, error);
 }
 
+bool pathsocket_is_at(const pathsocket *s, const char *path)
+{
+    folder other = FOLDER_NONE;
+    struct stat here;
+    struct stat there;
+    const bool same = s->folder.fd >= 0 && folder_open(&other, path) == 0 &&
+                      strcmp(other.name, s->folder.name) == 0 &&
+                      fstat(s->folder.fd, &here) == 0 && fstat(other.fd, &there) == 0 &&
+                      here.st_dev == there.st_dev && here.st_ino == there.st_ino;
+    folder_close(&other);
+    return same;
+}
+
 /* ---- Sockets of the service manager ---------------------------------------------------------- */
 
 static bool is_same_place(const char *a, const char *b)

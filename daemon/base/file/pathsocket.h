@@ -39,6 +39,9 @@ bool pathsocket_open(pathsocket *s, const char *path, int type, int backlog, con
  * writing the reason to error. */
 bool pathsocket_probe(const char *path, char error[PATHSOCKET_ERROR_MAX]);
 
+/* Returns true when a path, however it is spelled, is that of this socket. */
+bool pathsocket_is_at(const pathsocket *s, const char *path);
+
 /* Takes over a socket that listens already, at this path or, with path NULL, at any. The path stays
  * at the end: it belongs to the maker of the socket. Returns false after writing the reason to
  * error; the pathsocket has the descriptor and must be closed even then. */

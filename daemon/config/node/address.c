@@ -83,6 +83,11 @@ const char *address_of_many(const net_address *address)
     return IN_MULTICAST(host) ? "multicast" : NULL;
 }
 
+bool address_of_all(const net_address *address)
+{
+    return strcmp(address->host, "0.0.0.0") == 0 || strcmp(address->host, "::") == 0;
+}
+
 void address_print(char out[ADDRESS_BYTES], const net_address *address)
 {
     const bool six = strchr(address->host, ':');

@@ -31,6 +31,9 @@ const char *address_expected(const char *text, size_t length);
  * for others. The broadcast addresses of its networks are known to the machine alone. */
 const char *address_of_many(const net_address *address);
 
+/* Returns true for the address of a socket that stands for all addresses of the machine. */
+bool address_of_all(const net_address *address);
+
 /* Prints HOST:PORT, so that equal addresses have equal texts. */
 void address_print(char out[ADDRESS_BYTES], const net_address *address);
 
