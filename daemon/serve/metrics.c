@@ -10,6 +10,7 @@
 
 #include "base/file/pathsocket.h"
 #include "base/log.h"
+#include "base/text/counted.h"
 #include "base/text/jsonput.h"
 #include "config/node/address.h"
 #include "port/listen.h"
@@ -25,6 +26,7 @@
 #define BACKLOG 64
 #define ACCEPTS_MAX 16u    /* in one wake-up */
 #define TICK_S 1.0         /* between looks at the time of connections */
+#define CALM_S 10.0        /* without a pause, until a lack is over */
 #define TURN_MAX_S 0.001   /* of a page, before the bus goes on */
 #define SEND_BYTES 65536   /* of an answer, in the kernel */
 #define REST_BYTES 16384u  /* of what nobody reads, in one wake-up ... */
@@ -86,6 +88,8 @@ struct metrics {
     bool moved;   /* ... whose place `next` has now */
     ev_io acceptor;
     ev_timer tick;
+    unsigned pauses; /* of accepting, in the present lack of descriptors or memory; 0: none */
+    ev_tstamp paused; /* the last of them */
     ev_prepare turn;
     ev_idle busy;
     bool making;
@@ -247,10 +251,12 @@ static void take_client(metrics *m, int fd)
     ev_timer_start(m->loop, &m->tick);
 }
 
-/* Accepts no more before the next tick. */
+/* Accepts no more before the next tick. The first one of a lack is told, and its end. */
 static void pause_accepting(metrics *m, const char *why)
 {
-    log_warning("metrics %s: no connection can be accepted: %s", m->place.name, why);
+    if (m->pauses++ == 0)
+        log_warning("metrics %s: no connection can be accepted: %s", m->place.name, why);
+    m->paused = ev_now(m->loop);
     ev_io_stop(m->loop, &m->acceptor);
     ev_timer_start(m->loop, &m->tick);
 }
@@ -284,6 +290,16 @@ static void listen_again(metrics *m)
         ev_io_start(m->loop, &m->acceptor);
 }
 
+/* Tells that a lack is over. While it lasts, connections that wait bring on a pause each tick. */
+static void end_lack(metrics *m)
+{
+    if (m->pauses == 0 || ev_now(m->loop) - m->paused < CALM_S)
+        return;
+    log_info("metrics: connections are accepted again, after %s",
+             counted(m->pauses, "pause").text);
+    m->pauses = 0;
+}
+
 /* Ends connections that last too long, and accepts again. */
 static void on_tick(struct ev_loop *loop, ev_timer *timer, int events)
 {
@@ -295,7 +311,8 @@ static void on_tick(struct ev_loop *loop, ev_timer *timer, int events)
             end_client(c, c->phase != PHASE_ENDS);
     }
     listen_again(m);
-    if (m->own.clients == 0)
+    end_lack(m);
+    if (m->own.clients == 0 && m->pauses == 0)
         ev_timer_stop(loop, timer);
 }
 

@@ -7,10 +7,13 @@ CANWIRE and CANWIRED are the programs.
 
 import json
 import re
+import resource
 import socket
 import subprocess
+import time
 import urllib.parse
 import urllib.request
+from pathlib import Path
 
 import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as open_parser
@@ -359,6 +362,29 @@ def test_slow_requests_and_slow_readers_are_dropped_and_counted(bus):
     reader.close()
     assert ask(b.at).status == 200
     b.stop()
+
+
+def test_a_lack_of_descriptors_is_told_once_and_its_end(bus):
+    """However long it lasts. A round in which canwired tried only once has to last longer."""
+    b, rounds, pauses, patience_s = bus(), 0, 0, 3
+    soft, hard = resource.prlimit(b.process.pid, resource.RLIMIT_NOFILE)
+    while pauses < 2:
+        rounds += 1
+        used = {int(one.name) for one in Path(f"/proc/{b.process.pid}/fd").iterdir()}
+        free = min(set(range(len(used) + 1)) - used)
+        resource.prlimit(b.process.pid, resource.RLIMIT_NOFILE, (free, hard))
+        with connect(b.at) as end:
+            end.sendall(WAITS + b"\r\n")
+            wait_until(lambda: b.log.read_text().count("Too many open files") == rounds, "the lack")
+            time.sleep(patience_s)
+            resource.prlimit(b.process.pid, resource.RLIMIT_NOFILE, (soft, hard))
+            assert parse(read_all(end)).status == 200
+        wait_until(lambda: b.log.read_text().count("accepted again") == rounds, "its end")
+        pauses = int(re.findall(r"metrics: connections are accepted again, after (\d+) pause",
+                                b.log.read_text())[-1])
+        patience_s *= 2
+    told = f"metrics 127.0.0.1:{b.port}: no connection can be accepted: Too many open files"
+    assert b.stop().count(told) == rounds
 
 
 def test_a_reader_that_goes_away_does_no_harm(bus):
