@@ -36,7 +36,7 @@ static void read_address(schema *self, const schema_key *key, const yaml_node_t 
     char full[ADDRESS_BYTES];
     const size_t length = strlen(text);
     if (!address_parse(&address, text, length, METRICS_PORT)) {
-        schema_complain(self, value, "%s: expected %s or unix:PATH, not '%.40s'", key->name,
+        schema_complain(self, value, "%s: expected %s, with %s, not '%.40s'", key->name, expected,
                         address_expected(text, length), text);
         return;
     }
