@@ -67,6 +67,7 @@ typedef struct rig {
     live *live;
     engine engine;
     control *control;
+    status_errors errors; /* none: nobody counts them */
     int clients[CLIENTS];
     unsigned now; /* the client that writes */
     bool middle;  /* of a reply that is being read; replies are lines of JSON */
@@ -129,7 +130,7 @@ static void start(rig *r)
     REQUIRE(fake_engine_make(&r->engine, r->live, MORE_RULES, UPDATE_BITS));
     r->engine.reload_errors = "bus.yaml:1:1: not now\n";
     r->engine.reload_in_turn = true;
-    r->control = control_start(r->loop, r->live, &r->engine, -1);
+    r->control = control_start(r->loop, r->live, &r->engine, &r->errors, -1);
     REQUIRE(r->control != NULL);
     control_on_reload(r->control, fake_engine_ask, &r->engine);
     engine_observe(&r->engine, control_event, r->control);

@@ -31,6 +31,7 @@ typedef struct rig {
     live *live;
     engine engine;
     control *control;
+    status_errors errors; /* none: nobody counts them */
     bool reloads_take_long;
 } rig;
 
@@ -65,7 +66,7 @@ static inline int set_up_with(void **state, const char *config)
     r->live = live_new(load(r));
     uint16_t more = (uint16_t)(CW_RULES_MAX - live_config(r->live)->rule_count);
     assert_true(fake_engine_make(&r->engine, r->live, more, UPDATE_BITS));
-    r->control = control_start(r->loop, r->live, &r->engine, -1);
+    r->control = control_start(r->loop, r->live, &r->engine, &r->errors, -1);
     assert_non_null(r->control);
     control_on_reload(r->control, fake_engine_ask, &r->engine);
     engine_observe(&r->engine, control_event, r->control);
