@@ -376,7 +376,7 @@ def test_a_lack_of_descriptors_is_told_once_and_its_end(bus):
         with connect(b.at) as end:
             end.sendall(WAITS + b"\r\n")
             wait_until(lambda: b.log.read_text().count("Too many open files") == rounds, "the lack")
-            time.sleep(patience_s)
+            time.sleep(patience_s)  # no wait: canwired tries again, and says nothing
             resource.prlimit(b.process.pid, resource.RLIMIT_NOFILE, (soft, hard))
             assert parse(read_all(end)).status == 200
         wait_until(lambda: b.log.read_text().count("accepted again") == rounds, "its end")
@@ -546,6 +546,7 @@ def test_a_rig_has_one_page_of_all_its_buses(tmp_path):
         process = subprocess.Popen([CANWIRED, "-c", "rig.yaml"], cwd=tmp_path, stderr=out)
     try:
         wait_until(lambda: listens(tmp_path / "body.sock"), "the rig")
+        answer(tmp_path, "status", "./body.sock")  # the loop answers, so all listens by now
 
         def value(name, **labels):
             return samples(ask(("127.0.0.1", port)).body)[name, tuple(sorted(labels.items()))]
