@@ -209,6 +209,13 @@ void pcapng_event(FILE *out, const cfg *config, const cw_event *event, uint64_t 
     pcapng_event_of_bus(out, config, 0, event, time_ns);
 }
 
+bool pcapng_takes(const cw_event *event)
+{
+    errframe error;
+    return event->kind == CW_EVENT_TX ||
+           errframe_from_event(&error, event, ALL_ERRORS, ERRFRAME_ANY);
+}
+
 void pcapng_event_of_bus(FILE *out, const cfg *config, unsigned first, const cw_event *event,
                          uint64_t time_ns)
 {

@@ -29,6 +29,9 @@ void pcapng_add_interfaces(FILE *out, const cfg *config);
  * BUS:NODE. */
 void pcapng_begin_all(FILE *out, const cfg *const *buses, size_t count);
 
+/* Returns whether an event makes packets. */
+bool pcapng_takes(const cw_event *event);
+
 /* Does the same as pcapng_event() for one of these buses. `first` is the number of nodes of those
  * before it. */
 void pcapng_event_of_bus(FILE *out, const cfg *config, unsigned first, const cw_event *event,

@@ -29,6 +29,7 @@ typedef struct format {
     void (*bit)(recorder *r, const cw_bit_view *bit); /* NULL: bits are not used */
     void (*end)(recorder *r);                         /* of a file */
     bool has_nodes; /* a file begins with the nodes, on which the rest depends */
+    bool (*takes)(const cw_event *event); /* whether it makes an entry; NULL: bits make them */
 } format;
 
 struct recorder {
@@ -66,6 +67,11 @@ static void end_nothing(recorder *r)
 static void log_event(recorder *r, const cw_event *event, uint64_t time_ns)
 {
     output_log_at(r->entry.out, r->config, event, time_ns);
+}
+
+static bool log_takes(const cw_event *event)
+{
+    return event->kind == CW_EVENT_TX;
 }
 
 static bool begin_capture(recorder *r, const cw_bus *bus)
@@ -110,9 +116,9 @@ static void end_dump(recorder *r)
 }
 
 static const format formats[] = {
-    [CFG_RECORD_CANDUMP] = {begin_nothing, log_event, NULL, end_nothing, false},
-    [CFG_RECORD_PCAPNG] = {begin_capture, capture_event, NULL, end_nothing, true},
-    [CFG_RECORD_VCD] = {begin_dump, dump_event, dump_bit, end_dump, true},
+    [CFG_RECORD_CANDUMP] = {begin_nothing, log_event, NULL, end_nothing, false, log_takes},
+    [CFG_RECORD_PCAPNG] = {begin_capture, capture_event, NULL, end_nothing, true, pcapng_takes},
+    [CFG_RECORD_VCD] = {begin_dump, dump_event, dump_bit, end_dump, true, NULL},
 };
 
 /* ---- To the spool ---------------------------------------------------------------------------- */
@@ -203,6 +209,11 @@ static void count_lost(recorder *r)
 }
 
 /* ---- Events and bits ------------------------------------------------------------------------- */
+
+bool recorder_takes(cfg_record_format of, const cw_event *event)
+{
+    return formats[of].takes && formats[of].takes(event);
+}
 
 bool recorder_wants_bits(const recorder *r)
 {
@@ -409,6 +420,8 @@ void recorder_get_stats(const recorder *r, recorder_stats *stats)
 {
     *stats = r->stats;
     stats->headless = spool_left_out(r->spool);
-    stats->lost += stats->headless;
-    stats->entries -= stats->headless < stats->entries ? stats->headless : stats->entries;
+    stats->unwritten = spool_lost(r->spool);
+    const uint64_t gone = stats->headless + stats->unwritten;
+    stats->lost += gone;
+    stats->entries -= gone < stats->entries ? gone : stats->entries;
 }

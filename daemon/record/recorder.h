@@ -34,6 +34,10 @@ recorder *recorder_start_stream(const cfg_record *what, const cfg *config, int f
 /* Returns true when its file has been opened. */
 bool recorder_is_open(const recorder *r);
 
+/* Returns whether an event makes an entry of that format, for those that come while nothing is
+ * recorded. Of a VCD it is false: bits make its entries. */
+bool recorder_takes(cfg_record_format of, const cw_event *event);
+
 /* Returns true when it needs each bit, too. */
 bool recorder_wants_bits(const recorder *r);
 
@@ -81,6 +85,7 @@ typedef struct recorder_stats {
     uint64_t bytes;
     uint64_t begun;
     uint64_t headless; /* of those lost: left out since somebody has shortened the file */
+    uint64_t unwritten; /* ... in the queue when an error ended the recording */
 } recorder_stats;
 
 void recorder_get_stats(const recorder *r, recorder_stats *stats);

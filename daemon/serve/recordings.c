@@ -29,8 +29,8 @@ typedef struct entry {
     bool open;          /* its file has been opened, which has been reported */
     int error;          /* the errno that has ended it */
     bool waits;         /* its file is still in use */
-    recorder_stats stats; /* of the recorder that has ended */
-    uint64_t lost_reported; /* and of those */
+    recorder_stats before; /* of recorders that have ended; lost: what came without one, too */
+    uint64_t lost_reported; /* of the present one */
     uint64_t headless_reported;
 } entry;
 
@@ -89,7 +89,11 @@ static bool is_free(const recordings *all, const char *file)
 static void log_begun(entry *e)
 {
     e->open = true;
-    log_info("record %s: begun", e->what.file);
+    if (e->before.lost > 0)
+        log_warning("record %s: begun again, without %s that came before", e->what.file,
+                    counted(e->before.lost, "entry").text);
+    else
+        log_info("record %s: begun", e->what.file);
 }
 
 static void log_not_begun(const recordings *all, const entry *e)
@@ -124,6 +128,7 @@ static void begin_later(recordings *all, entry *e, const cw_bus *bus)
     e->error = 0;
     e->open = false;
     e->lost_reported = 0;
+    e->headless_reported = 0;
     if (e->waits)
         return;
     e->recorder =
@@ -134,42 +139,57 @@ static void begin_later(recordings *all, entry *e, const cw_bus *bus)
     recordings_report(all, e);
 }
 
+static void add_stats(recorder_stats *sum, const recorder_stats *more)
+{
+    sum->entries += more->entries;
+    sum->lost += more->lost;
+    sum->bytes += more->bytes;
+    sum->begun += more->begun;
+}
+
 static void get_stats(const entry *e, recorder_stats *stats)
 {
-    *stats = e->stats;
-    if (e->recorder)
-        recorder_get_stats(e->recorder, stats);
+    recorder_stats now;
+    *stats = e->before;
+    if (!e->recorder)
+        return;
+    recorder_get_stats(e->recorder, &now);
+    add_stats(stats, &now);
 }
 
 /* Warns of entries that the file lacks since the last warning, by reason. */
 static void log_lost(entry *e)
 {
     recorder_stats stats;
-    get_stats(e, &stats);
+    if (!e->recorder)
+        return;
+    recorder_get_stats(e->recorder, &stats);
     const uint64_t headless = stats.headless - e->headless_reported;
-    const uint64_t slow = stats.lost - e->lost_reported - headless;
+    const uint64_t slow = stats.lost - stats.unwritten - e->lost_reported - headless;
     if (slow > 0)
         log_warning("record %s: %s left out, the disk is too slow", e->what.file,
                     counted(slow, "entry").text);
     if (headless > 0)
         log_warning("record %s: %s left out, until the file had its begin again",
                     e->what.file, counted(headless, "entry").text);
-    e->lost_reported = stats.lost;
+    e->lost_reported = stats.lost - stats.unwritten;
     e->headless_reported = stats.headless;
 }
 
 /* Ends an entry whose recorder has stopped by itself. Without a file all its entries are lost. */
 static void note_error(const recordings *all, entry *e)
 {
+    recorder_stats stats;
     e->error = recorder_error(e->recorder);
-    recorder_get_stats(e->recorder, &e->stats);
+    recorder_get_stats(e->recorder, &stats);
     if (recorder_is_open(e->recorder)) {
         log_lost(e);
         log_error("record %s: stopped: %s", e->what.file, spool_explain(e->error));
     } else {
-        e->stats = (recorder_stats){.lost = e->stats.entries + e->stats.lost};
+        stats = (recorder_stats){.lost = stats.entries + stats.lost};
         log_not_begun(all, e);
     }
+    add_stats(&e->before, &stats);
     (void)recorder_close(e->recorder, PATIENCE_S);
     e->recorder = NULL;
 }
@@ -379,9 +399,13 @@ void recordings_stop(recordings *all)
 
 void recordings_event(recordings *all, const cw_event *event, uint64_t time_ns)
 {
-    for (size_t i = 0; i < all->count; i++)
-        if (all->entries[i]->recorder)
-            recorder_event(all->entries[i]->recorder, event, time_ns);
+    for (size_t i = 0; i < all->count; i++) {
+        entry *e = all->entries[i];
+        if (e->recorder)
+            recorder_event(e->recorder, event, time_ns);
+        else
+            e->before.lost += recorder_takes(e->what.format, event);
+    }
 }
 
 void recordings_bit(recordings *all, const cw_bus *bus)

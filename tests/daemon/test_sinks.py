@@ -7,6 +7,8 @@ CANWIRE and CANWIRED are the programs. A full disk is in tests/kernel/test_recor
 
 import json
 import os
+import re
+import resource
 import socket
 import subprocess
 import time
@@ -14,6 +16,7 @@ import time
 import pytest
 
 from simtool import CANWIRED, answer, canwire, journal_text, kill_all, stop_canwired
+from test_daemon import limit_files
 from test_record import wait_until
 
 PATIENCE_S = 60
@@ -130,6 +133,25 @@ def test_a_journal_that_somebody_takes_away_is_told(bus, tmp_path):
     assert sink["why"] == "what is written goes on there; a restart begins another"
     assert running.stop().count("somebody has renamed the file") == 1
     assert '"end":' in journal_text(tmp_path / "old.journal").splitlines()[-1]
+
+
+def test_what_a_stopped_recording_leaves_out_is_lost(bus, tmp_path):
+    """Also what waited for the disk when it stopped, and over its next beginning."""
+    running = bus("record: [ { file: a.log } ]\n",
+                  text=BUS.replace("every: 10ms", "every: 500us, count: 4000"))
+    running.line("record a.log recording")
+    limit_files(running.process, 8192)
+    running.line("record a.log stopped")
+    limit_files(running.process, resource.RLIM_INFINITY)
+    running.canwire("reload", "./day.sock")
+    running.line("record a.log recording")
+    wait_until(lambda: running.json()["bus"]["frames"] == 4000, "all frames")
+    sink = running.sinks()["record", "a.log"]
+    assert sink["written"] + sink["lost"] == 4000 and sink["lost"] > 0
+    assert re.search(r"record a\.log: begun again, without \d+ entries that came before\n",
+                     running.stop())
+    assert sum(len(file.read_text().splitlines()) for file in tmp_path.glob("a.log*")) == \
+        sink["written"]
 
 
 def test_lcm_counts_what_it_sends_and_is_blocked_by_a_server_that_stalls(bus):

@@ -728,6 +728,8 @@ uint64_t spool_lost(spool *s)
 {
     (void)pthread_mutex_lock(&s->lock);
     uint64_t lost = s->lost;
+    if (s->ended && s->error != 0)
+        lost += count_records(s, s->used);
     (void)pthread_mutex_unlock(&s->lock);
     return lost;
 }
