@@ -373,6 +373,14 @@ static bool daemon_run(process *p, const options *o)
     return !p->failed && !engines_have_failed(p);
 }
 
+/* Tells the service manager the error that fails a unit which was stopped in order. */
+static void tell_why_failed(notifier *to)
+{
+    char why[LOG_LAST_BYTES];
+    log_last_error(why);
+    notify_status(to, "%s", why);
+}
+
 /* Ends all in the order in which nobody misses the last events. */
 static void daemon_end(process *p)
 {
@@ -388,6 +396,8 @@ static void daemon_end(process *p)
         service_free(h->buses[i]);
     rig_free(p->host.rig);
     fileuses_free(&h->files);
+    if (h->expectation_failed || h->report_missing)
+        tell_why_failed(h->notifier);
     notify_close(h->notifier);
     if (h->loop)
         ev_loop_destroy(h->loop);

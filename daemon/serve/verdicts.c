@@ -171,18 +171,25 @@ verdicts *verdicts_start(const cfg *config, const cw_bus *bus, const char *label
     return v;
 }
 
-void verdicts_begin(verdicts *v)
+/* Removes a report that is old, or not whole: nobody must take it for that of this run. */
+static int remove_report(const char *file)
 {
-    const char *file = v->config->expect_report;
     folder in;
-    if (!file || (v->cleared && strcmp(v->cleared, file) == 0))
-        return;
-    free(v->cleared);
-    v->cleared = copy_of(file);
     int error = folder_open(&in, file);
     if (error == 0 && unlinkat(in.fd, in.name, 0) != 0)
         error = errno;
     folder_close(&in);
+    return error;
+}
+
+void verdicts_begin(verdicts *v)
+{
+    const char *file = v->config->expect_report;
+    if (!file || (v->cleared && strcmp(v->cleared, file) == 0))
+        return;
+    free(v->cleared);
+    v->cleared = copy_of(file);
+    const int error = remove_report(file);
     if (error != 0 && error != ENOENT)
         log_warning("expect-report %s: the old one cannot be removed: %s", file,
                     spool_explain(error));
@@ -470,6 +477,8 @@ static bool end_report(verdicts *v)
                   error != 0 ? spool_explain(error) : "there is no room for it",
                   unit_hint(v->file, error));
     (void)spool_close(v->report, 0);
+    if (ended && (error != 0 || v->unwritten))
+        (void)remove_report(v->file);
     return ended && error == 0 && !v->unwritten;
 }
 

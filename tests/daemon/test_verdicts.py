@@ -18,7 +18,7 @@ import pytest
 
 from busclient import Client
 from simtool import CANWIRED, answer, canwire, kill_all, sim
-from test_daemon import HOST, fixture_lcm_server  # pylint: disable=unused-import
+from test_daemon import HOST, fixture_lcm_server, limit_files  # pylint: disable=unused-import
 from test_record import PATIENCE_S, wait_until
 from test_sinks import Bus
 
@@ -99,6 +99,8 @@ def test_failures_are_told_once_and_everywhere(bus):
     assert "\n    FAILED few: wanted at most 20 frames 123, got " in text
     check = canwire("status", "--check", "./day.sock", status=1, cwd=running.folder).stdout
     assert ", 2 expectations failed" in check
+    running.process.send_signal(signal.SIGTERM)
+    running.line("expectation failed at ", " by the end of the run: wanted at least 1000000 frames")
     log = running.end(FAILED)
     assert log.count(FEW_FAILED + "\n") == log.count(GAP_FAILED + "\n") == 1
     assert log.count("expectation failed") == 3
@@ -321,6 +323,15 @@ def test_a_report_that_is_lost_is_an_error(bus, tmp_path):
     running = bus(expect(CALM, report="reports/v.xml"))
     (tmp_path / "reports").rmdir()
     assert "error: expect-report reports/v.xml: No such file or directory\n" in running.end(LOST)
+
+
+def test_no_report_is_better_than_a_part_of_one(bus, tmp_path):
+    met = [f"{{ name: met {i}, seen: yes, frame: '123' }}" for i in range(40)]
+    running = bus(expect(FEW, *met))
+    running.wait_failed("few")
+    limit_files(running.process, 2000)  # a full disk; the log is shorter
+    assert "expect-report verdict.xml: File too large" in running.end(FAILED)
+    assert not (tmp_path / "verdict.xml").exists()
 
 
 # ---- Rigs ----------------------------------------------------------------------------------------

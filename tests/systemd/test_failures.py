@@ -62,6 +62,7 @@ def test_a_bus_that_ends_with_a_failed_expectation_is_failed(new):
         wait_until(lambda: bus.show("ActiveState") == "failed", "the end")
         assert (bus.show("Result"), bus.show("ExecMainStatus")) == ("exit-code", "3")
         assert bus.show("NRestarts") == "0"
+        assert bus.show("StatusText").startswith("expectation failed at ")
         assert 'failures="1"' in Path("/var/lib/canwire/judge.xml").read_text()
     [first, _] = told(bus, "expectation failed")
     assert ": silent: wanted no frame, got one at " in first
