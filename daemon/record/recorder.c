@@ -29,7 +29,7 @@ typedef struct format {
     void (*bit)(recorder *r, const cw_bit_view *bit); /* NULL: bits are not used */
     void (*end)(recorder *r);                         /* of a file */
     bool has_nodes; /* a file begins with the nodes, on which the rest depends */
-    bool (*takes)(const cw_event *event); /* whether it makes an entry; NULL: bits make them */
+    bool (*takes)(const cw_event *event); /* makes it an entry? NULL: bits do */
 } format;
 
 struct recorder {

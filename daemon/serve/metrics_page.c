@@ -67,6 +67,11 @@
 #define METRICS_SINK_STATE(X)                                                                      \
     X(NOW, uint64_t, state, TIMES, USUAL, NONE, NOWHERE, "1, with the state that it has")
 
+#define METRICS_VERDICTS(X)                                                                        \
+    X(NOW, uint64_t, judged, TIMES, USUAL, NONE, NOWHERE,                                          \
+      "expectations that the bus is judged by, with those that have failed and are gone")          \
+    X(NOW, uint64_t, failed, TIMES, USUAL, NONE, NOWHERE, "expectations that have failed")
+
 #define METRICS_GATEWAY(X)                                                                         \
     X(ONE, uint64_t, forwarded, FRAMES, USUAL, NONE, NOWHERE, "carried to the other bus")          \
     X(ONE, uint64_t, lost, FRAMES, USUAL, NONE, NOWHERE, "without room in the queue of a rule")    \
@@ -89,6 +94,7 @@ typedef struct sync_of_node { METRICS_SYNC(CW_MEMBER) } sync_of_node;
 typedef struct of_rule { METRICS_RULE(CW_MEMBER) } of_rule;
 typedef struct of_sink { METRICS_SINK(CW_MEMBER) } of_sink;
 typedef struct state_of_sink { METRICS_SINK_STATE(CW_MEMBER) } state_of_sink;
+typedef struct of_verdicts { METRICS_VERDICTS(CW_MEMBER) } of_verdicts;
 typedef struct of_gateway { METRICS_GATEWAY(CW_MEMBER) } of_gateway;
 
 #define ROW_BUS(...) CW_STAT_ROW(more_of_bus, __VA_ARGS__)
@@ -97,6 +103,7 @@ typedef struct of_gateway { METRICS_GATEWAY(CW_MEMBER) } of_gateway;
 #define ROW_RULE(...) CW_STAT_ROW(of_rule, __VA_ARGS__)
 #define ROW_SINK(...) CW_STAT_ROW(of_sink, __VA_ARGS__)
 #define ROW_SINK_STATE(...) CW_STAT_ROW(state_of_sink, __VA_ARGS__)
+#define ROW_VERDICTS(...) CW_STAT_ROW(of_verdicts, __VA_ARGS__)
 #define ROW_GATEWAY(...) CW_STAT_ROW(of_gateway, __VA_ARGS__)
 #define ROW_OWN(...) CW_STAT_ROW(metrics_own, __VA_ARGS__)
 
@@ -110,6 +117,7 @@ static const cw_stat sync_rows[] = {METRICS_SYNC(ROW_SYNC){.name = NULL}};
 static const cw_stat rule_rows[] = {METRICS_RULE(ROW_RULE){.name = NULL}};
 static const cw_stat sink_rows[] = {METRICS_SINK(ROW_SINK){.name = NULL}};
 static const cw_stat sink_state_rows[] = {METRICS_SINK_STATE(ROW_SINK_STATE){.name = NULL}};
+static const cw_stat verdict_rows[] = {METRICS_VERDICTS(ROW_VERDICTS){.name = NULL}};
 static const cw_stat gateway_rows[] = {METRICS_GATEWAY(ROW_GATEWAY){.name = NULL}};
 static const cw_stat own_rows[] = {METRICS_OWN(ROW_OWN){.name = NULL}};
 static const cw_stat data_rows[] = {
@@ -133,6 +141,7 @@ typedef enum set {
     SET_GATEWAY,
     SET_SINK,
     SET_SINK_STATE,
+    SET_VERDICTS,
     SET_OWN,
     SETS
 } set;
@@ -157,6 +166,7 @@ static const struct {
     [SET_GATEWAY] = {"canwire_gateway_", gateway_rows, sizeof(of_gateway)},
     [SET_SINK] = {"canwire_sink_", sink_rows, sizeof(of_sink)},
     [SET_SINK_STATE] = {"canwire_sink_", sink_state_rows, sizeof(state_of_sink)},
+    [SET_VERDICTS] = {"canwire_expectations_", verdict_rows, sizeof(of_verdicts)},
     [SET_OWN] = {"canwire_metrics_", own_rows, sizeof(metrics_own)},
 };
 
@@ -351,6 +361,14 @@ void metrics_page_sinks(metrics_page *page, const char *bus, const sink_list *al
             &(of_sink){.good = s->good, .written = s->written, .lost = s->lost, .bytes = s->bytes,
                        .gaps = s->gaps});
     }
+}
+
+void metrics_page_verdicts(metrics_page *page, const char *bus, const verdicts *all)
+{
+    const label name = {"bus", bus};
+    if (verdicts_count(all) > 0)
+        add(page, SET_VERDICTS, USUAL, put_labels(&page->labels, &name, 1),
+            &(of_verdicts){.judged = verdicts_count(all), .failed = verdicts_failed(all)});
 }
 
 void metrics_page_gateways(metrics_page *page, const json_t *gateways)

@@ -15,6 +15,7 @@
 #include "config/config.h"
 #include "engine/report.h"
 #include "serve/status.h"
+#include "serve/verdicts.h"
 
 typedef struct metrics_page {
     buffer text;      /* as far as it has been written */
@@ -43,6 +44,9 @@ void metrics_page_bus(metrics_page *page, const cfg *config, const cw_bus *bus,
 
 /* Adds the sinks of a bus; NULL: of all buses together. */
 void metrics_page_sinks(metrics_page *page, const char *bus, const sink_list *all);
+
+/* Adds how many expectations a bus has, if there are any, and how many have failed. */
+void metrics_page_verdicts(metrics_page *page, const char *bus, const verdicts *all);
 
 /* Adds the result of gateways_stats(). */
 void metrics_page_gateways(metrics_page *page, const json_t *gateways);

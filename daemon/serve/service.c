@@ -319,6 +319,7 @@ static void measure(service *s, metrics_page *page)
     metrics_page_bus(page, s->config, engine_bus(s->engine), &beyond, &s->errors);
     const sink_list own = own_sinks(s);
     metrics_page_sinks(page, s->config->bus_name, &own);
+    metrics_page_verdicts(page, s->config->bus_name, s->verdicts);
     (void)log_enter(NULL);
 }
 
@@ -331,7 +332,7 @@ static void measure_all(void *user, metrics_page *page)
         measure(h->buses[i], page);
     if (h->journal)
         journal_sink(h->journal, &shared);
-    metrics_page_sinks(page, NULL, &shared);
+    metrics_page_sinks(page, h->group ? NULL : h->buses[0]->config->bus_name, &shared);
     if (!h->group)
         return;
     json_t *now = gateways_stats(engine_group_gateways(h->group), GATEWAYS_ALL);

@@ -184,7 +184,9 @@ def test_states_rules_and_sinks_have_labels(bus):
     for name, kind, state in (('odd "name".log', "record", "recording"),
                               ("verdict.xml", "expect-report", "judging")):
         assert value("canwire_sink_state", bus="day", kind=kind, name=name, state=state) == 1
-    assert value("canwire_sink_lost_total", kind="journal", name="day.journal") == 0
+    assert value("canwire_sink_lost_total", bus="day", kind="journal", name="day.journal") == 0
+    assert value("canwire_expectations_judged", bus="day") == 1
+    assert value("canwire_expectations_failed", bus="day") == 0
     b.stop()
 
 
