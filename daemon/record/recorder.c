@@ -222,8 +222,10 @@ bool recorder_wants_bits(const recorder *r)
 
 void recorder_event(recorder *r, const cw_event *event, uint64_t time_ns)
 {
-    if (recorder_is_over(r))
+    if (recorder_is_over(r)) { /* its owner is about to hear of that */
+        r->stats.lost += r->format->takes && r->format->takes(event);
         return;
+    }
     if (r->format->bit) { /* the event is written with its bit */
         if (!r->gap)
             r->format->event(r, event, time_ns);

@@ -335,7 +335,7 @@ IN_FOLDER(an_entry_is_in_the_file_or_counted_as_lost)
     assert_int_equal(count_lines(), stats.entries);
 }
 
-IN_FOLDER(after_an_error_nothing_more_is_counted)
+IN_FOLDER(after_an_error_all_else_is_lost)
 {
     cfg config;
     recorder_stats before, after;
@@ -352,7 +352,10 @@ IN_FOLDER(after_an_error_nothing_more_is_counted)
     recorder_get_stats(r, &before);
     recorder_event(r, &sent, 10);
     recorder_get_stats(r, &after);
+    before.lost++;
     assert_memory_equal(&before, &after, sizeof before);
+    assert_int_equal(after.entries + after.lost, 11);
+    assert_int_equal(count_lines(), after.entries);
     assert_true(recorder_close(r, PATIENCE_S));
 }
 
