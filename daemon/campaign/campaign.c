@@ -331,6 +331,7 @@ static void read_detected(schema *self, const schema_key *key, yaml_node_t *valu
     }
 }
 
+/* Reads the fault-tolerant time interval: more than 0, and not in bits. */
 static void read_ftti(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     campaign_owner *o = object;
@@ -370,6 +371,7 @@ static void campaign_read_root(campaign_owner *o, diag *errors, yaml_document_t 
         names_check_keys(&self, list, o);
 }
 
+/* Reads all keys of the file of the campaign. The document is gone afterwards; texts are copies. */
 static bool campaign_read_file(campaign_owner *o, diag *errors)
 {
     yaml_document_t document;

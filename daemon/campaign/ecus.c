@@ -113,6 +113,7 @@ static void read_node(schema *self, const schema_key *key, yaml_node_t *value, v
     e->node = schema_copy(self, text);
 }
 
+/* The name is an interface of a kernel, and it becomes a part of paths and of lists with commas. */
 static void read_interface(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     ecu *e = object;
@@ -199,6 +200,7 @@ static void read_cwd(schema *self, const schema_key *key, yaml_node_t *value, vo
         e->cwd = schema_copy(self, text);
 }
 
+/* A program with `off` speaks the protocol of ports by itself, outside of canwire run. */
 static void read_preload(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     ecu *e = object;
@@ -207,6 +209,7 @@ static void read_preload(schema *self, const schema_key *key, yaml_node_t *value
         e->direct = !wanted;
 }
 
+/* A program is at a node of canwired, or it is the bus itself and needs no canwired. */
 static void read_bus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const schema_choice words[] = {
@@ -247,6 +250,7 @@ static void read_grace(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Ready ----------------------------------------------------------------------------------- */
 
+/* A program is ready when its output has a line with this part. */
 static void ecus_read_line(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     ecu *e = object;
@@ -255,6 +259,7 @@ static void ecus_read_line(schema *self, const schema_key *key, yaml_node_t *val
     e->line = text ? schema_copy(self, text) : NULL;
 }
 
+/* A program is ready when its node has sent a frame that passes this filter. */
 static void ecus_read_frame(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     ecu *e = object;
@@ -318,6 +323,7 @@ static void check_own(schema *self, const yaml_node_t *item, ecu *e, size_t coun
         e->name = "program";
 }
 
+/* Each program has a node, but for one that is the bus itself. */
 static void check_program(schema *self, const yaml_node_t *item, ecu *e, size_t count)
 {
     if (item->type != YAML_MAPPING_NODE)
@@ -355,6 +361,7 @@ void campaign_read_ecus(schema *self, const schema_key *key, yaml_node_t *value,
     }
 }
 
+/* Programs of a row have a network namespace of their own, unless they need that of the host. */
 void campaign_read_network(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const schema_choice words[] = {
@@ -373,6 +380,7 @@ unsigned ecus_virtual(const ecu_plan *plan)
     return count;
 }
 
+/* Virtual time needs a program under canwire run: others read the clocks of the kernel. */
 void campaign_read_virtual(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     campaign_owner *o = object;

@@ -27,6 +27,7 @@ loaded *loaded_find(loaded_list *list, const buffer *key)
     return NULL;
 }
 
+/* Frees what a place holds. With use 0 it is the next one to be taken. */
 static void empty(loaded *l)
 {
     for (size_t i = 0; i < l->slot_count; i++)
@@ -47,6 +48,7 @@ static loaded *loaded_find_place(loaded_list *list)
     return found;
 }
 
+/* The place has slots of its own: the rules that they get belong to its scenario. */
 static bool copy_slots(loaded *l, const rule_slot *slots, size_t count)
 {
     l->slots = count > 0 ? malloc(count * sizeof *slots) : NULL;

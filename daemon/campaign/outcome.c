@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * outcome.c - what has become of one scenario, as a part of its row.
+ * outcome.c - the outcome of one scenario, as a part of its row.
  */
 #include "campaign/outcome.h"
 
@@ -24,6 +24,7 @@ const char *outcome_name(outcome o)
 
 /* ---- Expectations ---------------------------------------------------------------------------- */
 
+/* Writes an expectation that is not met, with what there was instead. */
 static void write_failed(buffer *row, const expect_outcome *e)
 {
     jsontext_item(row, "{");
@@ -46,6 +47,7 @@ static void write_expectations(buffer *row, const expect_report *report)
 
 /* ---- The bus --------------------------------------------------------------------------------- */
 
+/* Adds up the counters of all buses: a row of a rig has one figure for each. */
 static cw_bus_stats sum_of_buses(const scenario *s)
 {
     cw_bus_stats sum = {.bits = 0};
@@ -178,6 +180,8 @@ static void write_counters(buffer *row, const cw_node_stats *n, const observatio
     row->end = (size_t)(at - row->data);
 }
 
+/* Writes a node's counters. In a rig the name of its bus is before its own, as nodes are unique on
+ * a bus only. */
 static void write_node(buffer *row, const scenario_bus *b, unsigned node)
 {
     cw_node_stats stats;
@@ -201,6 +205,7 @@ static void write_nodes(buffer *row, const scenario *s)
 
 /* ---- Losses ---------------------------------------------------------------------------------- */
 
+/* Writes frames that a node has lost, or a rule that has not acted, with the reason. */
 static void write_loss(void *user, const loss_words *w)
 {
     buffer *row = user;
@@ -216,6 +221,7 @@ static void write_loss(void *user, const loss_words *w)
     buffer_put(row, "}");
 }
 
+/* Writes the losses on all buses, in the order of these. */
 static void write_losses(buffer *row, const scenario *s)
 {
     char before[CFG_NODE_NAME_MAX + 2] = "";

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * outcome.h - what has become of one scenario, as a part of its row.
+ * outcome.h - the outcome of one scenario, as a part of its row.
  */
 #ifndef CANWIRE_CAMPAIGN_OUTCOME_H
 #define CANWIRE_CAMPAIGN_OUTCOME_H

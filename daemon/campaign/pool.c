@@ -462,6 +462,7 @@ static void end_late(pool *p, int64_t now)
     }
 }
 
+/* Tells the caller how many lines are made, a few times a second at most. */
 static void pool_look(pool *p, int64_t now)
 {
     if (!p->work->calls->look || now - p->looked_ms < LOOK_MS)

@@ -56,6 +56,7 @@ void runner_free(runner *r)
 
 /* ---- Loading --------------------------------------------------------------------------------- */
 
+/* Reads the scenario with the values of a row. It must have an end. Messages may be NULL. */
 static scenario *runner_load(runner *r, const choice *choices, FILE *messages)
 {
     const campaign *c = r->campaign;
@@ -85,6 +86,8 @@ static void find_room(runner *r, const scenario *s)
         r->loaded.room = 1;
 }
 
+/* Loads the scenario of the choices and keeps it under the key, with slots that have no rules
+ * yet. */
 static loaded *load_base(runner *r, const choice *choices)
 {
     scenario *s = runner_load(r, choices, NULL);
@@ -95,6 +98,8 @@ static loaded *load_base(runner *r, const choice *choices)
     return loaded_keep(&r->loaded, s, &r->key, r->slots, r->slot_count);
 }
 
+/* Binds the slots to the scenario, whose rules have the values of the choices. A rig has no
+ * slots. */
 static bool begin_slots(const runner *r, const loaded *l, const choice *choices)
 {
     bool good = l->scenario->alone || l->slot_count == 0;
@@ -118,6 +123,7 @@ static void write_key(runner *r, const choice *choices)
     }
 }
 
+/* Goes on without slots: each value of a factor then has a scenario of its own. */
 static void forget_slots(runner *r)
 {
     r->slot_count = 0;
@@ -174,6 +180,7 @@ static void runner_show(const rule_slot *slot, uint64_t value, const cfg *config
     }
 }
 
+/* Gives the rules in slots the values of the choices. Rules of a value are loaded once. */
 static bool fill_slots(runner *r, const loaded *l, const choice *choices)
 {
     for (size_t i = 0; i < l->slot_count; i++) {
@@ -191,6 +198,7 @@ static bool fill_slots(runner *r, const loaded *l, const choice *choices)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
+/* Writes what is known before the row runs: number, values of the factors, seed. */
 static void runner_write_head(runner *r, buffer *row, uint64_t number, const choice *choices)
 {
     const campaign *c = r->campaign;
@@ -220,6 +228,7 @@ void runner_head(runner *r, uint64_t number, buffer *row)
     buffer_put(row, ",\"outcome\":\"");
 }
 
+/* Ends the row with the command that runs it alone. */
 static void write_repeat(runner *r, buffer *row, uint64_t number)
 {
     char option[NUMBER_MAX];
@@ -242,6 +251,7 @@ static outcome write_invalid(runner *r, buffer *row, const choice *choices)
     return o;
 }
 
+/* Runs the scenario of a row. The outcome of one that cannot be loaded is invalid. */
 static outcome runner_run(runner *r, buffer *row, const choice *choices)
 {
     uint64_t seed;

@@ -13,6 +13,7 @@
 
 /* ---- Set-up ---------------------------------------------------------------------------------- */
 
+/* Hands an event on to gateways of the rig, to the observation, to losses and to expectations. */
 static void take_event(void *user, const cw_event *event)
 {
     scenario_bus *b = user;
@@ -23,6 +24,7 @@ static void take_event(void *user, const cw_event *event)
         expect_event(b->judge, event);
 }
 
+/* Adds a bus. It only asks for the kinds of events that somebody reads: others cost time. */
 static bool scenario_open_bus(scenario *s, cfg *config, FILE *messages)
 {
     scenario_bus *b = &s->buses[s->count];
@@ -46,6 +48,7 @@ static bool scenario_open_bus(scenario *s, cfg *config, FILE *messages)
     return true;
 }
 
+/* Makes the buses of the rig, or the one of the file. Messages of a run go to memory. */
 static bool open_buses(scenario *s, FILE *messages)
 {
     const size_t count = s->rig ? s->rig->bus_count : 1;
@@ -159,6 +162,7 @@ static bool restart(scenario *s)
     return s->rig ? sim_group_restart(&s->group, s->rig) : sim_restart(&s->buses[0].run);
 }
 
+/* Judges the run. Returns false when an expectation is not met or a file could not be read. */
 static bool scenario_conclude(scenario *s)
 {
     bool good = !s->failed;
@@ -233,6 +237,7 @@ static void scenario_journal_pass_on(void *user, const cw_event *event)
     sim_pass_on(&s->buses[0].run, event);
 }
 
+/* Judges from now on by the expectations of the configuration that is valid now. */
 static void begin_judging(scenario *s)
 {
     scenario_bus *b = &s->buses[0];
@@ -245,6 +250,7 @@ static void begin_judging(scenario *s)
     s->failed = s->failed || !b->judge;
 }
 
+/* Concludes the expectations of the configuration that ends, at its last tick. */
 static void end_judging(scenario *s)
 {
     scenario_bus *b = &s->buses[0];
@@ -270,6 +276,7 @@ static void scenario_journal_leave(void *user, const cfg *next, const uint8_t fr
         }
 }
 
+/* The configuration after a reload is valid now: its expectations and losses begin anew. */
 static void scenario_journal_go_over(void *user)
 {
     scenario *s = user;
@@ -280,6 +287,7 @@ static void scenario_journal_go_over(void *user)
 
 /* ---- The run --------------------------------------------------------------------------------- */
 
+/* Does without gateways: a journal is of one bus. */
 static void take_played_event(void *user, const cw_event *event)
 {
     scenario_bus *b = user;
@@ -289,6 +297,7 @@ static void take_played_event(void *user, const cw_event *event)
         expect_event(b->judge, event);
 }
 
+/* Makes the one bus of a journal. Programs have sent its frames, which is no loss. */
 static bool scenario_journal_open_bus(scenario *s, uint64_t until_ns, FILE *messages)
 {
     const cfg_time until = {.ns = until_ns};
@@ -308,6 +317,8 @@ static bool scenario_journal_open_bus(scenario *s, uint64_t until_ns, FILE *mess
     return true;
 }
 
+/* Plays the journal to its end. Losses get the last configuration, since a reload may have made
+ * another. */
 static void play(scenario *s)
 {
     scenario_bus *b = &s->buses[0];

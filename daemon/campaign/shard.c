@@ -52,6 +52,7 @@ static const source sources[] = {
 static bool shard_refuse(char problem[SHARD_PROBLEM_MAX], const char *format, ...)
     __attribute__((format(printf, 2, 3)));
 
+/* Writes the reason, and returns false for its caller to return. */
 static bool shard_refuse(char problem[SHARD_PROBLEM_MAX], const char *format, ...)
 {
     va_list arguments;
@@ -93,6 +94,8 @@ static bool read_array(source *s, char problem[SHARD_PROBLEM_MAX])
                         least, most, s->from, max, counted(count, "task").text);
 }
 
+/* Reads the part from the variables of one system. The number of the first part differs between
+ * systems. */
 static bool read_source(shard *out, source s, char problem[SHARD_PROBLEM_MAX])
 {
     uint64_t index;

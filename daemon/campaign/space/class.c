@@ -10,6 +10,7 @@ static bool is_seen(const class_facts *f)
     return f->announced || (f->hit ? f->error_after_hit : f->error);
 }
 
+/* A failure that nothing has shown is the worst class: a system would not have reacted. */
 static row_class class_of_result(const class_facts *f)
 {
     if (f->failed)
@@ -19,6 +20,7 @@ static row_class class_of_result(const class_facts *f)
     return f->error ? CLASS_CORRECTED : CLASS_NO_EFFECT;
 }
 
+/* The process decides first: one that has crashed has no result to judge. */
 row_class class_of(const class_facts *f)
 {
     switch (f->outcome) {

@@ -184,6 +184,7 @@ static void campaign_place_edits(schema *self, yaml_node_t *list, campaign_owner
 
 /* ---- Names and paths ------------------------------------------------------------------------- */
 
+/* The name becomes a key of rows and a part of names of rules. */
 static void factors_read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
@@ -196,6 +197,8 @@ static void factors_read_name(schema *self, const schema_key *key, yaml_node_t *
         r->factor->name = schema_copy(self, text);
 }
 
+/* Reads the path of the value that varies, and finds its place in the text of the scenario. It is
+ * the name of the factor, too, unless that has one. */
 static void read_set(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     reading *r = object;
@@ -217,6 +220,7 @@ static void read_set(schema *self, const schema_key *key, yaml_node_t *value, vo
         schema_complain(self, value, "%s: '%s': %s", key->name, text, wrong);
 }
 
+/* Reads a frame. *has says if there is a good one: a frame of zeros is good, too. */
 static void parse_frame(schema *self, const schema_key *key, const yaml_node_t *value,
                         cw_frame *frame, bool *has)
 {
@@ -240,6 +244,7 @@ static const char *as_json(const reading *r, schema *self, const yaml_node_t *va
     return jsonvalue_of(self, value, &r->owner->json_left);
 }
 
+/* Makes the list the values of the factor. One whose values are all pruned has none to run. */
 static void take_list(reading *r, schema *self, const yaml_node_t *value, const space_list *list)
 {
     factor *f = r->factor;
@@ -255,6 +260,7 @@ static void take_list(reading *r, schema *self, const yaml_node_t *value, const 
         schema_complain(self, value, "all its values are pruned");
 }
 
+/* Values are any of YAML. They are kept as JSON, which the scenario and the rows have. */
 static void read_values(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     reading *r = object;
@@ -269,6 +275,7 @@ static void read_values(schema *self, const schema_key *key, yaml_node_t *value,
     take_list(r, self, value, &list);
 }
 
+/* Takes positions and patterns of them. Those that the frame of the factor lacks are pruned. */
 static void read_positions(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     reading *r = object;
@@ -311,6 +318,7 @@ static const char *quoted_text(arena *memory, const char *text)
     return jsontext_keep(&quoted, memory);
 }
 
+/* Takes names of nodes, or `all` for those of the scenario in its order. */
 static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     reading *r = object;
@@ -334,6 +342,7 @@ static void read_nodes(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
+/* A number is decimal and exact; its unit is any that the scenario takes there. */
 static void factors_read_number(schema *self, const schema_key *key, yaml_node_t *value,
                                 void *object)
 {
@@ -370,6 +379,7 @@ static bool read_numbers(schema *self, const schema_key *key, yaml_node_t *value
     return false;
 }
 
+/* Counts the values of a range, `from` and each step up to `to`. */
 static void read_range(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     reading *r = object;
@@ -382,6 +392,7 @@ static void read_range(schema *self, const schema_key *key, yaml_node_t *value, 
         f->count = (uint64_t)((f->to.mantissa - f->from.mantissa) / f->step.mantissa) + 1;
 }
 
+/* A drawn factor has no number of values by itself; samples that combine values need one. */
 static void check_draws(schema *self, const schema_key *key, const yaml_node_t *value, reading *r)
 {
     const campaign_sample sample = r->owner->campaign.sample;
@@ -392,6 +403,7 @@ static void check_draws(schema *self, const schema_key *key, const yaml_node_t *
     r->factor->count = r->factor->count > 0 ? r->factor->count : 1;
 }
 
+/* Values are drawn from `from` to `to` in whole steps. */
 static void read_uniform(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     reading *r = object;
@@ -402,6 +414,7 @@ static void read_uniform(schema *self, const schema_key *key, yaml_node_t *value
     check_draws(self, key, value, r);
 }
 
+/* `from` is the mean and `to` the deviation, which may be 0. */
 static void read_normal(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     reading *r = object;
@@ -421,6 +434,7 @@ static void read_space_frame(schema *self, const schema_key *key, yaml_node_t *v
     parse_frame(self, key, value, &m->frame, &m->has_frame);
 }
 
+/* The sender must be a node of the scenario. Rules have its name, as JSON. */
 static void read_space_from(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     space_map *m = object;
@@ -430,6 +444,7 @@ static void read_space_from(schema *self, const schema_key *key, yaml_node_t *va
         m->space.from = as_json(m->reading, self, value);
 }
 
+/* The nodes that sample the faulty bits. They are kept only when all of them are there. */
 static void read_space_at(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     space_map *m = object;
@@ -470,6 +485,7 @@ typedef struct space_lists {
     bool pairs;
 } space_lists;
 
+/* Adds the faults of a frame, of one bit or of two each. */
 static const char *add_frame(space_lists *l, const space_map *m, const cw_frame *frame)
 {
     if (l->pairs)
@@ -494,6 +510,8 @@ static const char *add_frames(space_lists *l, const space_map *m)
     return wrong || l->values.count > 0 ? wrong : "the node of 'from' sends no frames";
 }
 
+/* Reads a space of faults: each value of the factor has a rule of its own, or two for a pair of
+ * bits. It needs the nodes of one bus. */
 static void read_space(schema *self, const schema_key *key, yaml_node_t *value, reading *r,
                        bool pairs)
 {
@@ -539,6 +557,7 @@ static bool is_seed_value(const char *text)
     return !text_parse_uint(&seed, text);
 }
 
+/* A seed is a whole number, so nothing that draws fractions or has units may vary it. */
 static void check_seed(schema *self, const yaml_node_t *item, const factor *f)
 {
     bool good = f->kind == FACTOR_LIST || (f->from.decimals == 0 && !f->from.unit[0] &&
@@ -549,6 +568,7 @@ static void check_seed(schema *self, const yaml_node_t *item, const factor *f)
         schema_complain(self, item, "seeds are whole numbers from 0 on");
 }
 
+/* A factor has one kind of values, a place for them, and a name that no earlier one has. */
 static void check_factor(schema *self, const yaml_node_t *item, const reading *r, size_t index)
 {
     const factor *f = r->factor;
@@ -566,6 +586,8 @@ static void check_factor(schema *self, const yaml_node_t *item, const reading *r
         check_seed(self, item, f);
 }
 
+/* Reads all factors, then checks the names of rules and places of values, which concern several of
+ * them. */
 void campaign_read_factors(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     campaign_owner *o = object;

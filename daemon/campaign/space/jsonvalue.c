@@ -36,6 +36,7 @@ static bool is_word(const char *text)
     return strcmp(text, "true") == 0 || strcmp(text, "false") == 0;
 }
 
+/* A plain scalar that JSON would read as a number or a word stays one; all others are texts. */
 static void put_scalar(buffer *out, const yaml_node_t *value)
 {
     const char *text = (const char *)value->data.scalar.value;

@@ -31,6 +31,7 @@ static const char *find_space(const campaign *c, size_t before, const char *name
     return NULL;
 }
 
+/* The rule of a space is added to those of the scenario, so its name must be new. */
 static void check_rule(schema *self, const yaml_node_t *item, const campaign_owner *o, size_t index,
                        const char *name)
 {

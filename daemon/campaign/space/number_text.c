@@ -12,6 +12,7 @@
 #define TIME_UNITS 4
 #define MANTISSA_MAX INT64_C(1000000000000000)
 
+/* Takes the rest of a number. It is one word of letters, % and /, or nothing. */
 static bool read_unit(char unit[NUMBER_TEXT_UNIT_MAX], const char *at)
 {
     static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ%/";
@@ -45,6 +46,8 @@ bool number_text_parse(number_text *out, const char *text)
     return true;
 }
 
+/* Gives a number this many decimals without changing its value. Returns false if it becomes too
+ * large. */
 static bool widen(number_text *n, unsigned decimals)
 {
     for (; n->decimals < decimals; n->decimals++) {

@@ -37,6 +37,8 @@ static unsigned gain(const search *s, const uint32_t *row, size_t f, uint32_t va
     return count;
 }
 
+/* Returns the value that makes the most new pairs; the lowest of several, so that rows are
+ * repeatable. */
 static uint32_t best_value(const search *s, const uint32_t *row, size_t f)
 {
     uint32_t best = 0;
@@ -51,6 +53,7 @@ static uint32_t best_value(const search *s, const uint32_t *row, size_t f)
     return best;
 }
 
+/* Values of all factors are numbered through; returns the factor that this one belongs to. */
 static size_t factor_of(const search *s, size_t value)
 {
     size_t f = 0;
@@ -78,6 +81,7 @@ static bool begin_row(search *s, uint32_t *row)
     return false;
 }
 
+/* Gives values to the other factors in their order, and marks all pairs of the row as seen. */
 static void finish_row(const search *s, uint32_t *row)
 {
     for (size_t f = 0; f < s->factors; f++)
@@ -88,6 +92,7 @@ static void finish_row(const search *s, uint32_t *row)
             *pair(s, s->first[a] + row[a], s->first[b] + row[b]) = true;
 }
 
+/* Returns memory for one more row, whose values are not set; NULL: there is none. */
 static uint32_t *next_row(search *s)
 {
     campaign *c = s->c;
@@ -102,6 +107,7 @@ static uint32_t *next_row(search *s)
     return &c->pairs[c->rows * s->factors];
 }
 
+/* Makes rows until all pairs are seen. Returns NULL, or the reason why it could not. */
 static const char *search_rows(search *s)
 {
     for (;;) {

@@ -69,6 +69,7 @@ uint64_t rule_slot_value(const rule_slot *slot, const campaign *c, const choice 
     return value;
 }
 
+/* Returns the index of a rule in the configuration, or -1. */
 static int rule_slot_find_rule(const cfg *config, const char *name)
 {
     for (size_t i = 0; i < config->rule_count; i++)
@@ -77,6 +78,7 @@ static int rule_slot_find_rule(const cfg *config, const char *name)
     return -1;
 }
 
+/* Frees the rules of all combinations; they are loaded again when they are needed. */
 static void rule_slot_forget(rule_slot *slot)
 {
     for (uint64_t i = 0; slot->rules && i < slot->values; i++)

@@ -32,6 +32,7 @@ static uint64_t times(uint64_t a, uint64_t b)
     return b > 0 && a > CAMPAIGN_ROWS_MAX / b ? CAMPAIGN_ROWS_MAX : a * b;
 }
 
+/* The number of rows is a product, as is the one without pruning. `times` stops at the most. */
 static const char *prepare_full(campaign *c)
 {
     uint64_t all = 1;
@@ -71,6 +72,7 @@ static void choose_index(choice *out, const campaign *c, const factor *f, uint64
     out->drawn = is_drawn(f) ? cw_random(c->seed, f->name, index) : 0;
 }
 
+/* The number of a row has a digit for each factor, the last one of which changes fastest. */
 static void choose_full(choice *out, const campaign *c, uint64_t row)
 {
     for (size_t i = c->factor_count; i-- > 0;) {
@@ -134,6 +136,8 @@ static int64_t round_to(double value, int64_t step)
     return (int64_t)floor(value / (double)step + 0.5) * step;
 }
 
+/* Makes a value of 64 random bits. The middle of each step of 2^-53 is taken, since quantiles of 0
+ * and 1 are infinite. */
 static int64_t drawn_mantissa(const factor *f, uint64_t drawn)
 {
     const double part = ((double)(drawn >> 11) + 0.5) * 0x1p-53;

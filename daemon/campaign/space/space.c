@@ -38,6 +38,8 @@ void space_add(space_list *list, const char *text)
 
 /* ---- Positions ------------------------------------------------------------------------------- */
 
+/* Returns true if the bits of the frame on the wire have this place: it depends on format and
+ * length. */
 static bool has_position(const cw_frame *frame, cw_field field, unsigned index)
 {
     cw_bits bits;
@@ -79,6 +81,7 @@ typedef struct pattern {
     bool bytes;
 } pattern;
 
+/* Adds the positions of a pattern from its first index to its last. */
 static const char *add_pattern(space_list *list, const pattern *p, const cw_frame *frame)
 {
     const char *wrong = NULL;
@@ -204,6 +207,7 @@ void space_add_bits(space_list *values, space_list *rules, const space *s, const
     }
 }
 
+/* Adds a pair of bits: a value for rows, and two rules as lines of one text. */
 static void add_pair(space_list *values, space_list *rules, const space *s, const cw_frame *frame,
                      const cw_bits *bits, const unsigned pair[2])
 {

@@ -88,6 +88,7 @@ static yaml_node_t *find_named(schema *self, const yaml_node_t *list, const char
     return NULL;
 }
 
+/* Returns an item of a list by its number from 0 on, or NULL. */
 static yaml_node_t *find_numbered(const schema *self, const yaml_node_t *list, const char *digits)
 {
     uint64_t number;
@@ -134,6 +135,8 @@ static yaml_node_t *step_down(schema *self, yaml_node_t *node, const valuepath_p
     return p->number ? find_numbered(self, node, p->text) : find_named(self, node, p->text);
 }
 
+/* Goes down a path in the document to the place of its value. *rule becomes the name of the rule on
+ * the way, if only that varies. Returns what is wrong, or NULL. */
 static const char *walk(splice_place *out, const splice_text *t, const char *rest,
                         const char **rule)
 {
