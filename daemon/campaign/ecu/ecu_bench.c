@@ -73,7 +73,7 @@ static size_t count_of(const ecu_bench *b)
 
 /* ---- What programs tell ---------------------------------------------------------------------- */
 
-/* Asks for the status; an earlier answer that is still to come is none to this one. */
+/* Asks for the status. The id tells its answer from earlier ones that are still to come. */
 static bool ask_status(ecu_bench *b)
 {
     char request[64];
@@ -120,6 +120,7 @@ static void take_output(ecu_bench *b, size_t i)
 
 /* ---- What canwired tells --------------------------------------------------------------------- */
 
+/* Takes a message of canwired to its service manager, which the bench stands for. */
 static void take_notify(ecu_bench *b)
 {
     char text[NOTIFY_BYTES + 1];
@@ -165,6 +166,7 @@ static void take_status(ecu_bench *b, const json_t *reply)
     }
 }
 
+/* Takes answers and events, in the order in which canwired has written them. */
 static void take_control(ecu_bench *b)
 {
     json_t *line;
@@ -190,6 +192,7 @@ static bool is_fault(int status)
            number == SIGILL || number == SIGSYS || number == SIGTRAP;
 }
 
+/* Names the signal or the status alone: the row must be the same each time. */
 static void tell_crash(ecu_bench *b, const ecu *e, int status)
 {
     if (WIFSIGNALED(status))
@@ -337,6 +340,7 @@ int64_t ecu_bench_ready_limit(const ecu_bench *b, size_t program)
                : INT64_MAX;
 }
 
+/* Programs that were not started have ended, too. */
 bool ecu_bench_all_ended(const ecu_bench *b)
 {
     size_t i = 0;
@@ -347,6 +351,7 @@ bool ecu_bench_all_ended(const ecu_bench *b)
 
 /* ---- canwired -------------------------------------------------------------------------------- */
 
+/* The socket is there before canwired, whose READY=1 would be lost otherwise. */
 static bool open_notify(ecu_bench *b)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};

@@ -61,6 +61,7 @@ static const char *whole_text(words *w, const ecu_task *task, const char *text)
     return result;
 }
 
+/* Adds the command itself: words, or a text for the shell. */
 static void add_program(words *w, const ecu_task *task, const ecu *e)
 {
     if (e->shell) {
@@ -94,6 +95,7 @@ static void add_run(words *w, const ecu_task *task, const ecu *e)
 
 /* ---- The environment ------------------------------------------------------------------------- */
 
+/* Tells a program its node and socket: one without canwire run connects to that by itself. */
 static void ecu_command_add_node(words *w, const ecu_task *task, size_t program)
 {
     char port[ECU_SOCKET_MAX];

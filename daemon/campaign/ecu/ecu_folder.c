@@ -31,6 +31,7 @@ static bool ecu_folder_fail(char why[ECU_WHY_MAX], const char *path)
 
 /* ---- Removing -------------------------------------------------------------------------------- */
 
+/* Files that cannot be removed stay; the others go all the same. */
 static int remove_one(const char *path, const struct stat *found, int type, struct FTW *place)
 {
     (void)found;
@@ -80,6 +81,8 @@ static bool has(int fd, const char *name)
     return fstatat(fd, name, &found, AT_SYMLINK_NOFOLLOW) == 0;
 }
 
+/* Returns true for a folder without entries. It reads through a descriptor of its own, which
+ * closedir() closes. */
 static bool is_empty(int fd)
 {
     const int copy = openat(fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);

@@ -22,6 +22,7 @@
 
 /* ---- The user -------------------------------------------------------------------------------- */
 
+/* The kernel takes a map only in one write. errno is that of the write. */
 static bool ecu_network_write_text(const char *path, const char *text)
 {
     const int fd = open(path, O_WRONLY | O_NOFOLLOW | O_CLOEXEC);

@@ -99,6 +99,8 @@ static scenario *ecu_own_run(const char *file, uint64_t until_ns, FILE *messages
     return NULL;
 }
 
+/* Runs the scenario up to the end of the program. Without one, the reason is the first line of the
+ * messages. */
 static scenario *run_told(const char *file, const char *program, ecu_result *result)
 {
     memo said;
@@ -248,6 +250,7 @@ static bool check_scenario(one *o, FILE *messages)
     return true;
 }
 
+/* The file must be new: the folder was empty when the row took it. */
 static bool ecu_row_write_scenario(const one *o)
 {
     const buffer *text = &o->rows->text;
@@ -269,6 +272,7 @@ static void name_control(one *o)
 
 /* ---- The run --------------------------------------------------------------------------------- */
 
+/* The row has no result. The reason may be in its place already. */
 static bool break_off(one *o, const char *why)
 {
     o->result.verdict = ECU_BROKEN;
@@ -302,6 +306,7 @@ static bool ecu_row_run(one *o, uint64_t seed)
 
 /* ---- The row --------------------------------------------------------------------------------- */
 
+/* A bench that is done makes no verdict on expectations: the replay of the journal judges them. */
 static outcome outcome_of(ecu_verdict verdict)
 {
     static const outcome outcomes[] = {[ECU_DONE] = OUTCOME_PASSED,
@@ -369,6 +374,8 @@ static void write_end(buffer *row, const ecu_end *end)
     jsontext_string(row, "end", text);
 }
 
+/* Writes the bus time in seconds at which a program was ready; null: it never was, or nobody
+ * knows. */
 static void write_ready(buffer *row, const ecu_end *end)
 {
     jsontext_key(row, "ready");
@@ -379,6 +386,7 @@ static void write_ready(buffer *row, const ecu_end *end)
         buffer_put(row, "null");
 }
 
+/* Writes the end of each program, with the path of its log if the files of the row stay. */
 static void write_ecus(const one *o, buffer *row, bool kept)
 {
     const ecu_plan *plan = &o->rows->campaign->ecus;
@@ -411,6 +419,7 @@ static void write_replay_command(const one *o, buffer *row)
     jsontext_string(row, "replay", replay ? replay : "");
 }
 
+/* The command runs the row anew: programs that depend on real time may do something else then. */
 static void write_repeat(const one *o, buffer *row)
 {
     buffer *repeat = &o->rows->repeat;

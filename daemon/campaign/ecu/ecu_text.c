@@ -113,6 +113,7 @@ static const char *set_time(change *c)
 
 /* ---- Ports ----------------------------------------------------------------------------------- */
 
+/* Returns item i of a list; NULL: it has fewer, or there is no list. */
 static yaml_node_t *item_of(schema *self, const yaml_node_t *list, size_t i)
 {
     if (!list || list->type != YAML_SEQUENCE_NODE ||
@@ -190,6 +191,7 @@ static bool is_relative(found_file *found, const yaml_node_t *value)
     return found->file;
 }
 
+/* Finds the first profile with a relative path, which has an absolute one the next time. */
 static void find_profile(change *c, schema *self, const yaml_node_t *root, found_file *found)
 {
     const yaml_node_t *item;
@@ -199,6 +201,7 @@ static void find_profile(change *c, schema *self, const yaml_node_t *root, found
             found->path = arena_print(c->memory, "profiles[%zu].file", i);
 }
 
+/* Finds the first log to be replayed with a relative path, at any node. */
 static void find_replay(change *c, schema *self, const yaml_node_t *root, found_file *found)
 {
     const yaml_node_t *node;

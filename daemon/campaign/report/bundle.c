@@ -13,6 +13,7 @@
 
 /* ---- Loading --------------------------------------------------------------------------------- */
 
+/* Loads a rig to learn the names and files of its buses. Messages have gone to the user before. */
 static rig *load_rig(const bundle *b, const char *text, size_t size)
 {
     const cfg_file file = {.name = b->file, .text = text, .size = size};
@@ -103,6 +104,7 @@ bool bundle_is_single(const bundle *b)
            outline_count(&b->main, OUTLINE_GATEWAYS) == 0;
 }
 
+/* Returns the one bus that is left; bundle_is_single() has said so. */
 static bundle_bus *kept_bus(bundle *several)
 {
     size_t kept = 0;

@@ -86,6 +86,7 @@ static const char *text_of(const jsonread_value *object, const char *key)
     return jsonread_string(jsonread_get(object, key));
 }
 
+/* Adds a text for each loss: rules and nodes with the reason. Returns their number. */
 static uint32_t put_losses(buffer *out, const report_row *row)
 {
     uint32_t count = 0;
@@ -202,6 +203,7 @@ static void add_latency(report *r, const digest_head *head)
     r->failed_within += within && head->failed;
 }
 
+/* Hands a row that failed to the candidates of its class, which copy the texts that they keep. */
 static void add_candidate(report *r, digest_part *d)
 {
     const digest_head *head = &d->head;

@@ -255,6 +255,7 @@ static bool tell(const intake *in, char *wrong)
     return false;
 }
 
+/* The first line of all also says which campaign the report is about. */
 static bool intake_take_line(intake *in, const char *line, size_t length)
 {
     if (!in->report.source.file && !intake_begin(in, line, length))

@@ -24,6 +24,7 @@ uint64_t latency_class_end(unsigned number)
     return ((fine + 1) << shift) - 1;
 }
 
+/* Counts a detection. A latency that equals the limit is within it. */
 void latency_add(latency *l, uint64_t ns)
 {
     l->min_ns = l->rows == 0 || ns < l->min_ns ? ns : l->min_ns;

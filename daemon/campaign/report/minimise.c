@@ -184,6 +184,7 @@ static void drop_from_list(work *w, outline *o, const outline_list *list, size_t
         drop_runs(w, o, list, count, items);
 }
 
+/* All lists of the kind in a document share the memory for the numbers of items. */
 static void drop_from(work *w, outline *o, outline_kind kind)
 {
     size_t *items = memory_list(NULL, o->nodes, sizeof *items);

@@ -70,6 +70,7 @@ static void find_lists(outline *o, const yaml_node_t *root)
     add_list(o, outline_find(o, root, "expect"), OUTLINE_EXPECT, 0);
 }
 
+/* Finds the lists of a rig: gateways, the rules of each, and buses. Whole gateways go first. */
 static void find_lists_of_rig(outline *o, const yaml_node_t *root)
 {
     const yaml_node_t *gateways = outline_find(o, root, "gateways");
@@ -198,6 +199,7 @@ static char *moved_text(const writer *w, const yaml_node_t *node)
     return w->is_path && *value != '/' ? memory_print("%s/%s", w->folder, value) : NULL;
 }
 
+/* Writes a scalar in its own style, so that a quoted text stays one. A path may be another one. */
 static void begin_scalar(writer *w, const yaml_node_t *node)
 {
     yaml_event_t event;
@@ -269,6 +271,7 @@ static const yaml_node_t *next_value(writer *w, level *l)
     return NULL;
 }
 
+/* Ends the innermost list or map. */
 static void end_level(writer *w)
 {
     yaml_event_t event;

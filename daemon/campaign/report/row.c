@@ -26,6 +26,7 @@ static uint64_t row_count(const jsonread_value *value)
     return jsonread_uint(&count, value) ? count : 0;
 }
 
+/* Returns false for a name that is unknown, or NULL. */
 static bool find_outcome(outcome *out, const char *name)
 {
     for (unsigned i = 0; i < OUTCOME_COUNT && name; i++) {
@@ -46,6 +47,7 @@ bool row_signs_has(const row_signs *signs, const char *name)
     return false;
 }
 
+/* Returns true when the expectation with this name is among the failed ones. */
 static bool has_failed(const report_row *row, const char *name)
 {
     const jsonread_value *failed = jsonread_first(row->failed);
@@ -55,6 +57,8 @@ static bool has_failed(const report_row *row, const char *name)
     return false;
 }
 
+/* A failed expectation is a failure unless it is a sign of detection. A sign that is met announces
+ * the fault. */
 static void judge_expectations(report_row *row, const row_signs *signs)
 {
     const jsonread_value *failed = jsonread_first(row->failed);
@@ -120,6 +124,8 @@ static const char *read_result(report_row *row, const row_signs *signs)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
+/* Reads what each row has. A row of a campaign has number and factors; one of `canwire sim --seeds`
+ * has neither. Returns what is wrong, or NULL. */
 static const char *read_keys(report_row *row, const row_signs *signs)
 {
     const jsonread_value *all = row->object;

@@ -134,6 +134,8 @@ static unsigned char rowblock_make(void *user, uint64_t number, buffer *out)
     return 0;
 }
 
+/* A block whose process ends is an error of the reading: its rows must not be missing in
+ * silence. */
 static unsigned char rowblock_lose(void *user, uint64_t number, const pool_loss *loss,
                                    buffer *out)
 {
@@ -144,6 +146,8 @@ static unsigned char rowblock_lose(void *user, uint64_t number, const pool_loss 
     return 0;
 }
 
+/* Takes the digests of a block. Nothing is read behind a line that is wrong; one that is cut is the
+ * last. */
 static bool rowblock_take(void *user, unsigned char code, const char *digests, size_t length)
 {
     const rowblock_work *work = user;

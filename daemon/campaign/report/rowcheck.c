@@ -53,6 +53,7 @@ static bool is_state(const char *name)
     return false;
 }
 
+/* Checks the state, and behind it the counters in the order in which canwire writes them. */
 static const char *rowcheck_check_node(const jsonread_value *node)
 {
     static const wanted_key counters[] = {
@@ -66,6 +67,7 @@ static const char *rowcheck_check_node(const jsonread_value *node)
     return check_counters(node, state, counters, sizeof counters / sizeof *counters);
 }
 
+/* Returns the message about the first node with a wrong value, or NULL. */
 static const char *check_nodes(const jsonread_value *nodes)
 {
     const char *wrong = NULL;
@@ -76,6 +78,7 @@ static const char *check_nodes(const jsonread_value *nodes)
 
 /* ---- Expectations ---------------------------------------------------------------------------- */
 
+/* The outcome must agree with the list of failed expectations. */
 static const char *check_expectations(const jsonread_value *expectations, outcome o)
 {
     const jsonread_value *failed = jsonread_get(expectations, "failed");
@@ -94,6 +97,8 @@ static const char *check_expectations(const jsonread_value *expectations, outcom
 
 /* ---- Times ----------------------------------------------------------------------------------- */
 
+/* Checks the first error of a row: null, or its time and texts in the order in which canwire writes
+ * them. */
 static const char *check_error(const jsonread_value *error)
 {
     static const wanted_key words[] = {WORD("node"), WORD("role"), WORD("type"), WORD("field")};
@@ -110,6 +115,7 @@ static const char *check_error(const jsonread_value *error)
     return NULL;
 }
 
+/* A latency is within the run, and there is none without an error. */
 static const char *check_times(const jsonread_value *row)
 {
     const jsonread_value *end = jsonread_get(row, "t");
@@ -129,6 +135,7 @@ static const char *check_times(const jsonread_value *row)
 
 /* ---- Losses ---------------------------------------------------------------------------------- */
 
+/* Each loss is one of a node or of a rule, not of both. */
 static const char *check_losses(const jsonread_value *lost)
 {
     if (lost && lost->kind != JSONREAD_LIST)

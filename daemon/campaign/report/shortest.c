@@ -27,6 +27,7 @@ static uint64_t size_of(const shortest_scenario *one)
     return (uint64_t)one->found.rules + one->found.traffic;
 }
 
+/* Few items come before a short time. The number of the row makes the order unique. */
 static bool is_shorter(const shortest_scenario *a, const shortest_scenario *b)
 {
     const uint64_t time_a = a->found.has_until ? a->found.until_ns : UINT64_MAX;
@@ -75,6 +76,8 @@ static void put_in(shortest *s, size_t begin, shortest_scenario one)
 
 /* ---- Classes --------------------------------------------------------------------------------- */
 
+/* Makes the task for a row. Rows of `canwire sim --seeds`, and those of a campaign that varies the
+ * seed, have one. */
 static minimise_task task_of(const minimise_task *common, const candidate *c, row_class class)
 {
     minimise_task task = *common;
@@ -103,6 +106,8 @@ static int64_t deadline_of(const minimise_task *common, row_class class, size_t 
     return now + (class == CLASS_TIMEOUT && part < common->limit_ms * NS_PER_MS ? left : part);
 }
 
+/* Makes the candidates of a class shorter. Those that cannot be, by tests or by time, are
+ * counted. */
 static void add_class(shortest *s, const report *r, row_class class, const minimise_task *common,
                       int64_t end_ns)
 {
@@ -167,6 +172,7 @@ static char *no_scenarios(const report *r)
     return text;
 }
 
+/* Returns true when any class has a row to make shorter. */
 static bool has_failures(const report *r)
 {
     for (unsigned i = 0; i < CLASS_COUNT; i++)

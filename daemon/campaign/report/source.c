@@ -18,6 +18,7 @@ static const char *next(buffer *word, const char **line)
     return any ? text : "";
 }
 
+/* Reads the rest of a command. Only --until changes the run; the last one counts. */
 static void read_options(row_source *out, buffer *word, const char *line)
 {
     for (const char *text = next(word, &line); *text; text = next(word, &line)) {

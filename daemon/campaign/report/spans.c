@@ -24,6 +24,7 @@ static size_t spans_find(const spans *s, uint64_t number)
     return low;
 }
 
+/* Inserts a span of one number before place `at`. Neighbours are joined by the caller. */
 static void spans_insert(spans *s, size_t at, uint64_t number)
 {
     s->list = memory_grow(s->list, &s->room, s->count, sizeof *s->list);

@@ -35,6 +35,7 @@ static void end_row(buffer *row)
     buffer_put(row, "}\n");
 }
 
+/* Opens the scenario in silence. NULL: what is left of it is not valid, or has no end. */
 static scenario *open_scenario(const trial *t)
 {
     const bundle_text *text = t->text;
@@ -48,6 +49,7 @@ static scenario *open_scenario(const trial *t)
     return NULL;
 }
 
+/* Adds the spells of nodes that have had one, as trial.h defines them. */
 static void put_spells(buffer *out, const scenario_bus *b)
 {
     const observation *seen = &b->seen;
@@ -78,6 +80,7 @@ static void write_result(buffer *row, const scenario *s)
     (void)outcome_write(row, s);
 }
 
+/* Writes a row like that of a campaign, so that the same reader judges it. */
 static unsigned char trial_make(void *user, uint64_t number, buffer *row)
 {
     const trying *y = user;
@@ -95,6 +98,7 @@ static unsigned char trial_make(void *user, uint64_t number, buffer *row)
     return 0;
 }
 
+/* A trial that crashes or takes too long has such a row: that may be the class to be kept. */
 static unsigned char trial_lose(void *user, uint64_t number, const pool_loss *loss, buffer *row)
 {
     (void)user;
@@ -105,6 +109,8 @@ static unsigned char trial_lose(void *user, uint64_t number, const pool_loss *lo
     return 0;
 }
 
+/* Takes class and spells from the row, and notes when it misses the expectation. A row that cannot
+ * be read says nothing. */
 static bool trial_take(void *user, unsigned char code, const char *line, size_t length)
 {
     trying *y = user;

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Returns the text. The program ends if there is no memory, as for all of a report. */
 static const char *end_text(buffer *out)
 {
     const char *text = buffer_text(out);
@@ -54,6 +55,7 @@ static void put_place(buffer *out, const char *place, bool field)
         buffer_put(out, behind);
 }
 
+/* Writes the places of a fault, or only their fields. */
 static void put_places(buffer *out, const jsonread_value *value, bool field)
 {
     const char *place;
