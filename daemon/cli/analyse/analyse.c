@@ -75,6 +75,7 @@ typedef struct wishes {
     bool json;
 } wishes;
 
+/* A time of 0 is refused: it would mean no simulation, or errors without end. */
 static bool analyse_take_time(void *out, const char *option, const char *text)
 {
     cfg_time *time = out;
@@ -169,6 +170,7 @@ static bool simulate(sources *s, cfg *config, uint64_t until)
 
 /* ---- Analysis -------------------------------------------------------------------------------- */
 
+/* Shows the analysis in the form that was asked for. */
 static void analyse_show(const wishes *w, const analysis *a)
 {
     if (w->json) {
@@ -234,6 +236,7 @@ static int analyse(const wishes *w, cfg *config)
     return status;
 }
 
+/* A rig is refused: the delays of its gateways are no part of the analysis. */
 static int analyse_file(const wishes *w)
 {
     if (rig_is_rig(w->file)) {

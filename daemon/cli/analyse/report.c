@@ -172,6 +172,7 @@ static void print_loads(FILE *out, const analysis *a)
     }
 }
 
+/* Prints the rates that follow from errors at random, and the meaning of the columns. */
 static void print_errors(FILE *out, const analysis *a)
 {
     const destroyed d = find_destroyed(a);
@@ -196,6 +197,7 @@ static void print_stuffed(FILE *out, const sources *s)
     fputs(count ? "\n" : "", out);
 }
 
+/* Returns true when any message is marked with '~'. */
 static bool has_upper_bounds(const sources *s)
 {
     bool any = false;
@@ -261,6 +263,7 @@ static json_t *json_of_ticks(uint64_t ticks)
     return ticks == CW_NEVER ? json_null() : json_integer((json_int_t)text_ticks_ns(ticks));
 }
 
+/* Keys that only a simulation, a schedule or errors fill are left out without these. */
 static json_t *json_of_message(const analysis *a, size_t i)
 {
     const source *s = &a->sources->list[i];
@@ -295,6 +298,8 @@ static json_t *json_of_message(const analysis *a, size_t i)
     return object;
 }
 
+/* Returns the load in ppm with frames as they are, with random data and with the most stuff
+ * bits. */
 static json_t *json_of_load(const sources *s, unsigned node)
 {
     return json_pack("{s:I, s:I, s:I}", "load_ppm", (json_int_t)load_ppm(s, node, AS_IT_IS),

@@ -209,6 +209,7 @@ static bool take_delays(response_bus *bus)
     return changed;
 }
 
+/* Rounds end with the first FIFO message that has no bound: its delay would grow without end. */
 static bool any_unbounded(const response_bus *bus)
 {
     for (size_t i = 0; i < bus->count; i++)

@@ -128,6 +128,7 @@ static bool is_stored(const cfg_node *node, const cw_frame *frame)
     return false;
 }
 
+/* Replies come when somebody asks for them, so their times are not known. */
 static bool has_replies(const cfg_node *node)
 {
     for (unsigned b = 0; b < node->controller.mailbox_count; b++)
