@@ -227,6 +227,8 @@ static bool set_until(sim *s, const time_option *o, const time_option *to)
     return true;
 }
 
+/* Writes an event into each output that is open. Synchronisations and captures are for those who
+ * ask. */
 static void sim_write_event(void *user, const cw_event *event)
 {
     const sim *s = user;
@@ -268,6 +270,7 @@ static bool make_bus(sim *s, const sim_options *o)
     return false;
 }
 
+/* The journal takes the parts of the run by reference: they must stay where they are. */
 static bool open_journal(sim *s, const sim_options *o)
 {
     s->journal = (sim_journal){.errors = stderr,
@@ -347,6 +350,7 @@ static bool check_files(const sim *s, const sim_options *o)
     return good;
 }
 
+/* Opens all outputs before the run. Files keep their content until outfile_begin(). */
 static bool open_outputs(sim *s, const sim_options *o)
 {
     bool good = check_files(s, o);
@@ -399,6 +403,7 @@ static bool set_up(sim *s, const sim_options *o)
            sim_trace_start(&s->trace, &s->run, known_end(s, o), "canwire sim");
 }
 
+/* Closes all outputs, also after one that fails. Returns false when one was not written whole. */
 static bool close_outputs(sim *s)
 {
     bool good = true;
@@ -421,6 +426,7 @@ static bool sim_finish_run(sim *s, const sim_options *o)
     return close_outputs(s) && good;
 }
 
+/* Reports of expectations then go to standard error. */
 static bool writes_to_stdout(const sim_options *o)
 {
     bool any = false;
@@ -467,6 +473,7 @@ static int sim_refuse(const char *what, const char *why)
     return CLI_USAGE;
 }
 
+/* The text stays with the time, for messages and for commands that repeat the run. */
 static bool sim_take_time(void *out, const char *option, const char *text)
 {
     time_option *time = out;
@@ -585,6 +592,7 @@ static int run_rig(const sim_options *o)
     return sim_rig_main(&options);
 }
 
+/* Hands the options over that make sense for many runs; others were refused before. */
 static int run_seeds(const sim_options *o)
 {
     sim_seeds_options seeds = o->seeds;

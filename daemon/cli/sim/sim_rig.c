@@ -255,6 +255,7 @@ static void sim_rig_pass_on(void *user, const cw_event *event)
     sim_pass_on(&b->run, event);
 }
 
+/* Prints an event as text, to be freed; NULL: without memory. */
 static char *sim_rig_text_of(const cfg *config, const cw_event *event,
                              void (*print)(FILE *out, const cfg *config, const cw_event *event))
 {
@@ -290,6 +291,7 @@ static void sim_rig_leave(void *user, const cfg *next, const uint8_t from[CW_NOD
     keep_names(b);
 }
 
+/* A bus has its next configuration: the run, the awaited event and the judge go over to it. */
 static void sim_rig_go_over(void *user)
 {
     rig_bus *b = user;
@@ -307,6 +309,7 @@ static void *of_bus(void *user, size_t bus)
     return &s->buses[bus];
 }
 
+/* The journal calls each bus by itself. A run that looks ahead prints no messages. */
 static bool open_journal(sim_rig *s)
 {
     static const journal_calls calls = {.advance = sim_rig_advance,
@@ -505,6 +508,7 @@ static bool check_files(const sim_rig *s)
     return good;
 }
 
+/* Loads the rig and its gateways. Returns false after a message. */
 static bool load_rig(sim_rig *s)
 {
     s->config = rig_load(s->options->file, stderr);
@@ -533,6 +537,7 @@ static bool set_up(sim_rig *s)
            outfile_open(&s->stats, s->options->stats, "canwire sim");
 }
 
+/* Writes the statistics of all buses in their order, and those of gateways. */
 static void write_stats(sim_rig *s)
 {
     json_t *root = json_object();
@@ -601,6 +606,8 @@ static bool sim_rig_finish(sim_rig *s, bool *met)
     return outfile_close(&s->stats, "canwire sim") && good;
 }
 
+/* Frees all, also after a failure anywhere before. Outputs that sim_rig_finish() has closed are
+ * NULL by now. */
 static void tear_down(sim_rig *s)
 {
     for (size_t i = 0; i < s->bus_count; i++) {

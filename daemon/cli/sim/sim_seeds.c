@@ -97,6 +97,8 @@ static bool open_scenario(seeds *s)
     return !wrong && scenario_ends(s->scenario, "give `count`, or --until TIME", stderr);
 }
 
+/* Runs all seeds in several processes. Returns false after a message, or when a row could not be
+ * written. */
 static bool sim_seeds_run(seeds *s)
 {
     static const pool_calls calls = {

@@ -104,6 +104,7 @@ static void take_bit(void *user, const cw_bus *bus)
         self->no_memory = true;
 }
 
+/* Returns false after a message that says how to get a smaller picture. */
 static bool fits_picture(uint64_t bits, const char *program)
 {
     if (bits > SVG_BITS_MAX)

@@ -19,6 +19,7 @@ static uint64_t summary_sum(const uint64_t *counters, unsigned count)
     return total;
 }
 
+/* Errors and drops are sums over their types, which would not fit into a line. */
 static void print_node(FILE *out, const cfg_node *node, const cw_node_stats *s)
 {
     fprintf(out,
@@ -55,6 +56,7 @@ static void print_errors(FILE *out, const cw_bus_stats *stats)
             (double)ppt * 1e-12);
 }
 
+/* Returns true for a node that needs a line with its types of errors. */
 static bool has_errors(const cw_node_stats *node)
 {
     bool any = false;
