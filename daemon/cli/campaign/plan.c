@@ -157,6 +157,7 @@ static bool lacks_memory(const buffer *text)
 
 /* ---- Plan ------------------------------------------------------------------------------------ */
 
+/* Prints the number of rows and how they are chosen, then the values of each factor. */
 static void print_factors(const campaign *c)
 {
     static const char *const samples[] = {
@@ -180,6 +181,7 @@ static void print_factors(const campaign *c)
     }
 }
 
+/* Prints the value of a factor in a row. Returns false after a message, without memory. */
 static bool print_value(const factor *f, const choice *chosen)
 {
     buffer value = {.data = NULL};

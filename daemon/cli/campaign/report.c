@@ -247,6 +247,7 @@ static bool close_outputs(rowfile files[REPORT_OUTPUTS], bool done)
     return good;
 }
 
+/* A folder that is there is as good. Returns false after a message. */
 static bool make_folder(const char *name)
 {
     if (mkdir(name, FOLDER_MODE) == 0 || errno == EEXIST)
@@ -292,6 +293,7 @@ static bool report_write_scenario(const report_view *v, size_t i, const char *fo
     return good;
 }
 
+/* Writes the shortest scenarios, if any were looked for, up to the first that cannot be written. */
 static bool write_scenarios(const report_view *v, const char *folder)
 {
     bool good = true;
@@ -324,6 +326,8 @@ static bool check_sources(const options *o, const intake *in)
            report_outputs_spare(&out, in->campaign ? in->campaign->scenario_name : NULL);
 }
 
+/* Returns false after a message when standard output has not taken all: a full disk or a closed
+ * pipe. */
 static bool flush_output(void)
 {
     if (fflush(stdout) == 0 && !ferror(stdout))

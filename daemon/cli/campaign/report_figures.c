@@ -137,6 +137,7 @@ static void write_empty(FILE *out, const heat_map *h, const char *name)
     fprintf(out, ": %s\">%s</td>", unknown ? "not told apart" : "no row", unknown ? "?" : "");
 }
 
+/* Writes a cell: its counts, or that no row has both values. */
 static void write_cell(FILE *out, const heat_map *h, uint32_t row, uint32_t column)
 {
     const class_counts *c = counts_of(h, row, column);
@@ -180,6 +181,7 @@ static void write_left_off(FILE *out, const axis *a)
     fputs(".</p>\n", out);
 }
 
+/* Writes the table of one pair of factors, and below it the values that it leaves out. */
 static void write_map(FILE *out, const heat_map *h)
 {
     char *name = report_pair_name(h->view->report, h->i, h->k);
@@ -300,6 +302,7 @@ static void plot_value(FILE *out, const dimension_value *value, double y)
     }
 }
 
+/* Writes the colour of each class that the plots have. */
 static void write_legend(FILE *out)
 {
     fputs("<p>", out);

@@ -70,6 +70,7 @@ static void report_html_write_head(FILE *out, const report_view *v)
         fprintf(out, "<p>%s</p>\n", report_remarks[i]);
 }
 
+/* Classes without a rate follow the others: they say nothing about the system under test. */
 static void write_classes(FILE *out, const report_view *v)
 {
     const class_counts *c = &v->report->classes;
@@ -96,6 +97,7 @@ static void write_ms(FILE *out, const char *name, uint64_t ns)
     fprintf(out, "<tr><td>%s</td><td>%s ms</td></tr>\n", name, decimal(ns, 6).text);
 }
 
+/* Writes the distribution of latencies, and the share within the limit when there is one. */
 static void write_latency(FILE *out, const report_view *v)
 {
     const latency *l = &v->report->latency;
@@ -123,6 +125,7 @@ static void write_latency(FILE *out, const report_view *v)
 
 /* ---- Tables ---------------------------------------------------------------------------------- */
 
+/* Writes a row: a value, its rows by class, and the share that failed. */
 static void report_html_write_counts(FILE *out, const report_view *v, const char *name,
                                      const class_counts *c)
 {
@@ -201,6 +204,7 @@ static void write_coverage(FILE *out, const report *r)
 
 /* ---- Pairs of values ------------------------------------------------------------------------- */
 
+/* Writes a row: the two values, their rows, and how many of these are bad by the measure. */
 static void write_worst_pair(FILE *out, const report *r, const pair_measure *m,
                              const worst_pair *p)
 {
@@ -214,6 +218,7 @@ static void write_worst_pair(FILE *out, const report *r, const pair_measure *m,
     free(name);
 }
 
+/* Writes the worst pairs and the heat maps; nothing when no pair has a measure. */
 static void write_pairs(FILE *out, const report_view *v)
 {
     worst_pair list[REPORT_PAIRS_WORST];
@@ -242,6 +247,7 @@ static void write_note(FILE *out, const char *text)
     fputs("</p>\n", out);
 }
 
+/* Writes the text of a scenario. Those of the buses of a rig follow it. */
 static void report_html_write_scenario(FILE *out, const report_view *v, size_t i)
 {
     const bundle_text *t = &v->shortest->list[i].found.text;

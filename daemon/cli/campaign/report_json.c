@@ -60,6 +60,7 @@ static json_t *rows_of(const report *r)
     return list;
 }
 
+/* Puts which rows were read and whether any is missing. `possible` is null without the campaign. */
 static void put_rows(json_t *object, const report *r)
 {
     json_t *rows = json_object();
@@ -93,6 +94,7 @@ static json_t *histogram_of(const latency *l)
     return list;
 }
 
+/* Returns the distribution in seconds. The keys about the limit are there when there is one. */
 static json_t *latency_of(const report_view *v)
 {
     const report *r = v->report;
@@ -208,6 +210,7 @@ static json_t *pair_of(const report_view *v, size_t i, size_t k)
     return object;
 }
 
+/* Returns all pairs of factors, the first one before the second. */
 static json_t *pairs_list(const report_view *v)
 {
     const report *r = v->report;
@@ -267,6 +270,7 @@ static json_t *scenario_of(const report_view *v, size_t i)
     return object;
 }
 
+/* Puts the shortest scenarios, and why there are none or fewer. */
 static void put_scenarios(json_t *object, const report_view *v)
 {
     json_t *list = json_array();
@@ -279,6 +283,7 @@ static void put_scenarios(json_t *object, const report_view *v)
 
 /* ---- All of it ------------------------------------------------------------------------------- */
 
+/* Returns what limits the meaning of the rates, the missing rows first. */
 static json_t *remarks_of(const report *r)
 {
     json_t *list = json_array();

@@ -25,6 +25,7 @@ static const char *const short_names[CLASS_RATED] = {
 
 /* ---- Classes --------------------------------------------------------------------------------- */
 
+/* Prints the source of the rows, their number, and those that are missing. */
 static void report_text_write_head(FILE *out, const report_view *v)
 {
     const report *r = v->report;
@@ -56,6 +57,7 @@ static void write_classes(FILE *out, const report_view *v)
                 i + 1 < CLASS_COUNT ? "," : "\n");
 }
 
+/* Prints the share of failures that were detected; nothing when nothing failed. */
 static void write_failed(FILE *out, const report_view *v)
 {
     const class_counts *c = &v->report->classes;
@@ -92,6 +94,7 @@ static void write_limit(FILE *out, const report_view *v)
             failed, r->failed_within, text);
 }
 
+/* Prints the distribution of latencies in a line, and that of the limit in the next one. */
 static void write_latency(FILE *out, const report_view *v)
 {
     const latency *l = &v->report->latency;
@@ -120,6 +123,7 @@ static void write_counts_head(FILE *out, const char *name)
     fputs("  failed\n", out);
 }
 
+/* Prints a row below the head: a value, its rows by class, and the share that failed. */
 static void report_text_write_counts(FILE *out, const report_view *v, const char *name,
                                      const class_counts *c)
 {
@@ -149,6 +153,7 @@ static void write_dimension(FILE *out, const report_view *v, const dimension *d)
 
 /* ---- Pairs of values ------------------------------------------------------------------------- */
 
+/* Prints a row: the two values, their rows, and how many of these are bad by the measure. */
 static void write_worst_pair(FILE *out, const report *r, const pair_measure *m,
                              const worst_pair *p)
 {
@@ -207,6 +212,7 @@ static void write_pairs(FILE *out, const report *r)
         fprintf(out, "  and %s of factors\n", counted(shown - PAIRS_SHOWN, "further pair").text);
 }
 
+/* Prints how many of the possible values rows have, as far as their number is known. */
 static void write_coverage(FILE *out, const report *r)
 {
     fputs("\nvalues that rows have\n", out);
@@ -248,6 +254,7 @@ static void report_text_write_scenario(FILE *out, const shortest *s, size_t i)
     free(name);
 }
 
+/* Prints the shortest scenarios, and why there are none or fewer. */
 static void write_scenarios(FILE *out, const shortest *s)
 {
     fputs("\nthe shortest scenarios\n", out);

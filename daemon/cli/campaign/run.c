@@ -138,7 +138,7 @@ static bool run_rows(run *r, const campaign_run_options *o)
     return good;
 }
 
-/* Says what has come of it. Returns the exit status. */
+/* Prints the outcome of all rows. Returns the exit status. */
 static int run_conclude(const run *r)
 {
     const uint64_t total = tally_total(&r->tally);
@@ -193,6 +193,7 @@ static bool prepare_ecus(run *r, const campaign_run_options *o)
     return r->ecus;
 }
 
+/* A file that is whole has all rows: with --resume nothing is left to do. */
 int campaign_run(const campaign *c, const campaign_run_options *o)
 {
     run r = {.campaign = c, .runner = runner_new(c, o->reload), .bad = UINT64_MAX};
