@@ -74,6 +74,7 @@ static bool is_status(const json_t *status, const char *bus)
     return json_is_object(status);
 }
 
+/* Shows one bus. Returns the exit status. */
 static int show_one(const char *bus, bool json)
 {
     json_t *status = ask(bus);
@@ -134,6 +135,7 @@ static void take_answer(void *user, const char *path, json_t *reply)
     json_decref(status);
 }
 
+/* An empty folder is told only when it could be read: otherwise there is a message already. */
 static void print_all(const json_t *list, bool good)
 {
     for (size_t i = 0; i < json_array_size(list); i++) {
@@ -145,6 +147,7 @@ static void print_all(const json_t *list, bool good)
         plain_print(stderr, "canwire: no bus in %s\n", buses_folder());
 }
 
+/* Asks all buses at once: those that hang share one limit of time. Returns the exit status. */
 static int show_all(bool json)
 {
     glob_t found;
@@ -184,6 +187,7 @@ typedef struct check_list {
     size_t count;
 } check_list;
 
+/* Judges the reply of a bus. Without one, the message that the client has left says why. */
 static void check_answer(void *user, const char *path, json_t *reply)
 {
     check_list *all = user;

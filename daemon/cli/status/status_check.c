@@ -61,6 +61,7 @@ bool check_take_load(void *out, const char *option, const char *text)
     return good || status_check_refuse(option, text, "two percentages, such as 70,90");
 }
 
+/* Finds the place of a word in a list that goes from good to bad. */
 static bool status_check_find(unsigned *place, const char *const *words, size_t count,
                               const char *word)
 {

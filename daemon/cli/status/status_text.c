@@ -46,6 +46,7 @@ static const char *text(const json_t *object, const char *key)
     return status_text_text_of(json_object_get(object, key));
 }
 
+/* Writes a word as `ip` writes states and flags. A long one is cut. */
 static const char *upper(char out[UPPER_MAX], const char *word)
 {
     size_t i;
@@ -55,6 +56,7 @@ static const char *upper(char out[UPPER_MAX], const char *word)
     return out;
 }
 
+/* Adds up the numbers of an object: counters by type or by reason. */
 static intmax_t status_text_sum(const json_t *object)
 {
     intmax_t total = 0;
@@ -112,6 +114,7 @@ static void print_rates(FILE *out, const json_t *bus)
     fputc('\n', out);
 }
 
+/* Prints the line of a bus: times and loads have three and one digits behind the point. */
 static void print_bus(FILE *out, const json_t *bus)
 {
     intmax_t time_ns = number(bus, "time_ns");
@@ -347,6 +350,7 @@ static void print_line(FILE *out, const json_t *node, cw_stat_line line)
     print_columns(out, node, columns, count);
 }
 
+/* Prints errors by type; their titles are longer than their names in JSON. */
 static void print_error_types(FILE *out, const json_t *errors)
 {
     char titles[CW_ERROR_COUNT][UPPER_MAX];
@@ -372,6 +376,7 @@ static void print_drops(FILE *out, const json_t *dropped)
     print_columns(out, dropped, columns, count);
 }
 
+/* The part between controller and ECU is there for nodes with such a controller alone. */
 static void print_counters(FILE *out, const json_t *node)
 {
     print_line(out, node, CW_LINE_LINK);
@@ -406,6 +411,7 @@ static void print_traffic(FILE *out, const json_t *node)
             0, 0);
 }
 
+/* A frame whose length no DLC has is filled up, which its program may not expect. */
 static void print_rounded(FILE *out, const json_t *node)
 {
     intmax_t frames = number(json_object_get(node, "interface"), "rounded");
@@ -492,6 +498,7 @@ static void print_tunnel(FILE *out, const json_t *node)
             number(tunnel, "held_max_ns") / NS_PER_US, number(tunnel, "waited_max_ns") / NS_PER_US);
 }
 
+/* Prints a node as `ip` prints a link. Lines about what a node does not have are left out. */
 static void print_node(FILE *out, const json_t *node, size_t position, intmax_t bitrate)
 {
     const json_t *settings = json_object_get(node, "settings");
