@@ -113,6 +113,7 @@ bool svg_event(svg *self, const cw_event *event)
     return self->count >= SVG_BITS_MAX || notes_event(&self->notes, event);
 }
 
+/* Makes room for one more bit. False without memory: the bits so far stay. */
 static bool svg_make_room(svg *self)
 {
     if (self->count < self->capacity)
@@ -358,7 +359,7 @@ static void change_wave(const pen *p, wave *w, int x, level to)
     w->now = to;
 }
 
-/* Draws what becomes of a level inside of a bit. */
+/* Draws the changes of a level inside a bit. */
 static void draw_wave_inside(const pen *p, wave *w, const level_lane *l, size_t bit)
 {
     const inside_list *in = p->svg->inside;
@@ -704,6 +705,7 @@ static void draw_node(pen *p, unsigned node)
 
 /* ---- The picture ----------------------------------------------------------------------------- */
 
+/* Hits are above all wires and nodes, since their lines go through all of these. */
 static void draw_row(pen *p)
 {
     p->y = p->row->y;
@@ -741,6 +743,7 @@ static void draw_title(const pen *p, uint64_t to)
     put_text(p, p->layout.width - SVG_MARGIN, 20, " text-anchor=\"end\"", text);
 }
 
+/* Explains the bar above fast bits, and that their width is to scale. */
 static void draw_rate_legend(const pen *p, int x, int y)
 {
     char text[SVG_LABEL_MAX + 64];
@@ -751,6 +754,7 @@ static void draw_rate_legend(const pen *p, int x, int y)
     put_text(p, x + 23, y, "", text);
 }
 
+/* Writes what colours and signs mean. It has further lines for own clocks and for a data rate. */
 static void draw_legend(const pen *p)
 {
     int y = p->layout.height - 10;

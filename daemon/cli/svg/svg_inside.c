@@ -13,6 +13,7 @@
 #define PARTS_OF_TICK 1000u
 #define LEAST_WIDTH 150 /* of a quantum that is seen, in hundredths of a pixel */
 
+/* Moments come in the order of their ticks, which drawing relies on. False without memory. */
 static bool svg_inside_add(inside_list *self, inside_moment moment)
 {
     if (self->count == self->capacity) {
@@ -32,6 +33,7 @@ static bool is_shown(const bit_moment *m)
     return !m->mark || m->mark->kind != CW_MARK_BEGIN;
 }
 
+/* A moment without a mark is the begin of a time quantum. */
 static inside_kind kind_of(const bit_moment *m)
 {
     static const inside_kind kinds[] = {

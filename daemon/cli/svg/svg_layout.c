@@ -90,6 +90,8 @@ static void make_row(svg_layout *self, size_t first, uint64_t ticks)
     } while (row->end < self->count && self->bits[row->end].end - start <= ticks);
 }
 
+/* Rows need not be of one length: their bits are not cut. The picture has the width of the
+ * widest. */
 static int widest_row(const svg_layout *self)
 {
     int width = 0;
@@ -252,6 +254,7 @@ static void place_lane(svg_layout *self, svg_row *row, unsigned lane, shelf *on)
     row->levels[lane] = on->levels;
 }
 
+/* Places all notes. The memory for a lane is used for each in turn. False without memory. */
 static bool place_notes(svg_layout *self, const note_list *notes, size_t count)
 {
     self->notes = calloc(notes->count + 1, sizeof *self->notes);

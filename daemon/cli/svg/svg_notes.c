@@ -65,6 +65,7 @@ static void append(note *self, note_kind kind, const char *text)
         self->kind = kind;
 }
 
+/* Appends what happens to a frame, and the frame as candump writes it. */
 static void append_frame(note *self, note_kind kind, const char *what, const cw_event *event)
 {
     char frame[FRAME_TEXT_MAX];
