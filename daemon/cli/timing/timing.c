@@ -150,6 +150,7 @@ static bool take_sjw(void *out, const char *option, const char *text)
     return take_number(out, option, text, 1, SJW_MAX);
 }
 
+/* The clock is that of the controller, in Hz, as data sheets have it. */
 static bool take_clock(void *out, const char *option, const char *text)
 {
     uint64_t hz;
@@ -163,6 +164,7 @@ static bool take_clock(void *out, const char *option, const char *text)
     return true;
 }
 
+/* Takes the wanted sample point as permille of the bit. */
 static bool take_sample(void *out, const char *option, const char *text)
 {
     uint16_t permille;
@@ -174,6 +176,7 @@ static bool take_sample(void *out, const char *option, const char *text)
     return true;
 }
 
+/* Takes a delay in ns. Bits are refused: their length is yet to be found. */
 static bool take_delay(void *out, const char *option, const char *text)
 {
     cfg_time time;
@@ -187,6 +190,7 @@ static bool take_delay(void *out, const char *option, const char *text)
     return true;
 }
 
+/* Takes the length of the line in mm. */
 static bool take_length(void *out, const char *option, const char *text)
 {
     uint64_t *mm = out;
@@ -378,6 +382,7 @@ static bool find_both(bit_timing found[2], char problem[TIMING_PROBLEM_MAX],
                        : timing_by_kernel(&found[1], problem, &o->data);
 }
 
+/* Shows what was found, with the data phase when one was asked for. */
 static void timing_show(const timing_options *o, const bit_timing found[2])
 {
     const timing_limits *limits = o->request.limits;

@@ -162,6 +162,7 @@ static void put_worst(cells c, const row *r)
     snprintf(c[13], CELL_MAX, "%u", worst->resynchronisations);
 }
 
+/* Fills the columns of a node, in the order of the titles. */
 static void put_row(cells c, const row *r)
 {
     const bit_timing *t = &r->node->bit;
@@ -229,6 +230,7 @@ static void print_compensation(FILE *out, const row *r)
                 nanoseconds(sample.at).text, margin.text);
 }
 
+/* Prints the data phase of a node. Sender delay compensation stands behind it. */
 static void print_data_row(FILE *out, int name_width, const row *r)
 {
     const bit_timing *data = &r->time->phase[1].bit;
@@ -326,6 +328,7 @@ static void put_data_json(buffer *out, const row *r)
     jsontext_value(out, "sample-margin", nanoseconds(cfg_late_margin(&sample)).text);
 }
 
+/* Keys have the names of the configuration. Those about others are left out for a node alone. */
 static void put_row_json(buffer *out, const row *r)
 {
     const bit_timing *t = &r->node->bit;

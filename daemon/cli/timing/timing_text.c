@@ -37,6 +37,7 @@ static void print_bitrate_error(FILE *out, const bit_timing *t, uint32_t wished_
                 below ? "below" : "above", wished_bps);
 }
 
+/* Prints the bit rate that results, which may differ from the wish. */
 static void print_bit(FILE *out, const bit_timing *t, uint32_t wished_bps)
 {
     fprintf(out, "bit           %" PRIu32 " tq of %s ns: %" PRIu32 " bit/s", timing_quanta(t),
@@ -45,6 +46,7 @@ static void print_bit(FILE *out, const bit_timing *t, uint32_t wished_bps)
     fputc('\n', out);
 }
 
+/* prop-seg must cover the round trip, so that is printed with it, if it was given. */
 static void print_prop(FILE *out, const bit_timing *t, const timing_request *request)
 {
     fprintf(out, "prop-seg      %" PRIu32 " tq, %s ns", t->prop_seg,
