@@ -114,6 +114,7 @@ static const char *last_line(const top *t, unsigned columns)
     return line;
 }
 
+/* Returns all that the layout needs to know: it has no other state. */
 static top_view view_of(const top *t, unsigned columns)
 {
     return (top_view){.buses = t->shown,
@@ -125,6 +126,7 @@ static top_view view_of(const top *t, unsigned columns)
                       .message = last_line(t, columns)};
 }
 
+/* Draws anew for the size that the terminal has now. */
 static void top_show(const top *t)
 {
     unsigned rows, columns;
@@ -135,7 +137,7 @@ static void top_show(const top *t)
 
 /* ---- Keys ------------------------------------------------------------------------------------ */
 
-/* Sends a request to the bus that is shown, and tells what became of it. */
+/* Sends a request to the bus that is shown, and tells the outcome. */
 static void act(top *t, json_t *request, const char *done, const char *what)
 {
     if (top_bus_send(&t->buses[t->bus], request))
@@ -207,6 +209,7 @@ static void take_input(top *t, int key)
     }
 }
 
+/* The selection belongs to a bus, so it goes. A number without a bus does nothing. */
 static void select_bus(top *t, unsigned bus)
 {
     if (bus >= t->count)
@@ -215,6 +218,8 @@ static void select_bus(top *t, unsigned bus)
     t->selected = TOP_NONE;
 }
 
+/* Moves the selection over nodes and rules, which are one list. The first key selects an end of
+ * it. */
 static void top_move(top *t, int by)
 {
     const unsigned rows = model(t)->node_count + model(t)->rule_count;
@@ -300,6 +305,7 @@ static void run_screen(top *t)
     }
 }
 
+/* Runs the screen. Returns the exit status; from the signals on the terminal is always put back. */
 static int top_run(top *t)
 {
     if (!isatty(STDOUT_FILENO) || !isatty(STDIN_FILENO)) {
@@ -354,6 +360,7 @@ static int print_once(top *t)
     return CLI_OK;
 }
 
+/* Times in bits are refused, as buses have several bit rates. */
 static bool take_interval(void *out, const char *option, const char *text)
 {
     top *t = out;

@@ -46,6 +46,7 @@ typedef struct page {
     unsigned used;
 } page;
 
+/* Adds a line as long as there are rows. It is cut at the width, and ends without blanks. */
 static void __attribute__((format(printf, 3, 4)))
 top_layout_add(page *p, top_style style, const char *format, ...)
 {
@@ -115,6 +116,7 @@ static top_style style_of_node(const top_node *n)
 
 /* ---- Buses ----------------------------------------------------------------------------------- */
 
+/* Returns how many nodes have a state of this colour. */
 static unsigned count_state(const top_model *m, top_style style)
 {
     unsigned found = 0;
@@ -123,6 +125,7 @@ static unsigned count_state(const top_model *m, top_style style)
     return found;
 }
 
+/* Returns the longest delay of all nodes in ns; 0: no frame has been sent. */
 static int64_t worst_delay(const top_model *m)
 {
     int64_t worst = 0;
@@ -155,6 +158,7 @@ static void add_bus(page *p, const top_view *v, unsigned number)
                    time_span(delay, worst_delay(m)));
 }
 
+/* The head also says that the screen is paused: old numbers must not pass for present ones. */
 static void add_buses(page *p, const top_view *v)
 {
     top_layout_add(p, TOP_HEAD, " %-15s %7s %5s %-14s %8s %8s %10s", "BUS", "BIT/S", "LOAD%",
@@ -184,6 +188,7 @@ static const char *fit(char text[TOP_NAME_MAX], const char *name, int width)
     return text;
 }
 
+/* Adds the line of a node, with bars that show how near its counters are to bus-off. */
 static void top_layout_add_node(page *p, const top_node *n)
 {
     char name[TOP_NAME_MAX];

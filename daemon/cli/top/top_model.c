@@ -35,6 +35,7 @@ static top_counter top_model_count(int64_t value, const top_counter *before, int
 
 /* ---- Nodes and rules ------------------------------------------------------------------------- */
 
+/* Returns the node by its name, since a reload may change its number; NULL: it is new. */
 static const top_node *top_model_find_node(const top_model *m, const char *name)
 {
     for (unsigned i = 0; i < m->node_count; i++)
@@ -43,6 +44,7 @@ static const top_node *top_model_find_node(const top_model *m, const char *name)
     return NULL;
 }
 
+/* Returns the rule by its name, in the same way. */
 static const top_rule *top_model_find_rule(const top_model *m, const char *name)
 {
     for (unsigned i = 0; i < m->rule_count; i++)
@@ -84,6 +86,7 @@ static const char *rule_state(const json_t *rule)
     return json_is_true(json_object_get(rule, "manual")) ? "manual" : "waiting";
 }
 
+/* Takes a rule out of the list. A new one has no rate yet. */
 static void take_rule(top_rule *t, const json_t *rule, const top_model *before, int64_t passed_ns)
 {
     take_key(t->name, rule, "name");
@@ -94,6 +97,7 @@ static void take_rule(top_rule *t, const json_t *rule, const top_model *before, 
     t->hits = top_model_count(get_number(rule, "hits"), old ? &old->hits : NULL, passed_ns);
 }
 
+/* Takes the rules for which there is room; others are not shown. */
 static void take_rules(top_model *m, const json_t *faults, const top_model *before,
                        int64_t passed_ns)
 {

@@ -33,6 +33,7 @@ static const char *find_terminal(void)
     return has_cursor ? NULL : "the terminal of TERM has no cursor: use --once";
 }
 
+/* The background stays that of the terminal. Without colours, attributes tell lines apart. */
 static void choose_colours(void)
 {
     if (!has_colors() || start_color() != OK)
@@ -87,6 +88,7 @@ static attr_t attribute(const top_line *line)
     return base | (line->selected ? A_REVERSE : 0);
 }
 
+/* Lines have at most the width of the screen, which ncurses would wrap otherwise. */
 void top_screen_show(const top_line *text, unsigned count)
 {
     (void)erase();
