@@ -127,6 +127,7 @@ static void print_usage(FILE *out)
     fputs("usage: canwire bits FRAME [--raw] [--fd-non-iso]\n", out);
 }
 
+/* The usage line also follows a complaint, alone. */
 static void bits_print_help(void)
 {
     print_usage(stdout);
@@ -184,6 +185,8 @@ static int bits_take_frame(options *out, int argc, char **argv)
     return CLI_OK;
 }
 
+/* Returns CLI_OK to go on, otherwise the exit status. getopt is silent: the complaints are the
+ * tool's own. */
 static int bits_parse_options(options *out, int argc, char **argv)
 {
     static const struct option known[] = {{"raw", no_argument, NULL, 'r'},
@@ -359,6 +362,7 @@ static unsigned row_end(const display *shown, unsigned first)
     return end;
 }
 
+/* Returns true for a part with a dynamic or fixed stuff bit: only those need the line of marks. */
 static bool has_stuff(const display *shown, const part *which)
 {
     for (unsigned n = which->first; n < which->first + which->count; n++) {
@@ -389,6 +393,7 @@ static unsigned print_number(unsigned number)
     return (unsigned)printf("%u", number);
 }
 
+/* Stuff bits have a colour. Returns the columns used. */
 static unsigned print_levels(const display *shown, const part *which)
 {
     for (unsigned n = which->first; n < which->first + which->count; n++) {
@@ -412,6 +417,7 @@ static char rate_letter(const cw_bits *bits, unsigned n)
     return before || behind ? 'm' : 'n';
 }
 
+/* Prints a letter a bit, below its level. Returns the columns used. */
 static unsigned print_rates(const display *shown, const part *which)
 {
     for (unsigned n = which->first; n < which->first + which->count; n++) {
@@ -463,6 +469,7 @@ static bool cell_is_empty(const display *shown, const part *which, line_kind kin
            (kind == LINE_VALUE && which->value[0] == '\0');
 }
 
+/* Returns true when no part of the row has anything on this line. */
 static bool line_is_empty(const display *shown, unsigned first, unsigned end, line_kind kind)
 {
     for (unsigned i = first; i < end; i++) {
@@ -473,6 +480,8 @@ static bool line_is_empty(const display *shown, unsigned first, unsigned end, li
     return true;
 }
 
+/* Prints blanks before a cell only when it is known to follow, so that lines have no trailing
+ * ones. */
 static void bits_print_line(const display *shown, unsigned first, unsigned end, line_kind kind)
 {
     static const char *const labels[] = {"field", "bit", "level", "rate", "stuff", "hex"};
@@ -553,6 +562,7 @@ typedef struct counts {
     unsigned fast;  /* at the data rate all along */
 } counts;
 
+/* Counts the bits of each kind. The stuff count of CAN FD is that of dynamic stuff bits alone. */
 static counts count_bits(const cw_bits *bits)
 {
     counts found = {0};
@@ -596,6 +606,7 @@ static void print_rate_switch(const cw_bits *bits, const counts *found)
     print_microseconds(", ", nominal * 1000 + data * 125, " at 1 M and 8 M\n");
 }
 
+/* Prints stuff count, CRC and length of a CAN FD frame, whose rules differ from classical ones. */
 static void print_fd_parts(const cw_bits *bits, const counts *found)
 {
     if (!(bits->format & CW_BITS_NON_ISO)) {
@@ -608,6 +619,7 @@ static void print_fd_parts(const cw_bits *bits, const counts *found)
            (unsigned)bits->length, found->stuff, found->stuff == 1 ? "bit" : "bits", found->fixed);
 }
 
+/* The duration of a CAN FD frame with BRS depends on two rates, that of others on one. */
 static void print_summary(const cw_frame *frame, const cw_bits *bits)
 {
     counts found = count_bits(bits);

@@ -219,6 +219,7 @@ static void print_ports(const cfg *config)
             puts(config->nodes[i].port);
 }
 
+/* Prints the line for a good file: enough to see that it is the one that was meant. */
 static void print_summary(const cfg *config)
 {
     printf("%s: ok (bus %s, %" PRIu32 " bit/s, ", config->file, config->bus_name,

@@ -93,6 +93,7 @@ static void print_plain(char *text)
     teller(text);
 }
 
+/* Prints a message with the name of the bus. A long one is cut: nothing may fail here. */
 static void __attribute__((format(printf, 2, 3)))
 client_complain(const client *c, const char *format, ...)
 {
@@ -408,6 +409,7 @@ static bool send_all(const client *c, const char *text, size_t length, int64_t u
     return true;
 }
 
+/* A request is one line of JSON. */
 static bool send_request(const client *c, const json_t *request, int64_t until)
 {
     char *text = json_dumps(request, JSON_COMPACT);

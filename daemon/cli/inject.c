@@ -112,6 +112,7 @@ static FILE *inject_open_file(const char *file)
     return stream;
 }
 
+/* Reads a file, or standard input for "-". Returns false after a message. */
 static bool inject_read_file(injection *in, const char *file)
 {
     bool standard = strcmp(file, "-") == 0;

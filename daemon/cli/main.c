@@ -48,6 +48,7 @@ static const command commands[] = {
 static int run_tool(int argc, char **argv);
 static int cli_finish(int status);
 
+/* Standard descriptors must be open first: a file would take the number of one that is closed. */
 int main(int argc, char **argv)
 {
     standardfds_hold();
@@ -144,6 +145,7 @@ static int help(int argc, char **argv)
     return run_command(found, 2, arguments);
 }
 
+/* Handles the words that are no commands. Help is a wish, and nothing at all is wrong usage. */
 static int run_tool(int argc, char **argv)
 {
     if (argc < 2) {

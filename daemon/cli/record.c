@@ -29,6 +29,7 @@ typedef struct recording {
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
+/* The format that is named wins over the ending of the file. */
 static bool take_format(void *out, const char *option, const char *text)
 {
     recording *r = out;
@@ -47,6 +48,7 @@ static bool take_size(void *out, const char *option, const char *text)
     return !wrong;
 }
 
+/* Takes the number of files that stay, the present one included. */
 static bool take_files(void *out, const char *option, const char *text)
 {
     uint64_t number = 0;

@@ -124,6 +124,7 @@ static bool is_shared(const json_t *nodes, size_t node, const char *port)
     return i < node;
 }
 
+/* Adds the socket of a port: a recording over it would cut off the ECU. */
 static void add_port(bus_files *files, const json_t *nodes, size_t node)
 {
     const char *text = get_text(json_array_get(nodes, node), "port");
@@ -196,6 +197,7 @@ static bool record_check_files(const cfg_record *what, const json_t *status)
 
 /* ---- The bus --------------------------------------------------------------------------------- */
 
+/* Frees names and ports, before those of a new status are taken. */
 static void free_nodes(cfg *config)
 {
     for (size_t i = 0; i < config->node_count; i++) {
@@ -344,6 +346,7 @@ static void record_bus_on_signal(int number)
     errno = error;
 }
 
+/* Each signal ends the recording, so that the file is whole. Calls go on behind one. */
 static void catch_signals(const recording *r)
 {
     const struct sigaction action = {.sa_handler = record_bus_on_signal, .sa_flags = SA_RESTART};

@@ -187,6 +187,7 @@ static bool take_node(void *out, const char *option, const char *text)
     return r->bus && r->count++ < RUN_NODES_MAX;
 }
 
+/* The name is for the node before it: options come in pairs. */
 static bool take_interface(void *out, const char *option, const char *text)
 {
     run_request *r = out;
@@ -334,6 +335,7 @@ static int run_program(char **arguments)
     return error == ENOENT ? NOT_FOUND : NOT_RUNNABLE;
 }
 
+/* Finds socket and kind of each node at its bus. Returns false after a message. */
 static bool find_nodes(run_request *r)
 {
     for (unsigned i = 0; i < r->count; i++)

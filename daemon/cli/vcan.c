@@ -238,6 +238,7 @@ static bool is_for_hardware(const cfg *config, const cfg_node *node, const link_
            (info->kind[0] == '\0' && named); /* slcan before Linux 6.0 */
 }
 
+/* Returns a descriptor of the namespace, -1 with errno: `ip netns add` has not made it. */
 static int open_netns(const cfg_node *node)
 {
     char path[sizeof NETNS_FOLDER + NAME_MAX];
@@ -362,6 +363,8 @@ static bool plan_ports(plan *p)
     return good;
 }
 
+/* Does the planned steps. It stops at the first that fails, and the caller takes back the
+ * others. */
 static bool carry_out_all(plan *p)
 {
     for (size_t i = 0; i < p->config->node_count; i++)
@@ -492,6 +495,7 @@ static bool up_file(links *l, const char *owner, const char *file)
     return good;
 }
 
+/* `down` goes by aliases alone, so FILE may be bad or gone. */
 static int vcan_run(const char *verb, const char *file)
 {
     char owner[PATH_MAX];
