@@ -394,6 +394,7 @@ static void complain_no_action(schema *self, yaml_node_t *map, cw_rule *rule)
         schema_complain(self, map, "do: an action is missing; one of: %s", list);
 }
 
+/* Keeps the levels as two sets of bits: those that change, and their levels. */
 static void read_levels(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_rule *rule = object;
@@ -470,6 +471,7 @@ static void read_change(schema *self, const schema_key *key, yaml_node_t *value,
     schema_map(self, key->name, value, change_part_keys, schema_member(key, object));
 }
 
+/* The number of digits says the format: a rule may turn a base frame into an extended one. */
 static void action_read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_change *change = object;
@@ -508,6 +510,8 @@ static void read_bytes(schema *self, const schema_key *key, yaml_node_t *value, 
         memcpy(change->set_mask, bytes.mask, bytes.length);
 }
 
+/* Takes one mode of a node. The others stay as they are, so the mask says that this one is
+ * given. */
 static void read_mode(schema *self, const schema_key *key, const yaml_node_t *value,
                       cw_settings *settings)
 {
@@ -520,6 +524,7 @@ static void read_mode(schema *self, const schema_key *key, const yaml_node_t *va
         settings->modes |= mode;
 }
 
+/* Reads a number of a node in its own unit and range; the setting has those of the library. */
 static void action_read_number(schema *self, const schema_key *key, yaml_node_t *value,
                                cw_settings *settings)
 {
@@ -576,6 +581,7 @@ static void complete_force(schema *self, yaml_node_t *map, cw_rule *rule)
         complain_at(self, map, "for", "give the length in 'bits' or as a time, not both");
 }
 
+/* A value that a profile leaves open may still become `dominant`, and is let pass. */
 static void complete_stuck(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     bool sensible = rule->line == CW_LINE_TX && rule->level == CW_DOMINANT;
@@ -651,6 +657,7 @@ static void complete_side(schema *self, yaml_node_t *map, cw_rule *rule)
     rule->at = 0;
 }
 
+/* A change without content would be a rule that does nothing. */
 static void complete_change(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     const yaml_node_t *change = schema_find(self, map, "change");

@@ -111,6 +111,7 @@ static void read_raw(schema *self, const schema_key *key, yaml_node_t *value, vo
         schema_map(self, key->name, value, raw_part_keys, object);
 }
 
+/* Only checks the value: its default depends on keys that may follow. */
 static void read_mac(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     bool on;
@@ -119,6 +120,7 @@ static void read_mac(schema *self, const schema_key *key, yaml_node_t *value, vo
     (void)schema_choose_bool(self, &on, key, value); /* cfg_complete_raw() takes it */
 }
 
+/* Bits begin when the bus is idle, or at once in the middle of anything. */
 static void read_start(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     unsigned idle;
@@ -129,6 +131,7 @@ static void read_start(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Bits and frames ------------------------------------------------------------------------- */
 
+/* Returns true when the rule has just these bits, from SOF on. */
 static bool same_bits(const cw_rule *rule, const cw_bits *bits)
 {
     if (bits->length != rule->bits)
@@ -186,6 +189,7 @@ static bool find_frame(cw_rule *rule, unsigned *wrong)
 
 /* ---- Keys against each other ----------------------------------------------------------------- */
 
+/* Returns the value of `mac`, or the usual one when the map has no such key. */
 static bool mac_is_on(schema *self, const yaml_node_t *map, bool usual)
 {
     static const schema_key key = {.name = "mac"};
@@ -251,6 +255,8 @@ static void complete_frame(schema *self, const yaml_node_t *map, cw_rule *rule)
     rule->action = CW_ACTION_RAW_FRAME;
 }
 
+/* Makes the bits of a frame with its deviations, which the node then drives without its
+ * controller. */
 static void complete_bits(schema *self, const yaml_node_t *map, cw_rule *rule)
 {
     cw_bits bits;

@@ -75,6 +75,7 @@ static void check_bits(schema *self, const schema_key *key, const yaml_node_t *v
                     counted(bits, "bit").text, text_ticks_ns(cw_rate_ticks(rate, bits)));
 }
 
+/* The library delays an edge by a bit at most. */
 static void read_jitter(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cw_rule *rule = object;
@@ -139,6 +140,7 @@ static const schema_key edge_keys[] = {
     {.name = NULL},
 };
 
+/* Checks the delay of one kind of edge. The text is read again when all keys are there. */
 static void read_edge_delay(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const char *text = schema_text(self, key, value, CFG_DELAY_RANGE);
@@ -194,6 +196,7 @@ static cfg_retime changes_of(schema *self, const yaml_node_t *map)
     return change;
 }
 
+/* Compares all that a change of the data phase sets. */
 static bool same_data(const cw_data_timing *a, const cw_data_timing *b)
 {
     return a->brp == b->brp && a->data_brp == b->data_brp && a->bit.prop_seg == b->bit.prop_seg &&
@@ -202,6 +205,7 @@ static bool same_data(const cw_data_timing *a, const cw_data_timing *b)
            a->tdc.tdcv == b->tdc.tdcv;
 }
 
+/* Compares all that a change of the bit timing sets: one rule has room for one. */
 static bool same_bits(const cw_settings *a, const cw_settings *b)
 {
     const cw_bit_timing *s = &a->timing, *t = &b->timing;
@@ -256,6 +260,7 @@ static const char *parse_ppm(int32_t *ppm, const char *text)
     return text;
 }
 
+/* Reads the two errors of a clock, in ppm. cfg_complete_ramp() turns them into quanta. */
 static void read_ppm_range(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_rule *rule = object;
@@ -274,6 +279,7 @@ static void read_ppm_range(schema *self, const schema_key *key, yaml_node_t *val
     rule->quantum_to = to;
 }
 
+/* The rule is no longer one that sets: it has an action of its own. */
 void cfg_read_ramp(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_rule *rule = object;

@@ -74,6 +74,8 @@ void cfg_bus_presets(schema *self, cfg *config)
     schema_read_presets(self, line_keys, config);
 }
 
+/* Reads the keys of the bus. A sample point of the data phase needs a data rate, which may follow
+ * it. */
 void cfg_read_bus(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     schema_map(self, key->name, value, cfg_bus_keys, object);
@@ -85,6 +87,8 @@ void cfg_read_bus(schema *self, const schema_key *key, yaml_node_t *value, void 
                         "phase of its own");
 }
 
+/* The name is a part of a socket's path and of channels, so it has the letters of names of
+ * nodes. */
 static void read_bus_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
@@ -98,6 +102,7 @@ static void bus_read_line(schema *self, const schema_key *key, yaml_node_t *valu
     schema_map(self, key->name, value, line_keys, object);
 }
 
+/* Reads the delay of a metre in ps, at most 100 ns. */
 static void read_line_delay(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     uint64_t *ps = schema_member(key, object);

@@ -34,6 +34,7 @@ static uint8_t find_guest(const cfg *config, unsigned number)
     return number <= config->guest_count ? (uint8_t)(first + number - 1) : CW_NO_NODE;
 }
 
+/* Guests are the same by number, others by name. A node in the list never goes on as a guest. */
 static uint8_t match_node(const cfg_node *node, const cfg *old)
 {
     if (node->guest > 0)
@@ -109,7 +110,7 @@ static uint8_t protocol_of(const cfg *config, const cfg_node *node)
                      (config->fd_non_iso ? CW_PROTOCOL_NON_ISO : 0));
 }
 
-/* The buffer for the frame on the wire is none that waits for the host. */
+/* One receive buffer takes the frame on the wire. Only the others hold frames for the host. */
 static cw_host_config host_of(const cfg_controller *controller)
 {
     const bool stores = controller->receive_buffers > 0 && controller->service_ticks > 0;
@@ -128,6 +129,7 @@ static cw_host_config host_of(const cfg_controller *controller)
     };
 }
 
+/* The triggers stay those of the configuration: the library copies them. */
 static cw_schedule schedule_of(const cfg_schedule *s)
 {
     return (cw_schedule){.reference = s->reference, .cycles = s->cycles,

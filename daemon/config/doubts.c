@@ -199,6 +199,8 @@ unsigned doubts_at_once(const cfg *config, size_t i, uint64_t *tick)
 
 /* ---- Acknowledgement ------------------------------------------------------------------------- */
 
+/* Returns true for a node that begins transmissions by itself. Its replies need frames of others
+ * first. */
 static bool sends_frames(const cfg *config, size_t i)
 {
     const cfg_node *node = &config->nodes[i];

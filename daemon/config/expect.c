@@ -239,6 +239,7 @@ static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, 
         cfg_read_ticks_min(self, key, value, object);
 }
 
+/* `never` turns the expectation round: it fails when it would be met. */
 static void read_whether(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_expect *e = object;
@@ -255,6 +256,7 @@ static void read_states(schema *self, const schema_key *key, yaml_node_t *value,
     e->states = cfg_read_states(self, key, value);
 }
 
+/* Without `max` any load up to all of the bus is good. */
 static void read_load(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_expect *e = object;
@@ -263,6 +265,7 @@ static void read_load(schema *self, const schema_key *key, yaml_node_t *value, v
     read_limits(self, key, value, load_keys, e);
 }
 
+/* Reads a part of the bus as permille. */
 static void read_percent(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     uint64_t *member = schema_member(key, object);
@@ -276,6 +279,7 @@ static void read_percent(schema *self, const schema_key *key, yaml_node_t *value
 
 /* ---- Conditions ------------------------------------------------------------------------------ */
 
+/* The name must be unique, as reports and campaigns tell expectations apart by it. */
 static void expect_read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "a text of 1 to 200 bytes on one line";
@@ -314,6 +318,7 @@ static uint32_t read_words(schema *self, const schema_key *key, yaml_node_t *val
     return mask;
 }
 
+/* The words are those of error events. */
 static void read_types(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     schema_choice choices[CW_ERROR_COUNT + 1] = {{.name = NULL}};
@@ -324,6 +329,7 @@ static void read_types(schema *self, const schema_key *key, yaml_node_t *value, 
     e->types = read_words(self, key, value, choices, CW_ERROR_COUNT);
 }
 
+/* The words are those of drop events. */
 static void read_whys(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     schema_choice choices[CW_DROP_COUNT + 1] = {{.name = NULL}};
@@ -334,6 +340,7 @@ static void read_whys(schema *self, const schema_key *key, yaml_node_t *value, v
     e->why = read_words(self, key, value, choices, CW_DROP_COUNT);
 }
 
+/* `any` takes all frames of schedules, and no others. */
 static void read_windows(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const schema_choice windows[] = {
@@ -349,6 +356,7 @@ static void read_windows(schema *self, const schema_key *key, yaml_node_t *value
         e->windows = chosen;
 }
 
+/* The rate is a part of the condition that frames, or errors, must meet. */
 static void read_rate(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const schema_choice rates[] = {
@@ -363,6 +371,7 @@ static void read_rate(schema *self, const schema_key *key, yaml_node_t *value, v
         e->when.rate = (cw_phase_rate)rate;
 }
 
+/* The expectation keeps the name, not the number: rules come and go while the bus runs. */
 static void read_rule(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg *config = cfg_of(self);
@@ -384,6 +393,7 @@ static void read_rule(schema *self, const schema_key *key, yaml_node_t *value, v
 
 /* ---- Combinations ---------------------------------------------------------------------------- */
 
+/* Returns all subjects for a complaint, in the order of their table. */
 static const char *list_subjects(schema *self)
 {
     const char *list = "";
@@ -473,6 +483,7 @@ static void read_expect(schema *self, yaml_node_t *value, cfg_expect *e)
         check_sense(self, value, e);
 }
 
+/* Reads expectations one by one, so that each can be compared with those before it. */
 static void read_list(schema *self, yaml_node_t *value, size_t count)
 {
     cfg *config = cfg_of(self);
@@ -493,6 +504,7 @@ void cfg_read_expect(schema *self, const schema_key *key, yaml_node_t *value, vo
 
 /* ---- Expectations alone ---------------------------------------------------------------------- */
 
+/* Reads the path of the verdict, which is relative to the configuration. */
 void cfg_read_expect_report(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
@@ -515,6 +527,7 @@ static void expect_read_root(schema *self, yaml_node_t *root)
     read_list(self, root, schema_count_one(self, &key, root, 0, EXPECT_MAX));
 }
 
+/* Reads expectations without a configuration of their own. They live in the owner's memory. */
 static bool expect_read_text(expects_owner *owner, cfg_walk *walk, diag *errors, const char *text,
                              size_t size)
 {

@@ -26,6 +26,7 @@ const schema_key cfg_lcm_keys[] = {
     {.name = NULL},
 };
 
+/* The key alone publishes, with what its keys say by default. */
 void cfg_read_lcm(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
@@ -36,6 +37,7 @@ void cfg_read_lcm(schema *self, const schema_key *key, yaml_node_t *value, void 
     schema_map(self, key->name, value, cfg_lcm_keys, &config->lcm);
 }
 
+/* LCM checks the rest when it opens the URL. */
 static void read_lcm_url(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "an LCM URL such as " LCM_URL_DEFAULT;
@@ -62,6 +64,7 @@ static uint32_t read_event_kind(schema *self, const schema_key *key, const yaml_
     return schema_choose(self, &kind, key, value, choices) ? 1u << kind : 0;
 }
 
+/* A list replaces the default kinds; an empty one publishes statistics alone. */
 static void read_lcm_events(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_lcm *lcm = object;

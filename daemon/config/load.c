@@ -306,6 +306,7 @@ static void read_vxcan(schema *self, const schema_key *key, yaml_node_t *value, 
     (void)schema_choose_bool(self, &config->vxcan, key, value);
 }
 
+/* Reads the path of the control socket, which must fit into an address of the kernel. */
 static void read_control(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;

@@ -48,6 +48,7 @@ static void read_address(schema *self, const schema_key *key, const yaml_node_t 
     out->name = schema_copy(self, full);
 }
 
+/* A port alone is one of the loopback: counters are not for the network unless the file says so. */
 void cfg_read_metrics(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;

@@ -124,6 +124,7 @@ bool cfg_is_profile(schema *self, const yaml_node_t *root)
            schema_find(self, root, "profile");
 }
 
+/* Loads profiles in their order, which is that of their rules. */
 void cfg_read_profiles(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     size_t count = schema_count(self, key, value, 0, PROFILES_MAX);
@@ -203,6 +204,7 @@ static const char *find_profile(schema *self, const profilefile *wanted)
     return cfg_resolve_path(self, wanted->beside[0], wanted->name);
 }
 
+/* Names all folders that were looked into. */
 static void complain_absent(schema *self, const yaml_node_t *value, const profilefile *wanted)
 {
     char folders[PROFILEFILE_LIST_BYTES];
@@ -234,6 +236,7 @@ static void read_prefix(schema *self, const schema_key *key, yaml_node_t *value,
     wanted->prefix = cfg_read_name(self, key, value, NODE_NAME_MAX);
 }
 
+/* The first character is a letter, so that $1 and the like stay errors. */
 static bool parameter_name_valid(const char *name)
 {
     size_t length = strlen(name);
@@ -250,6 +253,7 @@ static parameter *find_parameter(parameters *all, const char *name)
     return NULL;
 }
 
+/* A parameter without a value, or with null, has no default. It must be given then. */
 static void read_value(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     parameter *found = object;
@@ -375,6 +379,7 @@ static void bind(schema *self, parameters *declared, const parameters *given, co
                             declared->list[i].name);
 }
 
+/* Complains about a file that has no rules, or is a whole configuration. */
 static bool check_profile(schema *self, const yaml_node_t *root)
 {
     if (cfg_is_profile(self, root))
@@ -433,6 +438,7 @@ static void load_profile(schema *config, const item *wanted, const yaml_node_t *
     diag_enter(errors, outer.name, outer.number);
 }
 
+/* Loads the profile of one item. Without a file there has been a complaint. */
 static void load_item(schema *self, yaml_node_t *value, size_t number)
 {
     item *wanted = schema_alloc(self, 1, sizeof *wanted);

@@ -156,6 +156,7 @@ const schema_key cfg_checksum_keys[] = {
                           "{'properties': {'data-id-mode': {'enum': ['both', 'nibble']}}}") "]}"},
 };
 
+/* cfg_complete_protection() completes it when the checksum is read, too: a profile has both. */
 void cfg_read_counter(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_traffic *traffic = object;
@@ -164,6 +165,7 @@ void cfg_read_counter(schema *self, const schema_key *key, yaml_node_t *value, v
     schema_map(self, key->name, value, cfg_counter_keys, &traffic->protect);
 }
 
+/* cfg_complete_protection() completes it by the kind. */
 void cfg_read_checksum(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_traffic *traffic = object;
@@ -210,6 +212,7 @@ static void read_place(schema *self, const schema_key *key, yaml_node_t *value, 
         schema_expected(self, key, value, expected);
 }
 
+/* Reads a byte or a number of 16 bits, decimal or hexadecimal; `most` is the limit. */
 static void read_id_number(schema *self, const schema_key *key, const yaml_node_t *value,
                            uint16_t *out, unsigned most)
 {
@@ -417,6 +420,7 @@ static void complete_id(schema *self, const entry *e)
     c->id_by_counter = c->id_by_counter || form == ID_LIST;
 }
 
+/* Takes the polynomial and the values around it from the table of kinds. */
 static void complete_checksum(cfg_protect *p, const checksum_kind *k)
 {
     cw_checksum *c = &p->what.checksum;
@@ -488,6 +492,7 @@ static bool same_counter(const cw_counter *a, const cw_counter *b)
     return a->bit == b->bit && a->bits == b->bits && a->max == b->max && a->start == b->start;
 }
 
+/* Compares only the bytes of the Data ID that take part. */
 static bool same_checksum(const cw_checksum *a, const cw_checksum *b)
 {
     return a->kind == b->kind && a->at == b->at && a->polynomial == b->polynomial &&
@@ -531,6 +536,7 @@ static bool check_entries(schema *self, const yaml_node_t *list, const cfg_node 
     return used;
 }
 
+/* Sorts by node, then by identifier, as the library looks protections up. */
 static int protect_compare(const void *left, const void *right)
 {
     const cw_protection *a = left, *b = right;
@@ -589,6 +595,7 @@ static bool has_part(const cw_protection *p, cw_action action)
                                        : p->checksum.kind != CW_CHECKSUM_NONE;
 }
 
+/* Makes a frame that filters of rules can be asked about. Its data do not matter. */
 static cw_frame frame_of(const cw_protection *p)
 {
     const bool extended = p->id & CW_FILTER_EXTENDED;
@@ -597,6 +604,7 @@ static cw_frame frame_of(const cw_protection *p)
                       .flags = extended ? CW_FRAME_EXTENDED : 0};
 }
 
+/* Returns true for a rule that the frames of a protection can match. */
 static bool waits_for(const cw_rule *rule, const cw_protection *p)
 {
     const cw_frame frame = frame_of(p);

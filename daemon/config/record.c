@@ -148,6 +148,7 @@ static void check_file(schema *self, const schema_key *key, const yaml_node_t *v
             schema_complain(self, value, "duplicate %s '%s'", key->name, record->file);
 }
 
+/* Keeps the path in its plain form, in which two entries can be compared. */
 static void record_read_file(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_record *record = object;
@@ -181,6 +182,7 @@ static void read_record(schema *self, yaml_node_t *value, cfg_record *record)
                         "'format' is needed");
 }
 
+/* Reads recordings one by one, so that each is compared with those before it. */
 void cfg_read_record(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;

@@ -154,6 +154,7 @@ static void read_bus(schema *self, const schema_key *key, const yaml_node_t *ite
     r->buses[r->bus_count++] = config;
 }
 
+/* Loads the buses in their order, which numbers of buses keep. */
 static void read_buses(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     rig *r = object;
@@ -166,6 +167,7 @@ static void read_buses(schema *self, const schema_key *key, yaml_node_t *value, 
 
 /* ---- Gateways -------------------------------------------------------------------------------- */
 
+/* The name must be unique, since statistics have one object for each. */
 static void rig_read_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     rig_gateway *gateway = object;
@@ -193,6 +195,7 @@ static void complain_bus(schema *self, const schema_key *key, const yaml_node_t 
                     schema_allowed(self, &guess, list));
 }
 
+/* Complains about a node that the bus does not have, with a guess. */
 static void complain_node(schema *self, const schema_key *key, const yaml_node_t *value,
                           const cfg *bus, const char *name)
 {
@@ -255,6 +258,7 @@ static void read_between(schema *self, const schema_key *key, yaml_node_t *value
                         key->name, rig_of(self)->buses[gateway->ends[0].bus]->bus_name);
 }
 
+/* Reads gateways one by one, so that each name is compared with those before it. */
 static void read_gateways(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     rig *r = object;
@@ -275,6 +279,7 @@ static void read_filter(schema *self, const schema_key *key, yaml_node_t *value,
                                                        rule->filter_count, CW_RULE_FILTERS_MAX);
 }
 
+/* The number of digits says the format that the frame has on the other bus. */
 static void rig_read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     rig_rule *rule = object;
@@ -288,6 +293,7 @@ static void rig_read_id(schema *self, const schema_key *key, yaml_node_t *value,
         rule->id |= CW_FILTER_EXTENDED;
 }
 
+/* Takes real time alone: two buses have bits of two lengths. */
 static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_time *delay = schema_member(key, object);
@@ -298,6 +304,7 @@ static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, 
                         key->name);
 }
 
+/* Their order counts: the first rule that matches a frame decides. */
 static void read_rules(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     rig_gateway *gateway = object;
@@ -444,7 +451,7 @@ void rig_free(rig *self)
 
 #define BUSES "buses" /* the key that each rig has */
 
-/* Returns false for the text of most files that are no rigs: a key is written as it is, or with an
+/* Returns false for the text of most files that are not rigs: a key is written as it is, or with an
  * escape. */
 static bool may_be_rig(const char *text, size_t size)
 {

@@ -57,6 +57,7 @@ typedef enum gate {
     GATES
 } gate;
 
+/* Returns the filter of mailbox `number` among those with this use; NULL: there are fewer. */
 static const cw_filter *filter_of_box(const cfg_controller *c, cw_mailbox_use use, unsigned number)
 {
     for (unsigned i = 0; i < c->mailbox_count; i++)
@@ -108,6 +109,7 @@ static bool is_known_filter(const rig *r, const hop *h, gate g, unsigned number)
     return false;
 }
 
+/* Returns true when any filter of the gate matches the frame. */
 static bool lets_pass(const rig *r, const hop *h, gate g, const cw_frame *frame)
 {
     const cw_filter *filter;
@@ -133,6 +135,7 @@ typedef struct visits {
     visit list[VISITS_MAX];
 } visits;
 
+/* Makes a frame of an identifier with the flags of filters. Data never decide at gateways. */
 static cw_frame frame_of(uint32_t can_id)
 {
     const bool extended = can_id & CW_FILTER_EXTENDED, remote = can_id & CW_FILTER_REMOTE;
@@ -146,6 +149,7 @@ static bool same_frame(const cw_frame *a, const cw_frame *b)
     return a->id == b->id && a->flags == b->flags;
 }
 
+/* Returns true when this frame has been at this end of the gateway: from there all is known. */
 static bool is_known(const visits *v, const visit *next)
 {
     for (unsigned i = 0; i < v->count; i++)
@@ -289,6 +293,8 @@ typedef struct choice {
     uint32_t rest; /* bits that have not been tried */
 } choice;
 
+/* Finds the first excluded filter that the frame may still match, and the bits that can make it
+ * differ. */
 static choice find_choice(const search *s, const cw_filter *known, unsigned from, unsigned count)
 {
     const cw_filter *e = s->excluded;
@@ -405,6 +411,7 @@ static bool take_hop(const search *s, hop *out, const cw_filter *filters[GATES],
     return false;
 }
 
+/* The first hop is left out: coming back to it is the loop that is looked for. */
 static bool is_on_way(const search *s, const hop *h)
 {
     for (unsigned i = 1; i < s->count; i++)

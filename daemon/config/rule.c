@@ -114,6 +114,7 @@ const schema_key cfg_rule_keys[] = {
 
 static const schema_key name_key = {.name = "name"};
 
+/* The trigger follows from all keys together, so it comes after them. */
 static void read_rule(schema *self, yaml_node_t *value, cw_rule *rule)
 {
     schema_map(self, "rule", value, cfg_rule_keys, rule);
@@ -166,6 +167,7 @@ void cfg_read_rules(schema *self, const schema_key *key, yaml_node_t *value)
         read_rule(self, schema_item(self, value, i), &config->rules[first + i]);
 }
 
+/* Takes a list alone. A text to inject may also be a single rule. */
 void cfg_read_faults(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     (void)object;
@@ -175,6 +177,7 @@ void cfg_read_faults(schema *self, const schema_key *key, yaml_node_t *value, vo
         schema_expected(self, key, value, "a list");
 }
 
+/* Takes a key that has been read before the others. */
 static void read_nothing(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     (void)self;
@@ -274,6 +277,7 @@ static void read_state(schema *self, const schema_key *key, const yaml_node_t *n
     rule->state_mask |= mask;
 }
 
+/* All nodes of the map are in one set of states; read_state() compares them. */
 static void read_states(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "a map such as { engine: error-passive }";
@@ -290,6 +294,7 @@ static void read_states(schema *self, const schema_key *key, yaml_node_t *value,
     }
 }
 
+/* A rule acts at bits, so both ends are rounded up to bits, with a warning. */
 static void read_window(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cw_rule *rule = object;

@@ -140,6 +140,7 @@ const cfg_traffic *cfg_find_endless(const cfg *config)
 
 /* ---- Entries --------------------------------------------------------------------------------- */
 
+/* Returns true for a key of any kind of entry: then only the key of the kind is missing. */
 static bool is_known_key(const char *name)
 {
     for (size_t i = 0; i < KINDS; i++)
@@ -255,6 +256,7 @@ void cfg_check_traffic(schema *self, yaml_node_t *nodes)
 
 /* ---- send ------------------------------------------------------------------------------------ */
 
+/* Notes that it is given, since a count needs it. */
 static void read_every(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_traffic *traffic = object;
@@ -283,6 +285,7 @@ static void complete_send(schema *self, yaml_node_t *map, cfg_traffic *traffic)
 
 /* ---- replay ---------------------------------------------------------------------------------- */
 
+/* The path is relative to the configuration. */
 static void traffic_read_file(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_traffic *traffic = object;
@@ -292,6 +295,7 @@ static void traffic_read_file(schema *self, const schema_key *key, yaml_node_t *
         traffic->file = cfg_resolve_path(self, cfg_of(self)->file, text);
 }
 
+/* The name is compared with that in the recording when it is read. */
 static void read_channel(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "an interface or a channel of the file, at most 31 bytes";
@@ -304,6 +308,7 @@ static void read_channel(schema *self, const schema_key *key, yaml_node_t *value
         traffic->channel = schema_copy(self, text);
 }
 
+/* `max` leaves the times of the recording out. */
 static void read_speed(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_traffic *traffic = object;
@@ -313,6 +318,7 @@ static void read_speed(schema *self, const schema_key *key, yaml_node_t *value, 
         traffic->fast = speed == SPEED_MAX;
 }
 
+/* Adds filters to those of the entry; a frame must match one of them. */
 static void read_filters(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_traffic *traffic = object;

@@ -26,6 +26,7 @@ const schema_choice cfg_missing_ports[] = {
 
 /* ---- Names and times ------------------------------------------------------------------------- */
 
+/* The letters are good in paths, LCM channels and JSON without any quoting. */
 bool cfg_name_valid(const char *name, size_t length_max)
 {
     static const char allowed[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
@@ -501,6 +502,7 @@ static const char *parse_position(const schema *self, cw_rule *rule, const char 
     return problem;
 }
 
+/* On a classical bus a rule for the data rate would never match. */
 void cfg_read_rate(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cw_phase_rate *rate = schema_member(key, object);

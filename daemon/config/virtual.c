@@ -27,6 +27,7 @@ const schema_key cfg_virtual_keys[] = {
     {.name = NULL},
 };
 
+/* Reads the path of the socket of time, which is relative to the configuration. */
 static void read_socket(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
@@ -35,6 +36,7 @@ static void read_socket(schema *self, const schema_key *key, yaml_node_t *value,
         config->virtual_time.socket = cfg_resolve_path(self, config->file, text);
 }
 
+/* Complains also without `pacing: virtual`: the keys would do nothing then. */
 void cfg_read_virtual(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
