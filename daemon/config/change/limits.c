@@ -39,6 +39,7 @@ static void complain_of_bit(schema *self, const yaml_node_t *node, const cw_bus_
                     f->limit == CW_LIMIT_BIT_MOST ? "most" : "least", ns(self, f->allowed));
 }
 
+/* Complains about an edge that is under way for longer than the library keeps edges. */
 static void complain_of_way(schema *self, const yaml_node_t *node, const cw_bus_finding *f)
 {
     static const char *const names[] = {"position", "stub", "rx-delay", "tx-delay", NULL};

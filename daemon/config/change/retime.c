@@ -167,6 +167,7 @@ static unsigned present_data(const cfg_retime *values)
     return given;
 }
 
+/* Returns delays and place in the units of their keys. */
 static cfg_way way_of(const cfg_node_time *time)
 {
     const cw_node_timing *t = &time->timing;
@@ -243,6 +244,7 @@ static bool change_bit(cfg_node_time *time, char problem[RETIME_PROBLEM_MAX], co
     return true;
 }
 
+/* Complains about the first key of the data phase. Says why the node has none. Returns false. */
 static bool refuse_data(char problem[RETIME_PROBLEM_MAX], const cfg *config, unsigned node,
                      unsigned given)
 {
@@ -283,6 +285,7 @@ cw_span cfg_nominal_quantum(const cfg *config, unsigned node)
                          : (cw_span)cw_rate_ticks(config->rate, 1) * (CW_TICK / 16);
 }
 
+/* Asks the library if the node can have these settings on its bus. */
 static bool bus_takes(const cfg *config, unsigned node, const cw_settings *settings)
 {
     cw_node_config nodes[CW_NODES_MAX];

@@ -49,6 +49,7 @@ static bool refuse_text(char problem[RETIME_PROBLEM_MAX], const schema_key *key,
 typedef bool value_putter(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                           const char *text);
 
+/* Takes the frequency of a controller's clock, in Hz. */
 static bool put_clock(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                       const char *text)
 {
@@ -76,6 +77,8 @@ static bool put_sample_point(void *member, char problem[RETIME_PROBLEM_MAX], con
     return !wrong || cfg_refuse(problem, "%s: '%.40s': %s", key->name, text, wrong);
 }
 
+/* Takes a number in the range of the key: clocks of a quantum, quanta of a segment, and the
+ * like. */
 static bool put_clocks(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                        const char *text)
 {
@@ -95,6 +98,7 @@ static bool put_switch(void *member, char problem[RETIME_PROBLEM_MAX], const sch
            refuse_text(problem, key, "one of on, off, yes, no, true, false", text);
 }
 
+/* Takes a mode in the words of the configuration. */
 static bool put_tdc_mode(void *member, char problem[RETIME_PROBLEM_MAX], const schema_key *key,
                          const char *text)
 {
@@ -154,6 +158,7 @@ static void print_switch(char text[TIME_TEXT_MAX], const void *member, const sch
     (void)snprintf(text, TIME_TEXT_MAX, "%s", *(const bool *)member ? "on" : "off");
 }
 
+/* Prints the mode in the words of the configuration. Each mode has one. */
 static void print_tdc_mode(char text[TIME_TEXT_MAX], const void *member, const schema_key *key)
 {
     const schema_choice *mode = key->arg;

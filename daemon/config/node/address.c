@@ -29,6 +29,7 @@ static bool take_host(char out[ADDRESS_HOST_BYTES], const char *text, size_t len
            inet_ntop(family, address, out, ADDRESS_HOST_BYTES);
 }
 
+/* Takes the number of a TCP or UDP port, which is all of the text. 0 would be any. */
 static bool take_number(unsigned *out, const char *text, size_t length)
 {
     const char *end = text;

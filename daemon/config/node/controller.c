@@ -179,6 +179,7 @@ static void set_model(schema *self, cfg_node *node, cfg_model model)
         node->time.limits = timing_controller(models[model].name);
 }
 
+/* The model sets what it brings before the other keys are read, which change that. */
 static void read_model_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const char *text = schema_text(self, key, value, "one of " MODEL_NAMES);
@@ -235,6 +236,7 @@ static void forget_model(cfg_controller *controller)
                                    .filters = controller->filters};
 }
 
+/* The bit is set for a deviation, which the key has as `off`. */
 static void read_variant(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     uint8_t *const variants = &((cfg_node *)object)->controller.variants;
@@ -245,6 +247,7 @@ static void read_variant(schema *self, const schema_key *key, yaml_node_t *value
     *variants = (uint8_t)(usual ? *variants & ~variant : *variants | variant);
 }
 
+/* Another model of `defaults` is forgotten as a whole, but for the filters. */
 static void read_model(schema *self, const schema_key *key, yaml_node_t *value, cfg_node *node)
 {
     if (is_preset(node->controller.model))
@@ -319,6 +322,7 @@ bool cfg_is_model(schema *self, const char *key, const yaml_node_t *value)
            !(model_of(self, value, &model) && is_preset(model));
 }
 
+/* A map is a model; a name is that of a real controller, whose limits count for bit timings. */
 void cfg_read_controller(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     if (value->type == YAML_MAPPING_NODE)
@@ -329,6 +333,7 @@ void cfg_read_controller(schema *self, const schema_key *key, yaml_node_t *value
 
 /* ---- Filters --------------------------------------------------------------------------------- */
 
+/* A list takes the place of that in `defaults`; the two are never joined. */
 void cfg_read_acceptance(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_controller *controller = &((cfg_node *)object)->controller;

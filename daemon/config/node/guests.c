@@ -20,6 +20,7 @@ void cfg_read_guests(schema *self, const schema_key *key, yaml_node_t *value, vo
     walk->guests = value;
 }
 
+/* The nodes of the list have been read, so all nodes of the bus are known. */
 void cfg_read_guest_count(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg *config = cfg_of(self);

@@ -34,6 +34,7 @@ static const schema_choice replies[] = {
 
 /* ---- Keys ------------------------------------------------------------------------------------ */
 
+/* There is room for two filters, so that a second one is noticed. */
 static void mailbox_read_id(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     mailbox_keys *keys = object;
@@ -58,6 +59,7 @@ static void read_reply(schema *self, const schema_key *key, yaml_node_t *value, 
     (void)schema_choose(self, &reply, key, value, replies);
 }
 
+/* Bytes must be known as a whole: open digits make sense in filters only. */
 static void mailbox_read_data(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "1 to 8 bytes in hexadecimal digits, such as DEADBEEF";
@@ -147,6 +149,7 @@ void cfg_add_mailboxes(schema *self, cfg_controller *controller, unsigned receiv
         controller->mailboxes[i].use = CW_MAILBOX_TRANSMIT;
 }
 
+/* Mailboxes of a list receive until their keys say otherwise. */
 static void read_list(schema *self, const schema_key *key, yaml_node_t *list,
                       cfg_controller *controller)
 {

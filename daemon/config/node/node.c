@@ -131,6 +131,7 @@ void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, voi
     note_answers(config);
 }
 
+/* Names are distinct, without regard for the order of nodes: rules and clients go by them. */
 void cfg_read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg *config = cfg_of(self);
@@ -180,6 +181,7 @@ static char *resolve_port(schema *self, const schema_key *key, const yaml_node_t
     return resolve_path(self, key, value, "unix:", name->path);
 }
 
+/* Reads the port of guests, which must be a socket that no other node has. */
 static char *read_socket(schema *self, const schema_key *key, const yaml_node_t *value)
 {
     static const char expected[] = "unix:PATH";
@@ -288,6 +290,7 @@ static void read_usb_name(schema *self, const schema_key *key, yaml_node_t *valu
     node->peer = read_interface(self, key, value);
 }
 
+/* The socket is written as a port is, since it takes the place of one. */
 static void read_usb_socket(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
@@ -358,6 +361,7 @@ void cfg_read_port(schema *self, const schema_key *key, yaml_node_t *value, void
     check_interface(self, key, value, node->port, NULL);
 }
 
+/* Programs of guests wait for room by default: they speak to a socket. */
 void cfg_read_guest_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_walk *walk = self->user;
@@ -368,6 +372,7 @@ void cfg_read_guest_port(schema *self, const schema_key *key, yaml_node_t *value
     give_room(walk, node, CFG_WHEN_FULL_WAIT);
 }
 
+/* Refuses the key where nobody could be held back, or the kernel does that. */
 void cfg_read_when_full(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_node *node = object;
@@ -380,6 +385,7 @@ void cfg_read_when_full(schema *self, const schema_key *key, yaml_node_t *value,
     schema_read_choice(self, key, value, object);
 }
 
+/* The interface must be another one than those of earlier nodes, and than the port itself. */
 static void check_peer(schema *self, const schema_key *key, const yaml_node_t *value,
                        const cfg_node *node)
 {
@@ -404,6 +410,7 @@ void cfg_read_peer(schema *self, const schema_key *key, yaml_node_t *value, void
     check_peer(self, key, value, node);
 }
 
+/* Sockets are made by canwired, so they are never missing. */
 void cfg_read_missing_port(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg_node *node = object;
@@ -428,6 +435,7 @@ static void read_peer_name(schema *self, const schema_key *key, yaml_node_t *val
     node->peer = read_interface(self, key, value);
 }
 
+/* The name becomes a part of a path, so it has no slash and no dot in front. */
 static void read_netns(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "the name of a network namespace as in `ip netns`";
@@ -441,6 +449,7 @@ static void read_netns(schema *self, const schema_key *key, yaml_node_t *value, 
     node->netns = schema_copy(self, text);
 }
 
+/* A key turns one mode on or off; others stay as `defaults` have them. */
 void cfg_read_mode(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
@@ -453,6 +462,7 @@ void cfg_read_mode(schema *self, const schema_key *key, yaml_node_t *value, void
     node->berr_reporting = node->modes & CW_MODE_BERR_REPORTING;
 }
 
+/* The short form of `kind`, as `ip link` has it. */
 void cfg_read_fd(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
@@ -462,6 +472,7 @@ void cfg_read_fd(schema *self, const schema_key *key, yaml_node_t *value, void *
         node->kind = on ? CFG_KIND_FD : CFG_KIND_CLASSICAL;
 }
 
+/* The member is turned round, so that all zeros is the usual node. */
 void cfg_read_exception(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;

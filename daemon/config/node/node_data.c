@@ -30,6 +30,7 @@ static void refuse_data_keys(schema *self, const yaml_node_t *item, const char *
     }
 }
 
+/* `fd` and `kind` set the same member, so one map has one of them. */
 static void check_kind(schema *self, const yaml_node_t *map)
 {
     const yaml_node_t *fd = schema_find(self, map, "fd");
@@ -38,6 +39,7 @@ static void check_kind(schema *self, const yaml_node_t *map)
         schema_complain(self, fd, "fd: kind says it, too; use one or the other");
 }
 
+/* Only nodes that see the bit after FDF can leave a frame by a protocol exception. */
 static void check_exception(schema *self, const yaml_node_t *item, const cfg_node *node)
 {
     const yaml_node_t *value = schema_find(self, item, "protocol-exception");
@@ -78,6 +80,7 @@ static void node_data_check_node(schema *self, const yaml_node_t *item, const cf
     cfg_check_together(self, item, "d");
 }
 
+/* Checks keys of `defaults` alone. Segments are sought for each node. */
 static void check_defaults(schema *self, const yaml_node_t *map)
 {
     check_kind(self, map);

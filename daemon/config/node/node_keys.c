@@ -332,6 +332,7 @@ uint64_t cfg_get_number(const cw_settings *settings, const schema_key *key)
                                             : *(const uint64_t *)member) / live->unit;
 }
 
+/* Writes the words of a choice as people list them: "a, b or c". */
 static void print_words(char *text, size_t size, const schema_choice *choice)
 {
     size_t used = 0;

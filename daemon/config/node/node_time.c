@@ -17,6 +17,7 @@
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
+/* Reads permille, from 100 to 999. */
 void cfg_read_sample_point(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const char *text = schema_text(self, key, value, "a part of the bit such as 87.5%");
@@ -26,6 +27,7 @@ void cfg_read_sample_point(schema *self, const schema_key *key, yaml_node_t *val
                        text_parse_sample_point(schema_member(key, object), text));
 }
 
+/* Reads Hz. A wrong value leaves the default, so that segments can still be found. */
 void cfg_read_clock(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
@@ -40,6 +42,7 @@ void cfg_read_clock(schema *self, const schema_key *key, yaml_node_t *value, voi
         node->time.phase[0].bit.clock_hz = (uint32_t)hz;
 }
 
+/* A positive error is a fast clock. */
 void cfg_read_ppm(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;
@@ -49,6 +52,7 @@ void cfg_read_ppm(schema *self, const schema_key *key, yaml_node_t *value, void 
         schema_expected(self, key, value, CFG_PPM_RANGE);
 }
 
+/* Reads mm. A wrong length becomes 0, so that it causes no further complaint. */
 void cfg_read_length(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     uint64_t *mm = schema_member(key, object);

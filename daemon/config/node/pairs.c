@@ -25,6 +25,7 @@
 
 /* ---- One node -------------------------------------------------------------------------------- */
 
+/* Returns picoseconds of a span of 2^-32 ticks, rounded to the nearest. */
 static uint64_t ps_of(cw_span span)
 {
     const uint64_t whole = (uint64_t)span >> TICK_BITS;
@@ -113,6 +114,7 @@ typedef struct worst {
     size_t count; /* of all such pairs */
 } worst;
 
+/* Keeps the pair that misses most, and counts all that miss any. */
 static void consider(worst *so_far, int64_t left, size_t a, size_t b, const timing_pair *pair)
 {
     const size_t count = so_far->count + (left < 0);
@@ -173,6 +175,7 @@ static void warn_of_line(schema *self, yaml_node_t *nodes, const worst *w)
                 decimal(w->pair.delays_ps, 3).text, longest(self, w), others(self, w->count));
 }
 
+/* Standards limit the nodes on a line by its speed; more of them are worth a warning alone. */
 static void check_count(schema *self, yaml_node_t *nodes)
 {
     const cfg *config = cfg_of(self);

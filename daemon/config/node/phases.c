@@ -56,6 +56,7 @@ static timing_request request_of(const cfg_node_time *time, unsigned phase, uint
     };
 }
 
+/* Makes the requests for both phases. One prescaler for both is asked for, where there is one. */
 static void rates_of(rates *r, const cfg_node_time *time, const cfg *config)
 {
     r->phase[0] = request_of(time, 0, config->bitrate_bps, config->sample_permille);

@@ -62,6 +62,7 @@ const schema_key cfg_local_time_keys[] = {
     {.name = NULL},
 };
 
+/* A unit is not shorter than a tick of the bus. */
 static void read_unit(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cw_span *unit = schema_member(key, object);
@@ -147,6 +148,7 @@ static void read_units(schema *self, const schema_key *key, yaml_node_t *value, 
     *units = (uint32_t)number;
 }
 
+/* A slot of 0 would give each frame up. Without local time there is another complaint. */
 static void read_slot(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const uint32_t *units = schema_member(key, object);
@@ -204,6 +206,7 @@ static void read_trigger(schema *self, yaml_node_t *value, const cfg_schedule *s
         t->time.cycle = t->time.repeat = 0;
 }
 
+/* Two numbers, not both 0. */
 static unsigned common_divisor(unsigned a, unsigned b)
 {
     while (b) {
@@ -299,6 +302,7 @@ const schema_key cfg_schedule_keys[] = {
     {.name = NULL},
 };
 
+/* Reads the filter of reference messages: one, since a matrix has one reference. */
 static void read_reference(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const char *text = schema_text(self, key, value, "a frame filter such as 123 or 100:700");
@@ -323,6 +327,8 @@ void cfg_read_schedule(schema *self, const schema_key *key, yaml_node_t *value, 
                         "of its slot is never sent", key->name);
 }
 
+/* Checks the frame of a trigger against its node. One that cannot be read has been complained
+ * about. */
 static void check_sender(schema *self, const yaml_node_t *map, size_t node)
 {
     static const schema_key key = {.name = "send"};

@@ -12,6 +12,7 @@
 static const char *const names[] = {"brp", "prop-seg", "phase-seg1", "phase-seg2"};
 #define NAMES (sizeof names / sizeof names[0])
 
+/* Finds a key of a phase: its name with the prefix of that in front. */
 static yaml_node_t *segment_keys_find_key(schema *self, const yaml_node_t *map, const char *prefix,
                                           const char *name)
 {
@@ -21,6 +22,7 @@ static yaml_node_t *segment_keys_find_key(schema *self, const yaml_node_t *map, 
     return schema_find(self, map, full);
 }
 
+/* Returns true when any key is there, so that the others must be, too. */
 static bool has_segments(schema *self, const yaml_node_t *map, const char *prefix)
 {
     bool any = false;

@@ -71,6 +71,7 @@ static const char *take_pair(reading *r, pair *out, const char *text)
     return text + length;
 }
 
+/* Takes the address of one end, which a name has once at most. The port has a default. */
 static bool take_address(reading *r, net_address *out, bool *has, const pair *p)
 {
     const size_t length = strlen(p->value);
@@ -82,6 +83,8 @@ static bool take_address(reading *r, net_address *out, bool *has, const pair *p)
     return wrong_value(r, p, address_expected(p->value, length));
 }
 
+/* Takes the time after which frames that wait for others are sent. Microseconds are those of the
+ * tool cannelloni. */
 static bool take_timeout(reading *r, const pair *p)
 {
     cfg_time time;
@@ -92,6 +95,7 @@ static bool take_timeout(reading *r, const pair *p)
     return true;
 }
 
+/* Takes the most bytes of a packet. The longest frame must fit into one. */
 static bool take_mtu(reading *r, const pair *p)
 {
     uint64_t mtu;

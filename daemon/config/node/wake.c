@@ -37,6 +37,7 @@ static const char *parse_time(uint64_t *ticks, const char *text)
     return NULL;
 }
 
+/* Takes filters with commas between them, or `off` for none. All are replaced. */
 static const char *parse_frames(cw_sleep_settings *out, const char *text)
 {
     unsigned count = 0;
@@ -57,6 +58,7 @@ const char *cfg_wake_parse(cw_sleep_settings *out, const schema_key *key, const 
     return is_time(key) ? parse_time(time_of(out, key), text) : parse_frames(out, text);
 }
 
+/* Prints filters as parse_frames() takes them. */
 static void print_frames(char out[WAKE_TEXT_MAX], const cw_sleep_settings *s)
 {
     size_t length = 0;
