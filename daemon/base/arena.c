@@ -26,6 +26,7 @@ void *arena_alloc(arena *self, size_t size)
     return block->memory;
 }
 
+/* Formats twice: the first time only counts. NULL: without memory, or when the format fails. */
 char *arena_print_list(arena *self, const char *format, va_list args)
 {
     va_list again;

@@ -28,6 +28,8 @@ static void diag_keep(diag *self, diag_message message)
         self->count++;
 }
 
+/* Takes the text over. Beyond the limits errors only count; diag_flush() says that there are
+ * more. */
 static void diag_add_message(diag *self, diag_message message)
 {
     self->errors++;
@@ -122,6 +124,7 @@ static int order(size_t a, size_t b)
     return (a > b) - (a < b);
 }
 
+/* Orders by file, then by place. Messages of one place keep the order in which they came. */
 static int diag_compare(const void *a, const void *b)
 {
     const diag_message *x = a;
@@ -152,6 +155,8 @@ static void diag_print_line(FILE *out, const char *format, ...)
     free(line);
 }
 
+/* A message without a line is about the whole file. One from elsewhere has its place in its
+ * text. */
 static void print_message(const diag_message *message, FILE *out)
 {
     const char *text = message->text ? message->text : "out of memory";

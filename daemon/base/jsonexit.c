@@ -19,6 +19,7 @@ void json_no_memory(void)
     end_without_memory();
 }
 
+/* jansson's calls then never fail, so that nobody has to check them. */
 static void *allocate(size_t size)
 {
     void *memory = malloc(size);

@@ -85,6 +85,7 @@ void log_end(void)
         (void)nanosleep(&pause, NULL);
 }
 
+/* Opens the journal once, with the first message. */
 static void open_journal(void)
 {
     if (leads_to_journal())
@@ -131,6 +132,7 @@ static void report_lost(void)
         atomic_fetch_add(&state.lost, lost);
 }
 
+/* A journal that is full loses the message, which is counted: the bus must not wait. */
 static void send_message(const message *m)
 {
     report_lost();
@@ -143,6 +145,7 @@ static void send_message(const message *m)
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
+/* Standard error has no field for the priority, so a word says it. */
 static const char *word(priority p)
 {
     switch (p) {
@@ -156,6 +159,7 @@ static const char *word(priority p)
     return "";
 }
 
+/* Keeps the last error for log_last_error(). Several threads have errors. */
 static void keep_error(const char *text, size_t length)
 {
     (void)pthread_mutex_lock(&state.lock);
@@ -178,6 +182,7 @@ static void log_put(message *m)
         send_message(m);
 }
 
+/* A message begins with its bus, in a rig, and with its node. */
 static void __attribute__((format(printf, 3, 0)))
 print(priority p, const char *node, const char *format, va_list args)
 {

@@ -35,6 +35,8 @@ static void prepare(struct option known[OPTIONS_MAX + 2], char letters[2 * OPTIO
     *letters = '\0';
 }
 
+/* Takes an option into what its row has: a flag, a text, a reader. False: the reader has refused
+ * the value. */
 static bool take(const option_row *row)
 {
     char name[NAME_BYTES];
@@ -46,6 +48,7 @@ static bool take(const option_row *row)
     return !row->read || !optarg || row->read(row->out, name, optarg);
 }
 
+/* Finds the row of the value that getopt returns: a letter, or the place of a long form. */
 static const option_row *find_row(const option_table *table, int value)
 {
     const option_row *row = table->rows;

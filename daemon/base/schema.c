@@ -293,6 +293,7 @@ void schema_read_choice(schema *self, const schema_key *key, yaml_node_t *value,
 
 typedef void diag_reporter(diag *self, size_t line, size_t column, const char *format, ...);
 
+/* Lines and columns of libyaml count from 0, those of messages from 1. */
 static void __attribute__((format(printf, 4, 0)))
 schema_report(schema *self, diag_reporter *reporter, const yaml_node_t *at, const char *format,
               va_list args)
@@ -395,6 +396,7 @@ char *schema_print(schema *self, const char *format, ...)
     return text;
 }
 
+/* Lists keys for messages. Those that are only refused are left out. */
 static const char *allowed_keys(schema *self, key_table table)
 {
     const char *list = "";
@@ -405,6 +407,7 @@ static const char *allowed_keys(schema *self, key_table table)
     return list;
 }
 
+/* Complains about a key, with the nearest one as a guess or with all of them. */
 static void complain_unknown(schema *self, const char *what, const yaml_node_t *name,
                              key_table table)
 {
@@ -518,6 +521,7 @@ static const char *shown(schema *self, const yaml_node_t *node)
     return "nothing";
 }
 
+/* Lists the words of a choice for messages. */
 static const char *allowed_choices(schema *self, const schema_choice *choices)
 {
     const char *list = "";
@@ -527,6 +531,7 @@ static const char *allowed_choices(schema *self, const schema_choice *choices)
     return list;
 }
 
+/* Stores a number in the size that its key's range says. */
 static void store_uint(void *target, size_t bytes, uint64_t value)
 {
     switch (bytes) {
@@ -546,6 +551,7 @@ static void store_uint(void *target, size_t bytes, uint64_t value)
     }
 }
 
+/* Returns a count within the limits, so that readers can go on after the complaint. */
 static size_t clamp_count(schema *self, const schema_key *key, const yaml_node_t *list, size_t min,
                           size_t max)
 {

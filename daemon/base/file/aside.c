@@ -33,6 +33,7 @@ static void free_aside(aside *a)
     free(a);
 }
 
+/* The thread. When the caller has left meanwhile, the task is the thread's to drop. */
 static void *aside_run(void *argument)
 {
     aside *a = argument;
@@ -77,6 +78,7 @@ static void on_wakeup(struct ev_loop *loop, ev_async *wakeup, int events)
     calls->done(user, task);
 }
 
+/* Returns the processor time of the task, which tells one that works from one that hangs. */
 static double busy_seconds(aside *a)
 {
     struct timespec busy = {.tv_sec = 0};
@@ -87,6 +89,7 @@ static double busy_seconds(aside *a)
     return (double)busy.tv_sec + (double)busy.tv_nsec * 1e-9;
 }
 
+/* The time is over. The caller goes on without the task, whose thread may hang for ever. */
 static void on_limit(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;

@@ -39,6 +39,7 @@ typedef struct clash {
     const place *other; /* NULL: nothing */
 } clash;
 
+/* Without memory the list is incomplete, and no check of it succeeds. */
 void fileuses_add(fileuses *all, const fileuse *use)
 {
     fileuse *uses = realloc(all->uses, (all->count + 1) * sizeof *uses);
@@ -158,6 +159,7 @@ static finding fileuse_find_place(place *p, const fileuse *use)
     return fileuse_find_folder(p, path) ? FOUND_PLACE : FOUND_NO_MEMORY;
 }
 
+/* Each use has its file and all names that rotations give that. */
 static size_t count_places(const fileuses *all)
 {
     size_t count = 0;
@@ -183,6 +185,7 @@ static bool add_places(places *found, const fileuses *all, size_t use)
     return true;
 }
 
+/* Finds all places. Returns false without memory, also when the list lacks a use. */
 static bool find_places(places *found, const fileuses *all)
 {
     *found = (places){.all = calloc(count_places(all) + 1, sizeof *found->all)};
@@ -216,6 +219,8 @@ static int compare_files(const place *a, const place *b)
     return a->device != b->device ? ORDER(a->device, b->device) : ORDER(a->inode, b->inode);
 }
 
+/* Returns 0 for the same name in one folder. Places without a folder come first and equal no
+ * other. */
 static int compare_names(const place *a, const place *b)
 {
     if (a->has_folder != b->has_folder || !a->has_folder)
@@ -283,6 +288,7 @@ typedef struct likeness {
 static const likeness by_inode = {is_there, compare_files, sort_by_file};
 static const likeness by_name = {has_folder, compare_names, sort_by_name};
 
+/* Sorts the places and notes the clashes in each group of equal ones. */
 static void note_all(clash *clashes, const fileuses *all, places *found, const likeness *how)
 {
     qsort(found->all, found->count, sizeof *found->all, how->sort);
@@ -297,6 +303,7 @@ static void note_all(clash *clashes, const fileuses *all, places *found, const l
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
+/* Prints the file and its use in words. */
 static void print_use(FILE *errors, const fileuse *use, unsigned number)
 {
     bool standard = strcmp(use->path, "-") == 0;
@@ -306,6 +313,7 @@ static void print_use(FILE *errors, const fileuse *use, unsigned number)
         fprintf(errors, ", which is rotated to %s.%u", use->path, number);
 }
 
+/* Reports both uses, at the place of the one that is to be changed. */
 static void fileuse_report(FILE *errors, const fileuses *all, const clash *c, const char *program)
 {
     const fileuse *own = &all->uses[c->own->use];

@@ -136,6 +136,7 @@ static int bind_once(int fd, const struct sockaddr_un *address)
     return number;
 }
 
+/* Says why there can be no socket, in words that help more than the error of the kernel. */
 static const char *explain(const pathsocket *s, int number)
 {
     if (number == EBUSY || (number == EADDRINUSE && is_socket(&s->folder)))
@@ -306,6 +307,7 @@ bool pathsocket_is_at(const pathsocket *s, const char *path)
 
 /* ---- Sockets of the service manager ---------------------------------------------------------- */
 
+/* Returns true for one folder or file by two paths. */
 static bool is_same_place(const char *a, const char *b)
 {
     struct stat in_a;

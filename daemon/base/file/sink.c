@@ -30,6 +30,7 @@ const char *sink_kind_name(sink_kind kind)
     return kind_names[kind];
 }
 
+/* Bytes and gaps are there for kinds that have them. */
 static json_t *sink_json(const sink_info *s)
 {
     json_t *object = json_object();
@@ -62,6 +63,7 @@ static const char *short_name(const sink_info *s)
     return slash ? slash + 1 : s->name;
 }
 
+/* Prints a sink as a part of the line that systemctl shows, behind the one before. */
 static size_t print_one(char text[ONE_BYTES], const sink_info *s)
 {
     char lost[REST_BYTES] = "";

@@ -272,6 +272,7 @@ bool spool_may_wait(int error)
 
 /* ---- The queue ------------------------------------------------------------------------------- */
 
+/* Appends to the ring. There must be room. */
 static void copy_in(spool *s, const void *bytes, size_t size)
 {
     size_t end = (s->first + s->used) % SPOOL_QUEUE_BYTES;
@@ -416,6 +417,8 @@ static int write_batch(spool *s, extent *whole, size_t size)
     return error;
 }
 
+/* Finds out if somebody has moved, removed or shortened the file. A shortened one goes on at its
+ * new end. */
 static spool_found look_at_file(spool *s)
 {
     struct stat own, there;
@@ -461,6 +464,8 @@ static int begin_again(spool *s)
     return ftruncate(s->fd, 0) == 0 ? 0 : errno;
 }
 
+/* Goes on in a new file. One that lacks its head is begun anew in its place, since no reader can
+ * use it. */
 static int cut_here(spool *s, unsigned files)
 {
     struct stat there;
@@ -554,6 +559,8 @@ static int open_now(spool *s)
     return error;
 }
 
+/* The thread: opens, looks and writes until it is told to end. An error ends it, too, unless it is
+ * to last. */
 static void *spool_run(void *argument)
 {
     spool *s = argument;
@@ -587,6 +594,7 @@ static void *spool_run(void *argument)
 
 /* ---- For other threads ----------------------------------------------------------------------- */
 
+/* The thread has ended or has never been there. */
 static void free_spool(spool *s)
 {
     if (s->fd >= 0)
@@ -602,6 +610,7 @@ static void free_spool(spool *s)
     free(s);
 }
 
+/* Makes a spool that is not open. NULL with *error: without memory. */
 static spool *make_spool(const char *file, unsigned files, spool_notify *notify, void *user,
                          int *error)
 {
@@ -622,6 +631,7 @@ static spool *make_spool(const char *file, unsigned files, spool_notify *notify,
     return NULL;
 }
 
+/* Starts the thread. Frees the spool after an error, also after one before. */
 static spool *spool_start(spool *s, int *error)
 {
     if (*error == 0)

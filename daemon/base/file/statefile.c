@@ -44,6 +44,7 @@ struct statefile {
 
 /* ---- The thread ------------------------------------------------------------------------------ */
 
+/* Sets the times to CLOCK_REALTIME, which those that the kernel sets are a little behind. */
 static void stamp_now(int fd)
 {
     struct timespec times[2] = {{.tv_sec = 0}};
@@ -52,6 +53,7 @@ static void stamp_now(int fd)
     (void)futimens(fd, times);
 }
 
+/* Signals interrupt a write; it goes on then. Returns false with errno. */
 static bool write_all(int fd, const char *text)
 {
     for (size_t left = strlen(text); left > 0;) {
@@ -91,6 +93,8 @@ static int write_state(const statefile *s, const char *text)
     return unlinkat(s->folder, s->name, 0) == 0 || errno == ENOENT ? 0 : errno;
 }
 
+/* Shows that the state is still the same. A file that is missing stays so: the next state makes
+ * it. */
 static void touch_file(const statefile *s)
 {
     const int fd = openat(s->folder, s->name, O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
@@ -123,6 +127,8 @@ static void statefile_work(statefile *s)
         ev_async_send(s->loop, &s->wakeup); /* under the lock: the loop still exists */
 }
 
+/* The thread: writes the last state that was put. Earlier ones that it has missed are never
+ * written. */
 static void *statefile_run(void *user)
 {
     statefile *s = user;
@@ -139,6 +145,7 @@ static void *statefile_run(void *user)
 
 /* ---- The loop -------------------------------------------------------------------------------- */
 
+/* Tells the loop of the last state that is done, once. */
 static void tell_written(statefile *s, uint64_t number, int error)
 {
     if (number <= s->told)
@@ -147,6 +154,7 @@ static void tell_written(statefile *s, uint64_t number, int error)
     s->written(s->user, number, error);
 }
 
+/* The thread has done something. While there is more, the limit of time begins anew. */
 static void on_wakeup(struct ev_loop *loop, ev_async *wakeup, int events)
 {
     (void)events;
@@ -239,6 +247,7 @@ static void stop_watchers(statefile *s)
     ev_async_stop(s->loop, &s->wakeup);
 }
 
+/* The thread has ended or has never been there. */
 static void free_statefile(statefile *s)
 {
     (void)pthread_cond_destroy(&s->change);

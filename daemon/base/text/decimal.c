@@ -7,6 +7,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 
+/* Prints without trailing zeros, and without a point when none is left behind it. */
 static decimal_text print(const char *sign, uint64_t value, unsigned digits)
 {
     decimal_text result;

@@ -184,6 +184,7 @@ static bool jsonread_add(reading *p, jsonread_kind kind, const char *text, size_
     return true;
 }
 
+/* Takes true, false or null. */
 static bool take_word(reading *p, jsonread_kind kind, const char *word)
 {
     const size_t length = strlen(word);
@@ -237,6 +238,7 @@ static bool is_in_reach(const char *number, size_t length)
     return !long_or_exponent || isfinite(strtod(number, NULL));
 }
 
+/* Reads a number by the grammar of JSON: no leading zeros, no lone point. */
 static bool take_number(reading *p)
 {
     const char *const begin = p->at;
@@ -368,6 +370,7 @@ static bool go_on(reading *p, bool opened)
     return false;
 }
 
+/* Reads value by value without recursion: depth costs no stack. */
 static void jsonread_all(reading *p)
 {
     bool more = true;

@@ -20,6 +20,7 @@ static char *write_simple(char *out, const char *text)
     return *text ? NULL : out;
 }
 
+/* jansson makes the escapes; texts that need any are rare. */
 static void put_escaped(buffer *out, const char *text)
 {
     json_t *value = text_to_json(text, strlen(text));

@@ -48,6 +48,7 @@ void junit_begin_suite(FILE *out, const char *name, const junit_counts *counts, 
     fputs(">\n", out);
 }
 
+/* A case without a problem has no content. */
 void junit_write_case(FILE *out, const junit_case *one)
 {
     fputs("    <testcase", out);

@@ -13,6 +13,7 @@
 
 static unsigned edit_distance(const char *a, const char *b);
 
+/* Keeps the candidate if it is nearer than those before; the first of equal ones stays. */
 void nearest_consider(nearest *self, const char *candidate)
 {
     size_t length = strlen(candidate);

@@ -472,6 +472,7 @@ static bool scale_fraction(decimal *number, int exponent)
     return true;
 }
 
+/* Multiplies exactly. Returns what is wrong, or NULL. */
 static const char *apply_unit(cfg_time *out, decimal number, const time_unit *unit)
 {
     uint64_t rest;

@@ -60,6 +60,7 @@ size_t plain_size(const char *text)
     return is_control(code) || is_hidden(code) ? 0 : size;
 }
 
+/* Replaces each byte of what must not be shown, so that the text keeps its length. */
 static void base_plain_make(char *text, char instead, const char *kept)
 {
     while (*text) {

@@ -143,6 +143,7 @@ static void complain_at(const text_buffer *text, size_t offset, const char *prob
     diag_add(errors, line, column, "%s", problem);
 }
 
+/* Texts of the document are C strings, in which a NUL byte has no place. */
 static bool has_no_nul(const text_buffer *text, diag *errors)
 {
     const unsigned char *nul = memchr(text->bytes, 0, text->length);
@@ -174,6 +175,7 @@ static bool is_tab(const text_buffer *text, size_t n)
     return i < text->length && text->bytes[i] == '\t';
 }
 
+/* Reports the parser's problem at its place. A tab, which editors do not show, is named. */
 static void complain_syntax(const yaml_parser_t *parser, const text_buffer *text, diag *errors)
 {
     const yaml_mark_t *mark = &parser->problem_mark;
@@ -190,6 +192,7 @@ static void complain_syntax(const yaml_parser_t *parser, const text_buffer *text
                  is_tab(text, mark->index) ? " (a tab; YAML is indented with spaces)" : "");
 }
 
+/* Counts one more. Returns false after a complaint when that is one too many. */
 static bool within(scan *self, size_t *count, size_t max, const yaml_mark_t *mark, const char *what)
 {
     if (++*count <= max)
@@ -204,6 +207,7 @@ static bool check_depth(scan *self, const yaml_mark_t *mark)
     return within(self, &self->depth, YAML_DEPTH_MAX, mark, "lists and maps in each other");
 }
 
+/* Refuses tags, which would give a value another meaning, and too many values or anchors. */
 static bool yamlfile_check_node(scan *self, const yaml_mark_t *mark, const yaml_char_t *anchor,
                                 const yaml_char_t *tag)
 {
@@ -230,6 +234,8 @@ static bool check_size(scan *self, const yaml_event_t *event)
     return false;
 }
 
+/* Checks one event against the limits before anything is loaded: a small text can mean a large
+ * document. */
 static bool check_event(scan *self, const yaml_event_t *event)
 {
     const yaml_mark_t *mark = &event->start_mark;
@@ -316,6 +322,7 @@ static bool scan_events(text_buffer *text, const yaml_limits *limits, diag *erro
     return good;
 }
 
+/* Loads the document that scan_events() has found good. */
 static bool load_document(yaml_document_t *document, const text_buffer *text, diag *errors)
 {
     yaml_parser_t parser;

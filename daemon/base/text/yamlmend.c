@@ -63,6 +63,7 @@ static size_t find_size(const char *text, size_t size, size_t begin)
     return depth == 0 ? end - begin : 0;
 }
 
+/* Counts characters of UTF-8, of which libyaml's marks are numbers. */
 static size_t count_characters(const char *text, size_t size)
 {
     size_t count = 0;
@@ -71,6 +72,7 @@ static size_t count_characters(const char *text, size_t size)
     return count;
 }
 
+/* Copies the text once, before the first change to it. False: without memory. */
 static bool copy_text(yaml_mend *self, const char *text, size_t size)
 {
     if (!self->text)
@@ -80,6 +82,7 @@ static bool copy_text(yaml_mend *self, const char *text, size_t size)
     return self->text != NULL;
 }
 
+/* The text keeps its length, so that places in messages stay right. */
 static void replace_brackets(yaml_mend *self, const yaml_mended *found)
 {
     for (char *c = self->text + found->offset; c < self->text + found->offset + found->size; c++)
