@@ -89,6 +89,7 @@ int canwire_sim_bus_of_node(const canwire_sim *sim, int node)
     return b ? (int)b->index : -1;
 }
 
+/* Returns CANWIRE_SIM_INVALID for a number without a bus. */
 int canwire_sim_get_bus(const canwire_sim *sim, int bus, canwire_sim_bus *out)
 {
     if (bus < 0 || (size_t)bus >= sim->count)

@@ -72,6 +72,7 @@ static bool load_open_bus(canwire_sim *sim, cfg *config, FILE *out)
     return embed_judge_start(b);
 }
 
+/* Frees what a bus has beside its configuration, also after it was opened in part. */
 static void close_bus(embed_bus *b)
 {
     embed_judge_end(b);
@@ -144,6 +145,7 @@ void embed_tell_end(memo *t, char **messages)
         free(text);
 }
 
+/* Loads, and hands over what there is to be said about that, also when it is good. */
 static canwire_sim *load_telling(const cfg_file *file, char **messages)
 {
     memo t;

@@ -81,6 +81,7 @@ typedef struct nodes_at {
     size_t count;
 } nodes_at;
 
+/* A number without a node on this bus names none: it may be one of another bus. */
 static nodes_at find_nodes(const embed_bus *b, int at)
 {
     if (at == CANWIRE_SIM_ANY_NODE)

@@ -37,6 +37,7 @@ static void set_sim_counters(canwire_sim_node *out, const cw_node_stats *s)
     }
 }
 
+/* Reads the counters of a node and its state at the time to which its bus has gone. */
 int canwire_sim_get_node(const canwire_sim *sim, int node, canwire_sim_node *out)
 {
     cw_node_stats s;
