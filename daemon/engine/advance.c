@@ -18,7 +18,8 @@ static unsigned modes_of(const engine *e, unsigned node)
     return cw_node_modes(e->now.bus, node);
 }
 
-/* Tells the clients of a port what has become of a frame of theirs. */
+/* Tells the clients of a port how a frame of theirs has ended. A controller that is in a program
+ * also gets the state of its node. */
 static void tell_clients(const engine *e, unsigned node, const cw_event *event)
 {
     port *p = e->now.ports[node];

@@ -20,6 +20,8 @@ static void conserve_add(port_stats *sum, const port_stats *more, bool subtract)
         to[i] = subtract ? to[i] - from[i] : to[i] + from[i];
 }
 
+/* Counters of a port that ends are kept. One that opens may have counted before; that is left
+ * out. */
 static void move_port(conserve *c, unsigned node, port *moved, bool opened)
 {
     port_stats stats;
@@ -71,6 +73,7 @@ typedef struct books {
     uint64_t went; /* to the interface, or to no receiver */
 } books;
 
+/* Notes all frames that have come to a node and gone from it, by both sides. */
 static void open_books(books *b, const conserve *c, const cw_bus *bus, unsigned node,
                        port *own_port)
 {
@@ -94,6 +97,7 @@ bool conserve_balances(const conserve *c, const cw_bus *bus, unsigned node, port
     return balance(&b);
 }
 
+/* Adds up drops of all kinds. */
 static uint64_t conserve_sum(const uint64_t counters[CW_DROP_COUNT])
 {
     uint64_t total = 0;

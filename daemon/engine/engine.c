@@ -109,6 +109,7 @@ static void wake(engine *e)
     engine_arm_timer(e);
 }
 
+/* A port is readable, or has failed. */
 static void on_port(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
@@ -207,6 +208,7 @@ engine *engine_start(struct ev_loop *loop, live *config)
     return e;
 }
 
+/* No port, interface or guest wakes the bus from here on. */
 static void unwatch_all(engine *e)
 {
     for (unsigned i = 0; i < e->config->node_count; i++)
@@ -305,6 +307,7 @@ const cw_bus *engine_bus(const engine *e)
     return e->now.bus;
 }
 
+/* Returns how late the bus is for its next bit, in ns; 0: it is on time. A tick is 25/2 ns. */
 static uint64_t lag_ns(const engine *e)
 {
     if (e->virtual_time)

@@ -221,6 +221,7 @@ static void wake(engine *e)
     wake_group(e->group);
 }
 
+/* Only notes the bus: on_before_wait() wakes all when the loop has called the other ports. */
 static void on_port(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
@@ -229,6 +230,7 @@ static void on_port(struct ev_loop *loop, ev_io *io, int events)
         e->group->awake |= bit_of(e);
 }
 
+/* The loop is about to wait: all ports that are readable have been noted. */
 static void on_before_wait(struct ev_loop *loop, ev_prepare *watcher, int events)
 {
     (void)loop;

@@ -36,6 +36,7 @@ static const char *const link_words[] = {
 
 /* ---- Nodes and the bus ----------------------------------------------------------------------- */
 
+/* Returns how the MTU of an interface fits the frames of its node. 0: it is not known. */
 static mtu_told judge_mtu(const engine *e, unsigned node, unsigned mtu)
 {
     const bool fd = cfg_fd_nodes(e->config) & bit_of(node);
@@ -98,6 +99,7 @@ static void lose_port(engine *e, unsigned node)
     engine_set_link(e, node, REPORT_LINK_MISSING);
 }
 
+/* Tries again later to open an interface that is there. That is told once, not at each try. */
 static void start_retrying(engine *e, unsigned node, const char *error)
 {
     if (!(e->links.refused & bit_of(node)))
@@ -229,6 +231,8 @@ static void on_gone(void *user, unsigned index)
     e->wake(e);
 }
 
+/* A list begins, so a retry would be too much. Interfaces that it does not name are gone at its
+ * end. */
 static void on_listing(void *user)
 {
     engine *e = user;
@@ -262,6 +266,7 @@ static void on_failed(void *user)
     ev_timer_again(e->loop, &e->links.retry);
 }
 
+/* Asks for a list: the interfaces in it are opened as new ones are. */
 static void on_retry(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
@@ -340,6 +345,7 @@ bool engine_watch_links(engine *e)
     return e->links.watch != NULL;
 }
 
+/* Ends reports of interfaces. It may be called again, and without a watch. */
 void engine_unwatch_links(engine *e)
 {
     if (!e->links.watch)

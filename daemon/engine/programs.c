@@ -48,6 +48,7 @@ struct programs {
 
 /* ---- Ends ------------------------------------------------------------------------------------ */
 
+/* Closes the connection. The place of the program is kept or forgotten apart from that. */
 static void hang_up(connection *c)
 {
     if (c->fd >= 0) {
@@ -71,6 +72,7 @@ static void programs_forget(connection *c)
     c->place = TURNS_NONE;
 }
 
+/* The process of a kept place has ended: virtual time goes on without it. */
 static void on_process_end(struct ev_loop *loop, ev_io *io, int events)
 {
     connection *c = io->data;
@@ -104,6 +106,7 @@ static void keep_place(connection *c)
     ev_io_start(c->owner->loop, &c->end);
 }
 
+/* A connection has ended. One that has not joined has no place to keep. */
 static void programs_lose(connection *c)
 {
     if (c->place == TURNS_NONE)
@@ -205,6 +208,7 @@ static bool read_messages(connection *c)
     return any;
 }
 
+/* A message may end a turn, so that time may go on. */
 static void on_message(struct ev_loop *loop, ev_io *io, int events)
 {
     connection *c = (connection *)io;
@@ -227,6 +231,8 @@ void programs_tell_now(programs *p, unsigned place, int64_t bus_ns, int64_t real
 
 /* ---- Coming ---------------------------------------------------------------------------------- */
 
+/* Returns a connection that is free: closed, and without a place that is kept. NULL: there is
+ * none. */
 static connection *find_room(programs *p)
 {
     for (unsigned i = 0; i < CONNECTIONS_MAX; i++)
@@ -263,6 +269,7 @@ void programs_let_in(programs *p)
     }
 }
 
+/* A program connects. */
 static void on_coming(struct ev_loop *loop, ev_io *io, int events)
 {
     programs *p = io->data;

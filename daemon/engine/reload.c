@@ -111,6 +111,7 @@ static bool can_follow(const cfg *new, const cfg *old, FILE *errors)
 
 /* ---- Nodes and ports ------------------------------------------------------------------------- */
 
+/* Returns the node that has the interface, or CW_NO_NODE. Guests share a socket, and have none. */
 static uint8_t find_port(const cfg *config, const char *interface)
 {
     for (size_t i = 0; i < config->node_count; i++)

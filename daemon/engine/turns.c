@@ -72,6 +72,7 @@ void turns_cancel(turns *t, unsigned place)
     one->ready = true;
 }
 
+/* Returns true when the process is an ancestor of the program. Only the nearest ones are known. */
 static bool descends(const turn *one, int pid)
 {
     for (unsigned i = 0; i < TIMING_ANCESTORS && one->ancestors[i] != 0; i++)
@@ -85,6 +86,7 @@ static bool has_ancestor_of(const turn *one, const turn *other)
     return one->pid == other->pid || descends(one, other->pid) || descends(other, one->pid);
 }
 
+/* Returns the program that is this process, or NULL. */
 static const turn *turns_find(const turns *t, int pid)
 {
     for (unsigned i = 0; i < TURNS_MAX; i++)
@@ -107,6 +109,8 @@ void turns_told(turns *t, int pid, unsigned what)
 
 /* ---- Turns ----------------------------------------------------------------------------------- */
 
+/* Returns true when a program of virtual time descends from the process, which may wait for it
+ * then. */
 static bool has_descendant(const turns *t, int pid)
 {
     for (unsigned i = 0; i < TURNS_MAX; i++)

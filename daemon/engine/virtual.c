@@ -44,6 +44,7 @@ static void virtual_count_programs(engine *e)
         v->left_ns = v->now_ns;
 }
 
+/* Programs have come, gone or said something. Their frames may be unread. */
 static void on_change(void *user)
 {
     engine *e = user;
@@ -244,6 +245,7 @@ static void on_port(struct ev_loop *loop, ev_io *io, int events)
 
 /* ---- Who holds time -------------------------------------------------------------------------- */
 
+/* Returns the first program whose turn holds time; NULL: none does. */
 static const turn *find_holder(const turns *t)
 {
     for (unsigned i = 0; i < TURNS_MAX; i++)
