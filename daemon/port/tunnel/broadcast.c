@@ -36,6 +36,7 @@ static void remove_at(void *elements, size_t *count, size_t i, size_t size)
 
 /* ---- Jobs ------------------------------------------------------------------------------------ */
 
+/* Returns the job with this identifier, of which there is one; NULL: none. */
 static broadcast_job *find_job(const broadcast *b, canid_t id)
 {
     for (size_t i = 0; i < b->job_count; i++)
@@ -70,6 +71,7 @@ bool broadcast_update(broadcast *b, const struct can_frame *frame)
     return job != NULL;
 }
 
+/* Ends a job. Returns false when there is none. */
 bool broadcast_delete(broadcast *b, canid_t id)
 {
     const broadcast_job *job = find_job(b, id);
@@ -95,6 +97,7 @@ bool broadcast_due(broadcast *b, struct can_frame *frame, int64_t now_ns, int64_
 
 /* ---- Subscriptions --------------------------------------------------------------------------- */
 
+/* Returns the subscription to this identifier, of which there is one; NULL: none. */
 static broadcast_subscription *find_subscription(const broadcast *b, canid_t id)
 {
     for (size_t i = 0; i < b->subscription_count; i++)
@@ -122,6 +125,7 @@ bool broadcast_subscribe(broadcast *b, canid_t id, const uint8_t mask[CAN_MAX_DL
     return true;
 }
 
+/* Ends a subscription. Returns false when there is none. */
 bool broadcast_unsubscribe(broadcast *b, canid_t id)
 {
     const broadcast_subscription *s = find_subscription(b, id);

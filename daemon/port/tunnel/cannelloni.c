@@ -56,6 +56,7 @@ int cannelloni_take_frame(struct canfd_frame *out, size_t *size, const uint8_t *
 
 /* ---- Packets --------------------------------------------------------------------------------- */
 
+/* Writes the head of a packet of frames. All numbers have their high byte first. */
 void cannelloni_put_head(uint8_t out[CANNELLONI_HEAD_BYTES], uint8_t number, unsigned frames)
 {
     out[0] = VERSION;

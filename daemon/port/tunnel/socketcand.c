@@ -385,6 +385,7 @@ static member_result do_open(member *c, port *p, const command *in, port_frame *
     return MEMBER_GREETS;
 }
 
+/* `echo` is for programs that look if the server is still there. */
 static member_result do_echo(member *c, port *p, const command *in, port_frame *out)
 {
     (void)p;
@@ -414,6 +415,7 @@ static member_result do_missing(member *c, port *p, const command *in, port_fram
     return socketcand_complain(c, p, text);
 }
 
+/* `send ID LENGTH BYTE...` hands a data frame in. */
 static member_result do_send(member *c, port *p, const command *in, port_frame *out)
 {
     struct can_frame frame;
@@ -422,6 +424,7 @@ static member_result do_send(member *c, port *p, const command *in, port_frame *
     return hand_in(c, p, &frame, sizeof frame, in->realtime_ns, out);
 }
 
+/* `sendrtr ID LENGTH` hands a remote frame in. */
 static member_result do_sendrtr(member *c, port *p, const command *in, port_frame *out)
 {
     struct can_frame frame = {.can_id = 0};

@@ -330,6 +330,7 @@ static bool gives_way(const tunnel *t)
     return t->state == LEFT && now_ns - t->left_ns >= LEFT_NS;
 }
 
+/* Begins with the greeting. A connection that cannot be watched would never be read. */
 static void begin_connection(tunnel *t, int fd)
 {
     prepare_connection(fd);
@@ -374,6 +375,7 @@ static void take_connection(tunnel *t, int fd, const struct sockaddr_storage *fr
         tunnel_refuse(t, fd);
 }
 
+/* Accepts peers, a limited number at a time: the loop comes again for others. */
 static void accept_waiting(tunnel *t)
 {
     for (unsigned i = 0; i < PACKETS_MAX; i++) {
@@ -407,7 +409,7 @@ static void connect_to_peer(tunnel *t)
     disconnect(t);
 }
 
-/* Looks what has become of an attempt to connect. */
+/* Takes the result of an attempt to connect. */
 static void complete_connection(tunnel *t)
 {
     int error = 0;
@@ -672,6 +674,7 @@ static unsigned read_port(port *p, port_frame frames[PORT_BATCH], unsigned max, 
     return count;
 }
 
+/* A state is told in the words of users: a greeting is a part of connecting. */
 static bool tunnel_describe(const port *p, port_tunnel_info *out)
 {
     static const char *const states[] = {
@@ -693,6 +696,7 @@ static void close_fd(int fd)
         (void)close(fd);
 }
 
+/* Frames that wait for their packet to be full leave first. */
 static void close_port(port *p)
 {
     tunnel *t = tunnel_own(p);
@@ -745,6 +749,7 @@ static bool open_udp(tunnel *t)
     return t->link >= 0 && tunnel_watch(t, t->link, LINK, EPOLLIN);
 }
 
+/* A port that connects is good without its peer, which may come later. */
 static bool open_tcp(tunnel *t)
 {
     if (t->name.connects) {
@@ -756,6 +761,8 @@ static bool open_tcp(tunnel *t)
            tunnel_watch(t, t->listener, LISTENER, EPOLLIN);
 }
 
+/* Opens the sockets of the tunnel, and one set of descriptors for the loop to watch. False with
+ * errno. */
 static bool open_tunnel(tunnel *t)
 {
     t->base.fd = epoll_create1(EPOLL_CLOEXEC);
