@@ -151,6 +151,7 @@ static void take_end(linkwatch *w, const struct nlmsghdr *header)
         w->calls->listed(w->user);
 }
 
+/* Takes all messages of one read. The kernel never divides one. */
 static void take_messages(linkwatch *w, size_t size)
 {
     unsigned left = (unsigned)size;

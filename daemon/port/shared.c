@@ -70,6 +70,7 @@ static void turn_away(port *p, int fd, int code, const char *why)
     member_close(&away);
 }
 
+/* Returns the first free place for a client, PORT_CLIENTS_MAX when all are taken. */
 static unsigned free_place(const port_shared *s)
 {
     unsigned place = 0;
@@ -171,6 +172,7 @@ static void lose_controller(port *p)
     p->commands->told = (message_state){.state = 0};
 }
 
+/* Closes a client. In virtual time its program may wait for messages, and gets the end instead. */
 void shared_disconnect(port *p, member *c)
 {
     if (p->commands && c->state == MEMBER_THERE && (c->options & MESSAGE_CONTROLLER))
@@ -300,6 +302,7 @@ static unsigned count_there(const port_shared *s)
     return count;
 }
 
+/* Returns the client that is the controller of the node, or NULL. */
 static member *find_controller(port_shared *s)
 {
     for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++)
@@ -494,6 +497,7 @@ static void shared_pass_on(port *p, const port_frame *frame)
             p->stats.echoed += send_client(p, &s->programs[i], &head, &out, size) == PORT_SENT;
 }
 
+/* Returns the client that has sent a frame; NULL: it has gone, or the plain ECU has sent it (0). */
 static member *find_client(port_shared *s, uint32_t id)
 {
     for (unsigned i = 0; id != 0 && i < PORT_CLIENTS_MAX; i++)

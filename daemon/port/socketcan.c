@@ -89,6 +89,7 @@ static void explain(char error[PORT_ERROR_TEXT_MAX], const char *interface, bool
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
+/* Reads up to max frames; *more: some may be left. */
 static unsigned read_socket(port *p, port_frame frames[PORT_BATCH], unsigned max, bool *more)
 {
     int received = port_receive(p, p->fd, max);
@@ -125,6 +126,7 @@ static void count_drops(port *p)
         port_count_drops(p, memory[SK_MEMINFO_DROPS]);
 }
 
+/* Asks by the index: the name may belong to another interface by now. 0: it is not known. */
 static unsigned read_mtu(const port *p)
 {
     struct ifreq request = {.ifr_mtu = 0};
@@ -133,6 +135,7 @@ static unsigned read_mtu(const port *p)
     return ioctl(p->fd, SIOCGIFMTU, &request) == 0 ? (unsigned)request.ifr_mtu : 0;
 }
 
+/* Frames that are gathered leave first. The claim lasts until the socket is closed. */
 static void close_socket(port *p)
 {
     flush_socket(p);

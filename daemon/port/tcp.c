@@ -156,6 +156,7 @@ static port_tcp *tcp_own(port *p)
 
 /* ---- Listening ------------------------------------------------------------------------------- */
 
+/* Returns the listener of this process at an address; NULL: there is none. */
 static listener *find_listener(const portname *name)
 {
     listener *l = listeners;

@@ -294,6 +294,7 @@ static bool unix_is_over(const port *p)
 
 /* ---- Opening and closing --------------------------------------------------------------------- */
 
+/* Frames that are gathered leave first. Plain ECUs that wait for a place have got none. */
 static void close_port(port *p)
 {
     port_unix *u = unix_own(p);
@@ -325,6 +326,7 @@ static const shared_ways unix_ways = {.member = &member_messages,
                                       .read_plain = read_plain,
                                       .send_plain = send_plain};
 
+/* Makes a port without a listener or a program. NULL: without memory or descriptors. */
 static port *make_port(void)
 {
     port *p = shared_new(&unix_kind, &unix_ways, sizeof(port_unix));
