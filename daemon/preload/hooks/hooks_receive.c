@@ -76,6 +76,7 @@ HOOK ssize_t readv(int fd, const struct iovec *parts, int count)
     return result;
 }
 
+/* Receives with the address of the sender. address may be NULL, and length with it. */
 static ssize_t from(cansock *s, int fd, void *to, size_t size, int flags, struct sockaddr *address,
                     socklen_t *length)
 {
@@ -126,6 +127,7 @@ static bool hooks_receive_is_over(const struct timespec *end)
     return now.tv_sec > end->tv_sec || (now.tv_sec == end->tv_sec && now.tv_nsec >= end->tv_nsec);
 }
 
+/* Returns the time of CLOCK_MONOTONIC after a span. */
 static struct timespec hooks_receive_end_of(const struct timespec *span)
 {
     struct timespec end;

@@ -109,6 +109,8 @@ static void hooks_wait_clear(const fd_sets *sets)
             FD_ZERO(sets->set[i]);
 }
 
+/* Looks, and ends the turn until something is ready or the time has come. A look without waiting
+ * counts as one, too: programs that look again and again must let time go on. */
 static int select_virtually(int count, const fd_sets *sets, const struct timespec *span,
                             const sigset_t *mask)
 {
