@@ -19,6 +19,7 @@
 
 /* ---- Connections ----------------------------------------------------------------------------- */
 
+/* Gives a frame of a port to all jobs that receive, each of which looks if it is meant. */
 static void bcm_take_frame(cansock *s, int number, message *m, size_t size)
 {
     struct canfd_frame frame = {.can_id = 0};
@@ -115,6 +116,7 @@ static bool is_interval(const struct bcm_timeval *span)
            span->tv_usec < MICROSECONDS;
 }
 
+/* TX_SEND sends one frame at once, without a job. Returns 0 or an errno, as the kernel does. */
 static int send_one(const bcm_request *r, size_t size)
 {
     const unsigned longest = r->frame_bytes == CANFD_MTU ? CANFD_MAX_DLEN : CAN_MAX_DLEN;
@@ -126,6 +128,7 @@ static int send_one(const bcm_request *r, size_t size)
     return 0;
 }
 
+/* Answers TX_READ or RX_READ with the job as it is now. */
 static int tell_status(const bcm_op *op, unsigned opcode)
 {
     if (!op)
@@ -237,6 +240,7 @@ void bcm_stop(cansock *s)
     table_unlock();
 }
 
+/* Deletes all jobs. Their items leave the pump, so that nothing runs for the socket any more. */
 void bcm_free(cansock *s)
 {
     if (!s->bcm)

@@ -53,6 +53,7 @@ bcm_op *bcm_op_new(bcm_op **first, const bcm_request *request, unsigned room)
     return op;
 }
 
+/* Frees a job that is in no list of a socket any more. */
 static void delete(bcm_op *op)
 {
     pump_remove(&op->timer);

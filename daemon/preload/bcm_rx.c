@@ -31,6 +31,7 @@ static unsigned char *last_of(const bcm_op *op, unsigned i)
 
 /* ---- Telling --------------------------------------------------------------------------------- */
 
+/* Tells a change. It is no longer held back. */
 static void bcm_rx_tell(const bcm_op *op, unsigned i)
 {
     unsigned char *last = last_of(op, i);
@@ -52,6 +53,7 @@ static unsigned tell_held_back(const bcm_op *op)
     return told;
 }
 
+/* The time ival2 is over: changes that came meanwhile are told, and it begins again. */
 static void on_throttle(pump_item *self, bool readable)
 {
     bcm_op *op = self->user;
@@ -112,6 +114,7 @@ static void bcm_rx_choose(bcm_op *op, const unsigned char *frame)
         }
 }
 
+/* No frame has come for ival1. With RX_ANNOUNCE_RESUME the next one counts as a change. */
 static void bcm_rx_on_timer(pump_item *self, bool readable)
 {
     bcm_op *op = self->user;
@@ -122,6 +125,7 @@ static void bcm_rx_on_timer(pump_item *self, bool readable)
         memset(op->last, 0, op->room * op->frame_bytes);
 }
 
+/* Watches the time to the next frame; without ival1 that is not limited. */
 static void start_timer(bcm_op *op)
 {
     if (bcm_op_ns(&op->as.ival1) == 0)
@@ -173,6 +177,7 @@ static void prepare_answer(bcm_op *op)
         frame->can_id &= ~CAN_RTR_FLAG;
 }
 
+/* SETTIMER takes new times, and tells all changes that the old ones held back. */
 static void bcm_rx_start(bcm_op *op, unsigned flags)
 {
     if (flags & SETTIMER) {
@@ -186,6 +191,7 @@ static void bcm_rx_start(bcm_op *op, unsigned flags)
         start_timer(op);
 }
 
+/* Refuses what the kernel refuses. Returns 0 or an errno. */
 static int check(const bcm_head *head)
 {
     if (head->nframes > BCM_FRAMES_MAX + 1)

@@ -21,6 +21,7 @@ static void set_next(bcm_op *op, int64_t from_ns)
     op->timer.due_ns = span == 0 ? PUMP_NEVER : next > now_ns ? next : now_ns + span;
 }
 
+/* Sends the next frame: `count` frames in steps of ival1, then others in steps of ival2. */
 static void bcm_tx_on_timer(pump_item *self, bool readable)
 {
     bcm_op *op = self->user;
@@ -57,6 +58,7 @@ static void bcm_tx_start(bcm_op *op, unsigned flags)
     pump_put(&op->timer);
 }
 
+/* With TX_CP_CAN_ID all frames of a job have the identifier of the job. */
 static void set_identifiers(bcm_op *op)
 {
     for (unsigned i = 0; i < op->as.nframes; i++) {

@@ -107,6 +107,8 @@ int conn_socket(int flags)
     return fd;
 }
 
+/* Connects to a port; returns 0 or an errno. A port that has gone is, to programs, an interface
+ * that is down. */
 static int conn_connect_to(int fd, const char *path)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
@@ -126,6 +128,7 @@ static int conn_connect_to(int fd, const char *path)
     return 0;
 }
 
+/* A guest brings its name. Each further socket of the program is a guest with a number. */
 static int say_hello(int fd, const iface *in, const conn_wants *wants, unsigned number)
 {
     message_hello hello = {.magic = MESSAGE_MAGIC,

@@ -36,6 +36,8 @@ static int create_keep(int fd, cansock_kind kind)
     return create_fail(error);
 }
 
+/* The program gets one end of a pair of sockets; the library has the other one. Returns -1 with
+ * errno. */
 static int create_bcm(int flags)
 {
     const int fd = create_keep(real()->socket(AF_UNIX, SOCK_SEQPACKET | flags, 0), CANSOCK_BCM);
@@ -103,6 +105,7 @@ void create_exit(void)
     }
 }
 
+/* Frees what a CAN socket has, when its last user has given it back. */
 static void create_end(cansock *s)
 {
     relay_free(s);
@@ -113,6 +116,8 @@ static void create_end(cansock *s)
 
 /* ---- The library ----------------------------------------------------------------------------- */
 
+/* The child has a thread of its own for items, and no turn yet. The lock was taken before the
+ * fork. */
 static void forked_child(void)
 {
     table_forked();
@@ -135,6 +140,7 @@ static void forked_parent(void)
     vtime_fork_parent();
 }
 
+/* Runs before main(). The real calls come first: all others need them. */
 static void __attribute__((constructor)) create_begin(void)
 {
     real_find();

@@ -28,6 +28,8 @@ static const char *next_field(const char *text)
     return text && *text == '\t' ? text + 1 : NULL;
 }
 
+/* Takes the names of an interface, with commas between them. Returns the text behind them, or
+ * NULL. */
 static const char *take_names(iface *in, const char *text)
 {
     for (int i = 0; text && i < IFMAP_NAMES_MAX; i++) {

@@ -45,6 +45,7 @@ static bool is_timestamping(int name)
     return name == SO_TIMESTAMPING || name == SO_TIMESTAMPING_NEW;
 }
 
+/* Options of time stamps and counters are the library's; others pass to the real socket. */
 static int set_of_socket(cansock *s, int name, const void *value, socklen_t size, bool *passes)
 {
     int number;
@@ -65,6 +66,7 @@ static int set_of_socket(cansock *s, int name, const void *value, socklen_t size
     return 0;
 }
 
+/* Gives an int, or as much of it as there is room for, as the kernel does. */
 static int give(void *value, socklen_t *size, int number)
 {
     if (*size > sizeof number)
@@ -73,6 +75,7 @@ static int give(void *value, socklen_t *size, int number)
     return 0;
 }
 
+/* Answers what would show that the socket is not one of CAN. All else passes to the real one. */
 static int get_of_socket(const cansock *s, int name, void *value, socklen_t *size, bool *passes)
 {
     const bool raw = s->kind == CANSOCK_RAW;
@@ -95,6 +98,7 @@ static int get_of_socket(const cansock *s, int name, void *value, socklen_t *siz
 
 /* ---- SOL_CAN_RAW ----------------------------------------------------------------------------- */
 
+/* Replaces all filters. An empty list lets nothing through, as with the kernel. */
 static int set_filters(cansock *s, int fd, const void *value, socklen_t size)
 {
     struct can_filter *filters;
@@ -132,6 +136,7 @@ static int *options_number_of(cansock_raw *raw, int name)
     }
 }
 
+/* Sets an option of raw sockets, which the port must then know of. */
 static int set_of_raw(cansock *s, int fd, int name, const void *value, socklen_t size)
 {
     int *number = options_number_of(&s->raw, name);
@@ -150,6 +155,7 @@ static int set_of_raw(cansock *s, int fd, int name, const void *value, socklen_t
     return 0;
 }
 
+/* Without room it says how much is needed (ERANGE). By default one filter takes all frames. */
 static int get_filters(const cansock *s, void *value, socklen_t *size)
 {
     static const struct can_filter all = {.can_id = 0};
@@ -164,6 +170,7 @@ static int get_filters(const cansock *s, void *value, socklen_t *size)
     return 0;
 }
 
+/* Returns -1 with ENOPROTOOPT for an option that the kernel does not have. */
 static int get_of_raw(const cansock *s, int name, void *value, socklen_t *size)
 {
     const int *number = options_number_of((cansock_raw *)(uintptr_t)&s->raw, name);

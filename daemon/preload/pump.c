@@ -24,6 +24,7 @@ static pump_item *items;
 static bool runs;
 static int wake = -1;
 
+/* Returns CLOCK_MONOTONIC as the program sees it. */
 int64_t pump_now_ns(void)
 {
     struct timespec now;
@@ -47,6 +48,7 @@ static nfds_t list(struct pollfd *fds, nfds_t room, int64_t *due_ns)
     return count;
 }
 
+/* Counts the items, and the descriptor that wakes the thread. */
 static nfds_t count_items(void)
 {
     nfds_t count = 1;
@@ -105,6 +107,7 @@ static void run_items(int64_t until_ns)
         continue;
 }
 
+/* The thread. It has the lock but while it waits. */
 static void *pump(void *nothing)
 {
     (void)nothing;
@@ -173,6 +176,7 @@ void pump_put(pump_item *item)
         (void)!real()->write(wake, &one, sizeof one);
 }
 
+/* May be called for an item that is not in the list. */
 void pump_remove(pump_item *item)
 {
     for (pump_item **i = &items; *i; i = &(*i)->next)

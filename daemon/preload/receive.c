@@ -53,6 +53,7 @@ static void receive_put(struct msghdr *out, size_t *used, int type, const void *
     *used += CMSG_SPACE(size) < room ? CMSG_SPACE(size) : room;
 }
 
+/* Adds the time stamps that the program has asked for, in the form of each option. */
 static void put_stamp(struct msghdr *out, size_t *used, const cansock_stamps *stamps, int64_t ns)
 {
     const struct timespec time = moment_of(ns);
@@ -67,6 +68,7 @@ static void put_stamp(struct msghdr *out, size_t *used, const cansock_stamps *st
         receive_put(out, used, stamps->timestamping, three, sizeof three);
 }
 
+/* Adds time and lost frames. The time is kept for SIOCGSTAMP, too. */
 static void put_control(cansock *s, struct msghdr *out, const message_head *head)
 {
     size_t used = 0;
@@ -93,6 +95,8 @@ static size_t scatter(const struct msghdr *out, const unsigned char *body, size_
     return done;
 }
 
+/* Writes the interface as the sender. Of a buffer that is too small a part is filled, as by the
+ * kernel. */
 static void put_name(const cansock *s, struct msghdr *out, const message_head *head)
 {
     struct sockaddr_can name = {.can_family = AF_CAN};
@@ -104,6 +108,7 @@ static void put_name(const cansock *s, struct msghdr *out, const message_head *h
     out->msg_namelen = ADDRESS_TOLD;
 }
 
+/* Gives a message to the program in the form that recvmsg() has. Returns its bytes. */
 static ssize_t hand_over(cansock *s, struct msghdr *out, const incoming *in, size_t size)
 {
     const size_t body = size - sizeof in->head;

@@ -50,6 +50,7 @@ void relay_fail(cansock *s, int error)
                        MSG_DONTWAIT | MSG_NOSIGNAL);
 }
 
+/* Takes messages of one connection, up to a limit. Behind the limit the item is ready once more. */
 static void read_link(relay_link *l)
 {
     message m;
@@ -91,6 +92,7 @@ static void revive(relay_link *l)
     table_give_locked(s);
 }
 
+/* A connection can be read, or it is time to try again to make it. */
 static void relay_run(pump_item *self, bool readable)
 {
     relay_link *l = self->user;
@@ -145,6 +147,7 @@ void relay_stop(cansock *s)
         pump_remove(&s->relay->links[i].item);
 }
 
+/* Its items leave the pump first, whose thread could run them. */
 void relay_free(cansock *s)
 {
     if (!s->relay)

@@ -176,6 +176,7 @@ int table_next(int fd)
 
 /* ---- Replacing ------------------------------------------------------------------------------- */
 
+/* An option that the old socket does not have is left out. */
 static void copy_option(int to, int from, int option)
 {
     char value[sizeof(struct timespec)];

@@ -46,6 +46,7 @@ static int64_t real_ns(void)
     return now.tv_sec * NS_PER_S + now.tv_nsec;
 }
 
+/* The bus has gone. From here on time goes by the machine's clock, from the last bus time on. */
 static void vtime_lose(void)
 {
     if (state != VTIME_ON)
@@ -58,6 +59,7 @@ static void vtime_lose(void)
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
+/* Sends a message without a body. A bus that has gone is lost then. */
 static void say(timing_type type, unsigned flags, int64_t bus_ns)
 {
     const message_head head = {.type = (uint8_t)type,
@@ -124,6 +126,7 @@ static int parent_of(int pid)
     return behind && strlen(behind) > 4 ? atoi(behind + 4) : 0;
 }
 
+/* Reads the command line of the program, by which the bus names it and orders programs. */
 static void read_words(char words[TIMING_PROGRAM_BYTES])
 {
     const int file = open(WORDS_FILE, O_RDONLY | O_CLOEXEC);
@@ -136,6 +139,7 @@ static void read_words(char words[TIMING_PROGRAM_BYTES])
             words[i] = ' ';
 }
 
+/* Says who joins: node, process, ancestors and command line, by which the bus orders turns. */
 static void say_join(void)
 {
     timing_message m = {.head = {.type = TIMING_JOIN}};

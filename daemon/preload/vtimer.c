@@ -33,6 +33,7 @@ typedef struct vtimer {
 static vtimer all[FDS_MAX + 1] = {[ALARM] = {.used = true, .fd = -1, .due_ns = VTIME_NEVER}};
 static unsigned highest; /* place of a timerfd that was ever used, and 1 */
 
+/* Returns the timer of a descriptor, or NULL. */
 static vtimer *vtimer_find(int fd)
 {
     for (unsigned i = 0; i < highest; i++)
@@ -123,6 +124,8 @@ HOOK int timerfd_create(int clock, int flags)
     return fd;
 }
 
+/* Tells the time left and the interval. A timer that is due has the least time left, since 0 is one
+ * that is off. */
 static void vtimer_tell(struct itimerspec *out, const vtimer *t)
 {
     const int64_t left_ns = t->due_ns - vtime_now_ns();

@@ -64,6 +64,7 @@ static bool wait_again(int64_t until_ns, unsigned wants)
     return false;
 }
 
+/* Looks without waiting, and ends the turn as long as nothing is there and the call may block. */
 ssize_t waiting_recv(int fd, void *to, size_t size, int flags)
 {
     if (!vtime_is_on())
@@ -82,6 +83,7 @@ ssize_t waiting_recv(int fd, void *to, size_t size, int flags)
     return result;
 }
 
+/* Does the same for room. Returns -1 with errno. */
 ssize_t waiting_send(int fd, const struct msghdr *whole, int flags)
 {
     if (!vtime_is_on())
@@ -115,6 +117,7 @@ static nfds_t copy_others(struct pollfd *out, const struct pollfd *fds, nfds_t c
     return copied;
 }
 
+/* Messages always count: a call that waits for room alone may still get an error. */
 static unsigned wants_of(const struct pollfd *fds, nfds_t count)
 {
     unsigned wants = TIMING_MESSAGES;
@@ -123,6 +126,7 @@ static unsigned wants_of(const struct pollfd *fds, nfds_t count)
     return wants;
 }
 
+/* Looks, and ends the turn until something is ready or the time has come. */
 static int poll_virtually(struct pollfd *fds, nfds_t count, int64_t until_ns, const sigset_t *mask,
                           struct pollfd *others)
 {
