@@ -28,6 +28,7 @@ bit_part bit_part_of(const cw_bit_view *bit, unsigned node)
     return bit_part_at(&n->place, n->phase, bit->sampled >> node & 1u);
 }
 
+/* Names a phase that has no field of a frame. Each such phase has a name. */
 static const char *phase_name(cw_mac_phase phase)
 {
     static const char *const names[CW_MAC_PHASE_COUNT] = {

@@ -17,6 +17,7 @@ static unsigned event_read_number_of(const json_t *line, const char *key)
 
 /* ---- Words ----------------------------------------------------------------------------------- */
 
+/* Returns false for a word that this version does not know: the bus may be a newer one. */
 static bool event_read_find_kind(cw_event_kind *kind, const char *word)
 {
     for (unsigned i = 0; i < CW_EVENT_COUNT; i++)
@@ -79,6 +80,7 @@ static bool find_field(cw_field *field, const char *word)
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
 
+/* Reads the details of an error. Returns false when type or field is not known. */
 static bool read_error(cw_error *error, const json_t *line)
 {
     bool sends = strcmp(get_any_text(line, "role"), "tx") == 0;
@@ -122,6 +124,8 @@ static bool read_details(cw_event *out, const json_t *line)
     return true;
 }
 
+/* Sets the node of an event. An event of the bus has none. Returns false for a node that is not
+ * known. */
 static bool event_read_find_node(uint64_t *nodes, const json_t *line, const cfg *config)
 {
     const char *name = get_text(line, "node");

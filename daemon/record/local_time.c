@@ -7,6 +7,7 @@
 #include "base/text/jsonput.h"
 #include "trace/frametext.h"
 
+/* A capture and the time of a master are null until the node has seen them. */
 static json_t *time_json(const cfg *config, const cw_node_time *t, unsigned node)
 {
     json_t *object = json_object();
@@ -23,6 +24,8 @@ static json_t *time_json(const cfg *config, const cw_node_time *t, unsigned node
     return object;
 }
 
+/* Returns a trigger and its counters. Without a frame that has begun, nothing is known of being
+ * late. */
 static json_t *trigger_json(const cfg_schedule *s, const cw_bus *bus, unsigned node, unsigned k)
 {
     const cw_time_trigger *trigger = &s->triggers[k];
@@ -47,6 +50,7 @@ static json_t *trigger_json(const cfg_schedule *s, const cw_bus *bus, unsigned n
     return object;
 }
 
+/* Returns where in the matrix the node is, and all triggers in the order of their times. */
 static json_t *schedule_json(const cfg *config, const cw_bus *bus, const cw_node_time *t,
                              unsigned node)
 {

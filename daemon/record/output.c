@@ -209,6 +209,7 @@ static char *put_counters(char *at, const cw_event *event)
     return AT_NUMBER(at, "rec", event->rec);
 }
 
+/* Index and flag are always there, stuff and rate only where they say something. */
 static char *put_error(char *at, const cw_event *event)
 {
     const cw_error *error = &event->error;
@@ -325,6 +326,7 @@ static uint64_t load_permille(const cw_bus_stats *stats)
     return cw_load_permille(&start, stats);
 }
 
+/* Returns what bits of one rate take of the bus. */
 static json_t *json_of_load(rate_load load)
 {
     json_t *object = json_object();
@@ -422,6 +424,7 @@ json_t *output_bus_stats(const cfg *config, const cw_bus *bus)
     return object;
 }
 
+/* Without a frame all values are 0, and the count says so. */
 static json_t *stats_of_delay(const cw_delay *delay)
 {
     json_t *object = json_object();
@@ -511,6 +514,7 @@ void output_put_more(json_t *object, const cw_bus *bus, unsigned node)
     put_sleep(object, bus, node);
 }
 
+/* Returns the statistics of all nodes, in the order of the configuration. */
 static json_t *stats_of_nodes(const cfg *config, const cw_bus *bus)
 {
     json_t *array = json_array();
@@ -541,6 +545,7 @@ json_t *output_rule_stats(const cfg *config, const cw_bus *bus, unsigned rule)
     return object;
 }
 
+/* Returns the statistics of all rules by their numbers. */
 static json_t *stats_of_rules(const cfg *config, const cw_bus *bus)
 {
     json_t *array = json_array();

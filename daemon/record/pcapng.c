@@ -34,6 +34,7 @@ static void pcapng_add(block *b, const void *bytes, size_t count)
     b->length += count;
 }
 
+/* Adds the low bytes of a number, the lowest one first. */
 static void add_number(block *b, uint64_t value, unsigned bytes)
 {
     for (unsigned i = 0; i < bytes; i++) {
@@ -56,6 +57,7 @@ static void begin_block(block *b, uint32_t type)
     add_number(b, 0, 4); /* its length, see below */
 }
 
+/* Writes the block. Its length stands at both ends, so that readers can go backwards. */
 static void end_block(FILE *out, block *b)
 {
     size_t length = b->length + BLOCK_FOOT;
@@ -93,6 +95,7 @@ static void end_options(block *b)
 
 /* ---- Section and interfaces ------------------------------------------------------------------ */
 
+/* Writes the head of a file. Its length is open, as the file grows. */
 static void write_section(FILE *out)
 {
     block b;
@@ -160,6 +163,7 @@ static void set_id(packet *p, uint32_t id)
         p->bytes[i] = (unsigned char)(id >> (24 - 8 * i));
 }
 
+/* Makes a SocketCAN frame: identifier with the high byte first, then length, flags and data. */
 static packet packet_of_frame(const cw_frame *frame)
 {
     const bool remote = frame->flags & CW_FRAME_REMOTE;
@@ -179,6 +183,7 @@ static packet packet_of_frame(const cw_frame *frame)
     return p;
 }
 
+/* An error frame is one that the interface has received. */
 static packet packet_of_error(const errframe *frame)
 {
     packet p = {.direction = EPB_INBOUND, .length = CAN_HEAD + sizeof frame->data};
@@ -188,6 +193,7 @@ static packet packet_of_error(const errframe *frame)
     return p;
 }
 
+/* Writes a packet with its time and its direction. */
 static void write_packet(FILE *out, const packet *p, unsigned interface, uint64_t time_ns)
 {
     block b;

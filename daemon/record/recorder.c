@@ -74,6 +74,8 @@ static bool log_takes(const cw_event *event)
     return event->kind == CW_EVENT_TX;
 }
 
+/* In a file each begin is a new section. A stream goes on, with further interfaces for the new
+ * nodes. */
 static bool begin_capture(recorder *r, const cw_bus *bus)
 {
     (void)bus;
@@ -151,6 +153,7 @@ static char *describe_nodes(const cfg *config)
     return memo_take(&all);
 }
 
+/* Begins a file with what its format needs. False: without memory or room. */
 static bool begin_file(recorder *r, const cw_bus *bus)
 {
     free(r->nodes);
@@ -272,6 +275,7 @@ void recorder_nodes_changed(recorder *r, const cw_bus *bus)
 
 /* ---- Start and end --------------------------------------------------------------------------- */
 
+/* The spool has been closed before. */
 static void free_recorder(recorder *r)
 {
     vcd_close(r->vcd);
@@ -418,6 +422,8 @@ bool recorder_close(recorder *r, unsigned patience_s)
     return written;
 }
 
+/* Entries that the spool has lost, or left out of a file without its head, count as lost, not as
+ * entries. */
 void recorder_get_stats(const recorder *r, recorder_stats *stats)
 {
     *stats = r->stats;

@@ -96,6 +96,7 @@ struct vcd {
 
 /* ---- Header ---------------------------------------------------------------------------------- */
 
+/* Two numbers, not both 0. */
 static uint64_t common_divisor(uint64_t a, uint64_t b)
 {
     while (b) {
@@ -134,6 +135,7 @@ static void add_data_phase(grid *g, const cw_node_timing *t, cw_span bit)
         g->shortest_ps = span_ps(data_bit);
 }
 
+/* Finds the grid on which all bits begin, by the rates of all nodes. */
 static grid grid_of(const vcd *self)
 {
     const uint64_t ticks = cw_rate_ticks(self->config->rate, 1);
@@ -143,6 +145,8 @@ static grid grid_of(const vcd *self)
     return g;
 }
 
+/* Takes the coarsest unit that divides all bits and is fine enough. Clocks of nodes need the finest
+ * one. */
 static void write_scale(vcd *self)
 {
     static const struct {
@@ -161,6 +165,7 @@ static void write_scale(vcd *self)
     fprintf(self->out, "$timescale %s $end\n", units[i].name);
 }
 
+/* Declares all variables. Their identifiers begin as the file's head explains. */
 static void write_header(vcd *self)
 {
     FILE *out = self->out;
@@ -205,6 +210,7 @@ static bool make_inside(vcd *self, const cw_bus *bus)
     return self->inside != NULL;
 }
 
+/* Writes the identifier of a variable of a node, which has two digits at most. */
 static char *put_id(char *at, char id, size_t node)
 {
     *at++ = id;
@@ -214,6 +220,7 @@ static char *put_id(char *at, char id, size_t node)
     return at;
 }
 
+/* Makes the lines of all nodes for both levels, since often all change at once. */
 static void begin_levels(vcd_levels *l, char id, size_t nodes)
 {
     l->id = id;
@@ -356,6 +363,7 @@ static void write_word(vcd *self, const char *word)
     end_change(self, chars_text(begin_change(self, self->time), word));
 }
 
+/* Writes a real number, which stands for an integer: see the file's head. */
 static void write_number(vcd *self, uint64_t tick, char id, size_t node, unsigned value)
 {
     char *at = begin_change(self, tick);
@@ -365,6 +373,7 @@ static void write_number(vcd *self, uint64_t tick, char id, size_t node, unsigne
     end_change(self, put_id(at, id, node));
 }
 
+/* Writes a text. Texts have no blanks. */
 static void vcd_write_text(vcd *self, uint64_t tick, const char *text, char id, size_t node)
 {
     char *at = begin_change(self, tick);
@@ -434,6 +443,7 @@ static void print_part(vcd *self, uint32_t mark, const cw_place *place, cw_mac_p
     self->printed_length = strlen(self->printed);
 }
 
+/* Writes the part of a node if it is another one. Its text is often that of the node before. */
 static inline void write_part(vcd *self, uint64_t tick, unsigned node, const cw_place *place,
                               cw_mac_phase phase, bool sampled)
 {
@@ -450,6 +460,7 @@ static inline void write_part(vcd *self, uint64_t tick, unsigned node, const cw_
     end_changes(self, at + n->part_id_length);
 }
 
+/* Writes an error in its bit, and the end of one in the bit behind it. */
 static void write_error(vcd *self, uint64_t tick, size_t node)
 {
     vcd_node *n = &self->nodes[node];
@@ -491,6 +502,7 @@ static void write_rules(vcd *self, uint64_t tick)
     self->rules_next[0] = '\0';
 }
 
+/* Writes all states and counters, with which a dump begins. */
 static void write_states(vcd *self, uint64_t tick)
 {
     for (size_t i = 0; i < self->node_count; i++) {
@@ -501,6 +513,7 @@ static void write_states(vcd *self, uint64_t tick)
     }
 }
 
+/* Writes what has changed at the end of a bit, of a set of nodes. */
 static void write_state_changes(vcd *self, const cw_bit_view *bit, uint64_t nodes)
 {
     for (; nodes; nodes &= nodes - 1) {
@@ -521,6 +534,7 @@ static void write_state_changes(vcd *self, const cw_bit_view *bit, uint64_t node
 
 /* ---- Inside of bits -------------------------------------------------------------------------- */
 
+/* Writes a level of a node at the time that was written last. */
 static void write_bit(vcd *self, char id, unsigned node, bool level)
 {
     char *at = begin_change(self, self->time);
@@ -528,6 +542,8 @@ static void write_bit(vcd *self, char id, unsigned node, bool level)
     end_change(self, put_id(at, id, node));
 }
 
+/* Writes the word of a synchronisation. Its identifier ends in y, as there is no other letter
+ * left. */
 static void write_sync(vcd *self, unsigned node, const char *text)
 {
     char *at = begin_change(self, self->time);
@@ -539,6 +555,7 @@ static void write_sync(vcd *self, unsigned node, const char *text)
     end_change(self, at);
 }
 
+/* Writes the phase error of a synchronisation, in time quanta. */
 static void write_phase_error(vcd *self, unsigned node, int error)
 {
     char *at = begin_change(self, self->time);
@@ -615,6 +632,7 @@ static void write_place(vcd *self, const cw_mark *m, bool sampled)
     write_part(self, self->time, m->node, &m->place, (cw_mac_phase)m->phase, sampled);
 }
 
+/* Writes what happens at a moment inside a bit. */
 static void write_mark(vcd *self, const cw_bit_view *bit, const cw_mark *m)
 {
     inside *in = self->inside;
@@ -745,6 +763,7 @@ static uint64_t find_states(const vcd *self, const cw_bit_view *bit)
     return changed;
 }
 
+/* Finds what may have changed with the bit: few nodes in most bits, so that others cost nothing. */
 static changes find_changes(vcd *self, const cw_bit_view *bit)
 {
     changes found = {.stuff = self->stuff.now};
@@ -798,6 +817,7 @@ static void add_rule(char text[RULES_TEXT_MAX], const char *name)
         snprintf(text + used, RULES_TEXT_MAX - used, "+");
 }
 
+/* Notes a rule in its bit: one that acts behind the bit is shown in the next one. */
 static void note_fault(vcd *self, const cw_event *event)
 {
     const cw_rule *rule = &self->config->rules[event->rule];
