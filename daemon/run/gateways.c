@@ -72,6 +72,7 @@ struct gateways {
     uint64_t first[RIG_BUSES_MAX]; /* the ticks of the first ones, by bus */
 };
 
+/* Makes a lane with room for the frames that wait for its delay. False: without memory. */
 static bool make_lane(lane *self, const rig_rule *rule)
 {
     *self = (lane){.rule = rule};
@@ -224,6 +225,7 @@ void gateways_remap(gateways *self, size_t bus, const uint8_t from[CW_NODES_MAX]
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
+/* Frames whose delay is over by now need no room any more. */
 static void forget_past(lane *self, uint64_t now)
 {
     while (self->waiting > 0 && self->due[self->first] <= now) {

@@ -149,6 +149,7 @@ static void take_back(injection *j)
         (void)cw_bus_clear_rule(j->in->bus, j->index[i]);
 }
 
+/* Gives the rules on the bus their names, when none of them can be refused any more. */
 static void name_rules(injection *j)
 {
     for (size_t i = 0; i < j->added; i++) {

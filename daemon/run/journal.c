@@ -100,6 +100,7 @@ static void break_off(journal *j, const char *why)
     j->marks = 0;
 }
 
+/* Counts a line that is not written. Its number is used up, so that readers see the gap. */
 static void lose_line(journal *j, const char *why)
 {
     if (j->state != JOURNAL_BROKEN_OFF)
@@ -293,6 +294,8 @@ static void count_send(journal_part *b, const input *what)
     end_line(b, what->now);
 }
 
+/* Puts a text of rules. One that the bus has refused is there, too: rules before the refusal were
+ * on it for a moment. */
 static void put_inject(json_t *line, const input *what)
 {
     put(line, "inject", bytes_to_json(what->text, what->size));
@@ -669,6 +672,7 @@ static journal *journal_open_file(const char *file, unsigned files, const cfg *c
     return NULL;
 }
 
+/* Writes what stands before all inputs: the head and the configurations. */
 static journal *journal_begin(journal *j)
 {
     spool_last(j->spool);

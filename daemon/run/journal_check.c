@@ -25,6 +25,7 @@ typedef struct checker {
     bool ended;
 } checker;
 
+/* Tells a problem with the place in the file and the time up to which all is good. */
 static void journal_check_complain(checker *c, const char *problem)
 {
     char time[TIME_TEXT_MAX];

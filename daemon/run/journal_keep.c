@@ -47,6 +47,7 @@ typedef struct row {
     found all[JOURNAL_FILES_MAX + 1];
 } row;
 
+/* Number 0 is the file itself, which has no number in its name. */
 static void print_name(char name[PATH_MAX], const char *file, unsigned number)
 {
     if (number == 0)
@@ -296,6 +297,7 @@ static int remove_one(row *r, size_t which)
     return 0;
 }
 
+/* Counts the files that may be removed; others are somebody else's. */
 static size_t count_journals(const row *r)
 {
     size_t count = 0;

@@ -127,6 +127,8 @@ static const void *pack(void *user, size_t *packed, const void *records, size_t 
     return finish_pack(p, packed, pack_pieces(p, records, size));
 }
 
+/* The spool has written what was packed, or has not: then the next text needs a frame of its
+ * own. */
 static void settle(void *user, bool written)
 {
     packer *p = user;
@@ -152,6 +154,7 @@ static void begin_pack(void *user)
     p->anew = true;
 }
 
+/* The spool calls it when its thread has ended. */
 static void free_packer(void *user)
 {
     packer *p = user;

@@ -375,6 +375,7 @@ static bool act_on_node(journal_player *p)
     return true;
 }
 
+/* Bus time stands still for the skip, so the event is made here and not by the bus. */
 static bool skip(journal_player *p)
 {
     const input *what = &p->entry.what;
@@ -488,6 +489,7 @@ static void check_counters(journal_player *p)
     }
 }
 
+/* Tells where the journal ends without an end. */
 static void report_incomplete(journal_player *p, const char *why)
 {
     char time[TIME_TEXT_MAX];

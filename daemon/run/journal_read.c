@@ -389,6 +389,7 @@ static bool read_files(journal_reader *r, journal_entry *entry)
     return true;
 }
 
+/* Reads a reload. `traffic` is the tick from which the traffic of the new configuration comes. */
 static bool read_reload(journal_reader *r, journal_entry *entry)
 {
     if (journal_read_value_of(r, "traffic") &&
@@ -505,6 +506,7 @@ static bool check_type(journal_reader *r, const char *key, json_type type)
     return wrong(r, key, "%s: expected %s", key, names[type]);
 }
 
+/* Returns the key of a kind of lines, or NULL. */
 static const key_spec *journal_read_find_key(const line_spec *spec, const char *name)
 {
     for (const key_spec *key = spec->keys; key->name; key++)

@@ -29,6 +29,7 @@
 static const uint32_t table[256] = {ENTRIES_64(0u), ENTRIES_64(64u), ENTRIES_64(128u),
                                     ENTRIES_64(192u)};
 
+/* CRC-32 as zlib and Ethernet have it, going on from that of the bytes before. */
 uint32_t journal_crc32(uint32_t before, const void *bytes, size_t size)
 {
     const unsigned char *b = bytes;

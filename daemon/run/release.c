@@ -193,6 +193,7 @@ static bool is_known(const release_plan *plan, const source *s)
     return false;
 }
 
+/* Reports once what has been left out of a replayed file. */
 static void report_note(const release_plan *plan, source *s)
 {
     char note[REPLAY_NOTE_MAX];
