@@ -92,6 +92,7 @@ const timing_limits *timing_controller(const char *name)
     return NULL;
 }
 
+/* Returns the data phase of a controller, NULL for a classical one. */
 static const data_phase *data_phase_of(const timing_limits *limits)
 {
     for (size_t i = 0; i < sizeof data_phases / sizeof data_phases[0]; i++)
@@ -143,6 +144,7 @@ bool timing_fits(char problem[TIMING_PROBLEM_MAX], const bit_timing *t, const ti
     return false;
 }
 
+/* Returns true when a segment is within its range, else writes what it would be. */
 static bool within(char problem[TIMING_PROBLEM_MAX], const char *what, uint32_t value,
                    const uint32_t range[2], const char *controller)
 {

@@ -13,6 +13,7 @@
 
 /* ---- Segments -------------------------------------------------------------------------------- */
 
+/* Finds a bit timing with this prescaler alone; 0: any. */
 static bool with_brp(bit_timing *out, char problem[TIMING_PROBLEM_MAX],
                      const timing_request *request, uint32_t brp)
 {

@@ -133,6 +133,7 @@ static void try_all(search *s)
         }
 }
 
+/* Writes that no segments fit, with all that was given. Returns false. */
 static bool refuse_all(char problem[TIMING_PROBLEM_MAX], const search *s)
 {
     const timing_request *r = s->request;
@@ -159,6 +160,8 @@ static bool bitrate_is_near(char problem[TIMING_PROBLEM_MAX], const search *s)
     return false;
 }
 
+/* Returns the sjw of that version of Linux. A wish was shortened before 6.3; later it is refused if
+ * it is too long. */
 static uint32_t choose_sjw(const timing_request *r, const bit_timing *t)
 {
     bool newer = is_since(r, LINUX_HALF_SJW);

@@ -71,6 +71,7 @@ uint64_t timing_way_ps(const timing_node *a, const timing_node *b)
     return line + a->stub_ps + b->stub_ps;
 }
 
+/* Returns the shorter one of two spans, each in the time quanta of its own node. */
 static uint64_t least_ps(const timing_node *a, const timing_node *b, uint32_t a_tq, uint32_t b_tq)
 {
     const uint64_t of_a = timing_quanta_ps(&a->bit, a_tq);
@@ -79,6 +80,7 @@ static uint64_t least_ps(const timing_node *a, const timing_node *b, uint32_t a_
     return of_a < of_b ? of_a : of_b;
 }
 
+/* Returns the longer time quantum of two nodes: a shorter round trip is not seen. */
 static uint64_t longest_tq_ps(const timing_node *a, const timing_node *b)
 {
     const uint64_t of_a = timing_quanta_ps(&a->bit, 1);

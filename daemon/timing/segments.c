@@ -99,6 +99,8 @@ static uint32_t nearest_phase2(const division *d, uint32_t longest)
     return best;
 }
 
+/* Puts the sample point at the wish, or as near as delays and limits let it. Prop_Seg takes the
+ * rest. */
 static void divide_at_sample(bit_timing *out, const division *d)
 {
     uint32_t rest = d->quanta - TIMING_SYNC_SEG - (uint32_t)d->prop_least;
@@ -108,6 +110,7 @@ static void divide_at_sample(bit_timing *out, const division *d)
     out->prop_seg = d->quanta - TIMING_SYNC_SEG - out->phase_seg1 - out->phase_seg2;
 }
 
+/* Writes why this number of quanta is impossible. Returns false. */
 static bool refuse_brp(char problem[TIMING_PROBLEM_MAX], const timing_request *r, uint32_t quanta)
 {
     snprintf(problem, TIMING_PROBLEM_MAX,
@@ -160,6 +163,7 @@ static bool is_better(const bit_timing *t, const choice *so_far, const timing_re
     return timing_tolerance_ppb(t) >= timing_tolerance_ppb(&so_far->timing);
 }
 
+/* Writes why no number of quanta is possible. Returns false. */
 static bool refuse_all(char problem[TIMING_PROBLEM_MAX], const timing_request *r)
 {
     snprintf(problem, TIMING_PROBLEM_MAX,
