@@ -28,6 +28,7 @@ struct trace_ahead {
     item items[TRACE_AHEAD_ENTRIES];
 };
 
+/* The thread has ended or has never been there: it uses the reader. */
 static void free_ahead(trace_ahead *a)
 {
     trace_close(a->reader);
@@ -73,6 +74,7 @@ static bool ahead_add(trace_ahead *a, const item *items, unsigned count)
     return !a->closed;
 }
 
+/* The thread. If the caller has gone meanwhile, it frees all. */
 static void *ahead_run(void *argument)
 {
     trace_ahead *a = argument;

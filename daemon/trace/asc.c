@@ -108,6 +108,7 @@ static trace_result asc_read_id(trace_input *in, const asc_state *s, trace_recor
     return TRACE_RECORD;
 }
 
+/* Reads data in the base of the file; *word then follows them. */
 static trace_result read_bytes(trace_input *in, const asc_state *s, trace_record *r,
                                unsigned length, const char **word)
 {
@@ -257,6 +258,8 @@ static trace_result read_channel_event(trace_input *in, const asc_state *s, trac
     return data ? asc_read_data(in, s, r, next_word(type)) : read_remote(in, s, r, next_word(type));
 }
 
+/* Reads a line that begins with a time, relative to the line before or to the start. Events without
+ * a channel are not of a bus. */
 static trace_result read_event(trace_input *in, asc_state *s, trace_record *r, const char *text)
 {
     uint64_t ns;
@@ -286,6 +289,7 @@ static trace_result read_event(trace_input *in, asc_state *s, trace_record *r, c
               : read_channel_event(in, s, r, next_word(word));
 }
 
+/* Reads up to the next event. Lines of the header may stand anywhere between events. */
 trace_result asc_next(trace_input *in, asc_state *state, trace_record *record)
 {
     for (;;) {

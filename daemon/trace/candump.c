@@ -2,8 +2,8 @@
  *
  * candump.c - reads the output of candump: its log (-L, -l) and its lines on a screen.
  *
- *     (1436509052.249713) vcan0 123#DEADBEEF              log; direction "R" or "T" behind it with
- * -x (000.000000)  vcan0  123   [4]  DE AD BE EF   '....'    -t a, z, d or A; -a; -x; -S; -i; -8
+ *     (1436509052.249713) vcan0 123#DEADBEEF              log; with -x "R" or "T" behind it
+ *     (000.000000)  vcan0  123   [4]  DE AD BE EF   '....'  -t a, z, d or A; -a; -x; -S; -i; -8
  */
 #include "base/text/number.h"
 #include "trace/format.h"
@@ -103,6 +103,7 @@ static trace_result read_log_tail(trace_input *in, const char *text)
     return TRACE_RECORD;
 }
 
+/* Reads a frame as cansend takes it, which tells its kind. Of other kinds only the kind counts. */
 static trace_result read_log_frame(trace_input *in, trace_record *r, const char *word)
 {
     char text[FRAME_TEXT_MAX];
@@ -144,6 +145,7 @@ static const char *read_direction(uint8_t *fd_flags, const char *text)
     return text;
 }
 
+/* The number of digits tells the format. *text then follows the identifier. */
 static trace_result candump_read_id(trace_input *in, trace_record *r, const char **text)
 {
     uint32_t id = 0;
@@ -249,6 +251,7 @@ static trace_result candump_read_data(trace_input *in, trace_record *r, unsigned
     return TRACE_RECORD;
 }
 
+/* Reads identifier, length and data in columns. A remote frame has words in place of data. */
 static trace_result read_screen_frame(trace_input *in, trace_record *r, const char *text)
 {
     static const char remote[] = "remote request";
@@ -273,6 +276,7 @@ static trace_result read_screen_frame(trace_input *in, trace_record *r, const ch
 
 /* ---- Lines ----------------------------------------------------------------------------------- */
 
+/* Reads the time, if there is one, and the interface. A frame with '#' is one of a log. */
 static trace_result candump_read_line(trace_input *in, candump_state *s, trace_record *r)
 {
     const char *text = trace_blanks(in->text);
@@ -296,6 +300,8 @@ static trace_result candump_read_line(trace_input *in, candump_state *s, trace_r
     return read_screen_frame(in, r, second);
 }
 
+/* Reads up to the next entry. Lines of candump -e explain the error frame before them, and are
+ * none. */
 trace_result candump_next(trace_input *in, candump_state *state, trace_record *record)
 {
     for (;;) {

@@ -60,6 +60,7 @@ static const uint8_t locations[CW_FIELD_COUNT] = {
     [CW_FIELD_OVERLOAD_DELIMITER] = LOC_DELIMITER,
 };
 
+/* Bits of an identifier count from the first one sent, bit 28 or 10. */
 static uint8_t identifier_location(unsigned index)
 {
     if (index < 8)
@@ -71,6 +72,7 @@ static uint8_t identifier_location(unsigned index)
     return index < 24 ? CAN_ERR_PROT_LOC_ID12_05 : CAN_ERR_PROT_LOC_ID04_00;
 }
 
+/* Returns the place as the SJA1000 captures it: a segment code, not a bit. */
 static uint8_t location(const cw_error *error)
 {
     if (error->type == CW_ERROR_CRC) /* detected at the ACK delimiter, but it concerns the CRC
@@ -162,6 +164,7 @@ static void set_bus_error(errframe *out, const cw_event *event, const struct hab
         set_counters(out, event, habits);
 }
 
+/* Sets the kind and the place of an error as the error code capture of the SJA1000 has them. */
 static void set_error(errframe *out, const cw_event *event, const struct habits *habits)
 {
     if (habits->ack_class)
@@ -200,6 +203,7 @@ static void set_tolerated(errframe *out, const cw_event *event, const struct hab
     set_bus_error(out, event, habits);
 }
 
+/* Returns true when the driver tells of the error, which also depends on berr-reporting. */
 static bool tell_error(errframe *out, const cw_event *event, unsigned modes,
                        const struct habits *habits)
 {
@@ -267,6 +271,7 @@ static uint8_t by_limits_of_flexcan(const cw_event *event)
     return by_larger_counter(event);
 }
 
+/* Returns true when the driver tells of the change. Some are silent when a node gets better. */
 static bool tell_state(errframe *out, const cw_event *event, const struct habits *habits)
 {
     const bool falls = event->state < event->state_before;
@@ -298,6 +303,7 @@ static cw_event with_state(const cw_event *event)
     return state;
 }
 
+/* The frame has more than the overflow: state and counters, with drivers that read them then. */
 static bool tell_receive_overflow(errframe *out, const cw_event *event,
                                   const struct habits *habits)
 {
@@ -311,6 +317,7 @@ static bool tell_receive_overflow(errframe *out, const cw_event *event,
     return habits->receive_overflow;
 }
 
+/* data[0] is the bit that was lost, as the driver gets it from its controller. */
 static bool tell_lost_arbitration(errframe *out, const cw_event *event, unsigned modes,
                                   const struct habits *habits)
 {

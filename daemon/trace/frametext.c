@@ -155,6 +155,7 @@ const char *text_parse_id(uint32_t *id, uint8_t *flags, const char *text)
                                                                            : identifier_problem;
 }
 
+/* Blanks may stand between bytes, not in them. */
 const char *text_parse_bytes(text_bytes *out, const char *text, bool fd)
 {
     const unsigned max = fd ? CW_FRAME_DATA_MAX : CW_CLASSICAL_DATA_MAX;
@@ -168,6 +169,7 @@ const char *text_parse_bytes(text_bytes *out, const char *text, bool fd)
     return NULL;
 }
 
+/* The first level is bit 0 of the sets. One of x alone would change nothing. */
 const char *text_parse_levels(text_levels *out, const char *text)
 {
     size_t length = strlen(text);
@@ -260,6 +262,7 @@ static const char *parse_raw_dlc(cw_frame *frame, const char *text)
     return NULL;
 }
 
+/* Reads what follows the R: a DLC, which has no data behind it. */
 static const char *parse_remote(cw_frame *frame, const char *text)
 {
     frame->flags |= CW_FRAME_REMOTE;
@@ -289,6 +292,7 @@ static const char *parse_pairs(cw_frame *frame, unsigned *count, unsigned max, c
     return NULL;
 }
 
+/* Reads the bytes, whose number is the DLC unless a raw one follows. */
 static const char *parse_data(cw_frame *frame, const char *text)
 {
     unsigned count = 0;
@@ -349,6 +353,7 @@ static const char *parse_exact(cw_filter *filter, size_t digits, const char **te
     return NULL;
 }
 
+/* Reads a filter that is not inverted: a sign behind the digits tells its form. */
 static const char *parse_upright(cw_filter *filter, const char **text)
 {
     size_t digits = strspn(*text, HEX_DIGITS);
@@ -417,6 +422,7 @@ static const char *parse_byte(text_bytes *bytes, const char *text, unsigned max)
     return text + 2;
 }
 
+/* Returns CW_FIELD_NONE for a name that no field has. */
 static cw_field find_field(const char *name, size_t length)
 {
     for (int i = CW_FIELD_NONE + 1; i < CW_FIELD_COUNT; i++) {

@@ -106,6 +106,7 @@ typedef struct packet {
     uint16_t link_type;
 } packet;
 
+/* A capture may have cut frames off: their data are not known. */
 static trace_result pcapng_take_data(trace_input *in, trace_record *r, const packet *p,
                                      const unsigned char *b)
 {
@@ -129,6 +130,7 @@ static trace_result pcapng_take_id(trace_input *in, trace_record *r, const packe
     return TRACE_RECORD;
 }
 
+/* Reads a classical frame. A DLC above 8 stands in a byte of its own. */
 static trace_result pcapng_take_frame(trace_input *in, trace_record *r, const packet *p,
                                       const unsigned char *b)
 {
@@ -191,6 +193,7 @@ static trace_result read_packet(trace_input *in, trace_record *r, const packet *
     return result == TRACE_RECORD ? trace_skip(in, space - count) : result;
 }
 
+/* Sets the time of a packet, counted in units of its interface. */
 static trace_result stamp(trace_input *in, trace_record *r, const packet *p,
                           const pcap_interface *i, uint64_t count)
 {
@@ -202,6 +205,7 @@ static trace_result stamp(trace_input *in, trace_record *r, const packet *p,
 
 /* ---- Interfaces ------------------------------------------------------------------------------ */
 
+/* Takes the options that change how packets are read. Others do not matter. */
 static void read_option(const pcap_state *s, pcap_interface *i, unsigned code,
                         const unsigned char *value, unsigned length)
 {
@@ -216,6 +220,7 @@ static void read_option(const pcap_state *s, pcap_interface *i, unsigned code,
     }
 }
 
+/* Options may end without their end mark. One that is cut off ends them, too. */
 static void read_options(const pcap_state *s, pcap_interface *i, const unsigned char *b,
                          size_t left)
 {
@@ -231,6 +236,7 @@ static void read_options(const pcap_state *s, pcap_interface *i, const unsigned 
     }
 }
 
+/* Returns false for a resolution or an offset with which times would overflow. */
 static bool interface_valid(const pcap_interface *i)
 {
     unsigned power = i->resolution & ~RESOLUTION_BINARY;
@@ -239,6 +245,7 @@ static bool interface_valid(const pcap_interface *i)
                                                                  : RESOLUTION_DECIMAL_MAX);
 }
 
+/* An interface that cannot be read still has its number, which packets refer to. */
 static trace_result read_interface(trace_input *in, pcap_state *s, uint64_t place, uint32_t body)
 {
     const unsigned char *b;
@@ -396,6 +403,7 @@ trace_result pcapng_recover(trace_input *in, const pcap_state *s)
 
 /* ---- Blocks ---------------------------------------------------------------------------------- */
 
+/* Each section begins anew, with its own byte order and no interfaces. */
 static trace_result read_section(trace_input *in, pcap_state *s, uint64_t place,
                                  const unsigned char *magic)
 {
@@ -470,6 +478,7 @@ static trace_result read_body(trace_input *in, pcap_state *s, trace_record *r, b
     return trace_skip(in, body);
 }
 
+/* Both lengths of a block must be the same: otherwise it is not known where the next one begins. */
 static trace_result read_block(trace_input *in, pcap_state *s, trace_record *r, bool *reported)
 {
     const unsigned char *b;
@@ -503,6 +512,7 @@ static trace_result read_block(trace_input *in, pcap_state *s, trace_record *r, 
 
 /* ---- pcap ------------------------------------------------------------------------------------ */
 
+/* The magic number also tells the byte order and the unit of times. */
 static trace_result read_classic_head(trace_input *in, pcap_state *s)
 {
     const unsigned char *b;
@@ -516,6 +526,7 @@ static trace_result read_classic_head(trace_input *in, pcap_state *s)
     return TRACE_RECORD;
 }
 
+/* Reads a packet of pcap, which has no other blocks. */
 static trace_result read_classic(trace_input *in, pcap_state *s, trace_record *r)
 {
     const unsigned char *b;
@@ -538,6 +549,7 @@ static trace_result read_classic(trace_input *in, pcap_state *s, trace_record *r
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
+/* Finds the form of the file by its first bytes. Another file is refused as a whole. */
 static trace_result pcapng_read_begin(trace_input *in, pcap_state *s)
 {
     const unsigned char *b;
@@ -557,6 +569,7 @@ static trace_result pcapng_read_begin(trace_input *in, pcap_state *s)
     return pcapng_read_refuse(in);
 }
 
+/* Reads up to the next packet: blocks of other kinds are not entries. */
 trace_result pcapng_next(trace_input *in, pcap_state *state, trace_record *record)
 {
     if (!state->begun && pcapng_read_begin(in, state) != TRACE_RECORD)

@@ -93,6 +93,7 @@ void trace_close(trace_reader *reader)
     free(reader);
 }
 
+/* Begins at the start of the file, as if nothing had been read before. */
 static void trace_read_start(trace_reader *reader)
 {
     memset(&reader->state, 0, sizeof reader->state);
@@ -115,6 +116,7 @@ bool trace_rewind(trace_reader *reader)
 
 /* ---- Detection ------------------------------------------------------------------------------- */
 
+/* Returns true for the first bytes of pcapng, or of pcap in either byte order. */
 static bool is_capture(const unsigned char *bytes, size_t count)
 {
     static const unsigned char magics[][4] = {
@@ -203,6 +205,7 @@ static trace_format detect(trace_input *in)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
+/* Reads the next entry in the format of the file, which is known by now. */
 static trace_result next_entry(trace_reader *reader, trace_record *record)
 {
     switch (reader->format) {

@@ -181,6 +181,7 @@ static size_t column(const trace_input *in, const char *at)
     return characters;
 }
 
+/* Appends a message behind the place. It is cut where it has no room. */
 static void add_message(trace_input *in, int used, const char *format, va_list args)
 {
     size_t start = used < 0 ? 0 : (size_t)used;
