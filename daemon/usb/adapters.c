@@ -196,6 +196,7 @@ static void start_namer(adapter *a)
                                                                             : EXIT_FAILURE);
 }
 
+/* Kills a process and waits for its end, so that its number can be nobody else's. */
 static void stop_process(pid_t *process)
 {
     if (*process <= 0)
@@ -260,6 +261,7 @@ static void complain_barred(adapter *a, serve_end why)
     a->rest = RETRY_TICKS;
 }
 
+/* Tells once that the namespace is missing. It is looked for again later. */
 static void complain_namespace(adapter *a)
 {
     if (a->told != ENOENT)
@@ -372,6 +374,7 @@ static void look_at_namer(adapters *all, adapter *a)
     }
 }
 
+/* Counts the signs of a driver that has taken the device; others are signs of life. */
 static unsigned count_claims(const char *signs, ssize_t count)
 {
     unsigned claims = 0;
@@ -493,6 +496,7 @@ static bool is_well(const adapter *a)
     return a->port >= 0 && a->named;
 }
 
+/* Says how an adapter is, in words for the status of the service. */
 static const char *state_of(const adapter *a)
 {
     if (a->port >= 0)
@@ -524,6 +528,7 @@ void adapters_print(char *out, size_t size, const adapters *a)
     }
 }
 
+/* Copies what it needs, since the configuration goes. */
 static adapter make_adapter(const cfg_node *node)
 {
     adapter made = {.port = -1, .beat = -1, .wanted = true};

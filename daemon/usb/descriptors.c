@@ -46,6 +46,7 @@ static const unsigned char configuration[] = {
 static const unsigned char qualifier[] = {10, USB_DT_DEVICE_QUALIFIER, 0x00, 0x02, 0, 0, 0, 64,
                                           1,  0};
 
+/* Writes a text as a string descriptor: UTF-16, low bytes first. Returns its bytes. */
 static int put_text(unsigned char *answer, const char *text)
 {
     const size_t length = strlen(text);
@@ -77,6 +78,7 @@ static int answer_text(unsigned char *answer, const usb_identity *who, unsigned 
     }
 }
 
+/* Returns the bytes of a descriptor, -1 for one that the device does not have. */
 static int answer_descriptor(unsigned char *answer, const usb_identity *who, unsigned type,
                              unsigned number)
 {

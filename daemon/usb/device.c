@@ -84,6 +84,7 @@ static void forget_read(usb_device *d, unsigned place)
     memmove(&d->reads[place], &d->reads[place + 1], (d->read_count - place) * sizeof d->reads[0]);
 }
 
+/* Returns the place of a frame that the bus has not sent, held_count without one. */
 static unsigned find_held(const usb_device *d, uint32_t number)
 {
     unsigned i = 0;
@@ -299,6 +300,7 @@ static bool take_read(usb_device *d, const usb_request *r)
     return true;
 }
 
+/* Obeys all commands of a request, whatever they say, and answers it at once. */
 static bool take_commands(usb_device *d, const usb_request *r, const unsigned char *data)
 {
     peak_command command;

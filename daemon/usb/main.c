@@ -59,6 +59,7 @@ typedef struct settings {
 
 static volatile sig_atomic_t stopping, reloading;
 
+/* Only notes the signal: the loop looks at it when its wait has ended. */
 static void usb_on_signal(int number)
 {
     if (number == SIGHUP)
@@ -175,6 +176,7 @@ static bool usb_run(adapters *a, const vhci *files, const char *file)
     return true;
 }
 
+/* Logs why the controller cannot be used, with what helps. */
 static void complain_vhci(int number)
 {
     const char *remedy = number == ENOENT   ? " (" REMEDY ")"
@@ -236,6 +238,7 @@ static int usb_end(int status)
     return status;
 }
 
+/* Only the controller needs root: once it is open the process runs as another user. */
 int main(int argc, char **argv)
 {
     vhci files;

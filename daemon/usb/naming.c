@@ -64,6 +64,7 @@ bool naming_has_namespace(const char *netns)
     return what.f_type == NSFS_MAGIC; /* else its mount is yet to come, or has gone */
 }
 
+/* Waits until the driver has made the interface. Returns its index, 0 when it takes too long. */
 static unsigned wait_for_interface(int port)
 {
     unsigned index = 0;

@@ -192,6 +192,7 @@ size_t peak_put_frame(unsigned char *out, const void *frame, size_t size, uint64
     return whole;
 }
 
+/* Writes a record with both error counters, of a byte each. */
 size_t peak_put_counters(unsigned char *out, unsigned tec, unsigned rec, uint64_t us)
 {
     const size_t whole = put_head(out, TIME_HEAD_BYTES + 4, ERROR_COUNTERS, us);

@@ -160,6 +160,8 @@ void wire_read(wire *w)
 
 /* ---- The start ------------------------------------------------------------------------------- */
 
+/* Connects as a client, by an abstract address. False with errno; the socket is for the caller to
+ * close. */
 static bool wire_connect_to(wire *w)
 {
     const sa_family_t none = AF_UNIX; /* an abstract address: a client, no plain ECU */
@@ -170,6 +172,7 @@ static bool wire_connect_to(wire *w)
            connect(w->fd, (const struct sockaddr *)&address, sizeof address) == 0;
 }
 
+/* The adapter is the controller of its node, and asks to be told of frames that are dropped. */
 static void say_hello(wire *w)
 {
     message_hello hello = {
