@@ -198,6 +198,7 @@ static void on_nudge(struct ev_loop *loop, ev_async *watcher, int events)
     ev_async_stop(loop, watcher);
 }
 
+/* Each second: the line for systemd, and a look if signals can still arrive. */
 static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
@@ -323,6 +324,7 @@ static bool daemon_start(process *p, const options *o)
     return !o->journal || start_journal(p, o);
 }
 
+/* One bus that fails ends all of a rig, which would be another one without it. */
 static bool engines_have_failed(const process *p)
 {
     bool failed = false;
@@ -571,6 +573,7 @@ static int refuse_start(process *p)
     return daemon_give_up(p, NULL, unit_failure());
 }
 
+/* Loads before anything is opened, so that a bad configuration changes nothing. */
 int main(int argc, char **argv)
 {
     static process p = {.ready = -1, .activated = -1};
