@@ -125,6 +125,7 @@ static bool serves_hosts(const cfg_metrics *metrics)
            is_elsewhere(&address);
 }
 
+/* One warning names all ports, with the command that allows their hosts. */
 static void warn_of_ports(const char *all)
 {
     log_warning("%s: the service drops packets from and to other hosts (IPAddressDeny=), unless "

@@ -44,6 +44,7 @@ struct control {
 
 /* ---- Requests -------------------------------------------------------------------------------- */
 
+/* The engine only makes events that somebody watches: others cost time. */
 static void set_watch(control *c, unsigned client, uint32_t kinds)
 {
     c->watchers[client] = (watcher){.kinds = kinds};
@@ -213,6 +214,7 @@ void control_report_recording(control *c, const char *file, const char *why)
             control_write_event(c, i, 1);
 }
 
+/* There is room again, so that the client hears of its losses before the next event. */
 static void on_drained(void *user, server_client *client)
 {
     control *c = user;
@@ -221,6 +223,7 @@ static void on_drained(void *user, server_client *client)
         write_lost(w, client);
 }
 
+/* Nobody waits any more for the answer of a request that goes on. */
 static void on_closed(void *user, unsigned client)
 {
     control *c = user;

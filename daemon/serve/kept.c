@@ -104,6 +104,7 @@ const char *kept_explain(int error)
     return error == ETIMEDOUT ? "the disk does not answer" : strerror(error);
 }
 
+/* Somebody has taken note, by injecting or clearing rules. */
 static void forget_losses(kept *k)
 {
     json_decref(k->lost);
@@ -129,6 +130,7 @@ static void on_written(void *user, uint64_t number, int error)
     k->told(k->user, number, error);
 }
 
+/* Returns true for a list of texts, which may be empty. */
 static bool all_texts(const json_t *array)
 {
     bool good = json_is_array(array);
@@ -137,6 +139,7 @@ static bool all_texts(const json_t *array)
     return good;
 }
 
+/* Returns true for an entry with all that is needed to inject it again. */
 static bool is_entry(const json_t *entry)
 {
     return json_is_string(json_object_get(entry, "text")) &&
@@ -260,6 +263,7 @@ static void kept_read_file(kept *k)
 
 /* ---- Rules ----------------------------------------------------------------------------------- */
 
+/* Removes a text from a list once. Returns false when it is not there. */
 static bool remove_text(json_t *array, const char *text)
 {
     for (size_t i = 0; i < json_array_size(array); i++)

@@ -149,6 +149,7 @@ bool losses_due(losses_node *node, uint64_t kinds)
     return true;
 }
 
+/* Returns the kinds of losses that have grown since the log has told of them, as a set. */
 static uint64_t kinds_added(const uint64_t logged[LOSS_KINDS], const uint64_t now[LOSS_KINDS])
 {
     uint64_t kinds = 0;
@@ -192,6 +193,7 @@ void losses_note(losses_node *node, const uint64_t now[LOSS_KINDS])
         count_lately(&node->lately[n], &node->seen[n], now[unwanted[n]]);
 }
 
+/* Puts a loss of the last minutes, for monitoring. node NULL: it is one of the bus. */
 static void put_one_lately(json_t *all, const char *node, const char *what)
 {
     json_t *one = json_object();

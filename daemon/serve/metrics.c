@@ -100,6 +100,7 @@ struct metrics {
 
 /* ---- Connections ----------------------------------------------------------------------------- */
 
+/* The last one who has it frees the page. */
 static void release_sheet(sheet *s)
 {
     if (!s || --s->users > 0)
@@ -120,6 +121,7 @@ static void end_client(client *c, bool dropped)
     *c = (client){.metrics = m, .fd = -1};
 }
 
+/* Watches a connection for other events; 0: for none, while it waits for a page. */
 static void watch(client *c, int events)
 {
     ev_io_stop(c->metrics->loop, &c->io);
@@ -207,6 +209,7 @@ static void read_rest(client *c)
         end_client(c, false);
 }
 
+/* A connection can be read or written, according to its phase. */
 static void on_client(struct ev_loop *loop, ev_io *io, int events)
 {
     (void)loop;
@@ -236,6 +239,7 @@ static client *find_place(metrics *m)
     return oldest;
 }
 
+/* Gives a place to a program. Its time begins now, so that one that says nothing goes. */
 static void take_client(metrics *m, int fd)
 {
     const int room = SEND_BYTES;

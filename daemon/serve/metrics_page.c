@@ -228,6 +228,7 @@ typedef struct label {
     const char *value;
 } label;
 
+/* Appends labels as they stand in each sample, with a final 0. Returns where they begin. */
 static size_t put_labels(buffer *out, const label *labels, size_t count)
 {
     const size_t begin = buffer_length(out);
@@ -291,6 +292,7 @@ static unsigned add_some(metrics_page *page, const cfg *config, const cw_bus *bu
     return USUAL | 1u << CW_STAT_HOST;
 }
 
+/* Adds a node, to which several tables belong. */
 static void add_node(metrics_page *page, const cfg *config, const cw_bus *bus, unsigned node,
                      const report_node *own, const status_errors *errors)
 {
@@ -320,6 +322,7 @@ static void add_node(metrics_page *page, const cfg *config, const cw_bus *bus, u
     add_port(page, &config->nodes[node], own, at);
 }
 
+/* Adds a rule. A number without one is left out. */
 static void put_rule(metrics_page *page, const cfg *config, const cw_bus *bus, unsigned rule)
 {
     cw_rule_stats stats;
@@ -440,6 +443,7 @@ static label label_of(const cw_stat *c, unsigned value)
     return (label){"state", cw_state_name((cw_state)value)};
 }
 
+/* Writes a number of a small unit in the base unit, exactly, and ends the line. */
 static void write_number(buffer *out, uint64_t value, unsigned digits)
 {
     uint64_t one = 1;
@@ -530,6 +534,7 @@ buffer metrics_page_take(metrics_page *page)
     return text;
 }
 
+/* May be called at any time, also for a page that has been taken. */
 void metrics_page_free(metrics_page *page)
 {
     buffer_free(&page->text);

@@ -117,6 +117,7 @@ static bool send_all(notifier *n)
     return true;
 }
 
+/* Sends as much as there is room for, and tries the rest again soon. */
 static void notify_flush(notifier *n)
 {
     if (send_all(n))

@@ -162,6 +162,7 @@ static bool has_route(const char *url)
     return good;
 }
 
+/* Sets the state that others see, with its reason: a text that stays, or an errno. */
 static void set_state(publisher *p, const char *state, const char *why, int error)
 {
     (void)pthread_mutex_lock(&p->lock);
@@ -222,6 +223,7 @@ static void begin_call(publisher *p)
     hide_stderr(p);
 }
 
+/* liblcm has come back, so a stall is over. */
 static void end_call(publisher *p)
 {
     show_stderr(p);
@@ -369,6 +371,7 @@ static void name_channels(publisher *p)
         (void)snprintf(p->channels[i], CHANNEL_MAX, "CANWIRE.%s.%s", p->config->bus_name, names[i]);
 }
 
+/* The thread has ended. Messages that it has not sent are lost. */
 static void free_publisher(publisher *p)
 {
     while (p->count > 0)
@@ -796,6 +799,7 @@ void publisher_sinks(publisher *p, const sink_list *all)
         publish_file(p, &all->all[i]);
 }
 
+/* Adds up a counter of all rules of a gateway. */
 static int64_t sum_of(const json_t *rules, const char *key)
 {
     int64_t sum = 0;

@@ -78,6 +78,7 @@ static void on_wakeup_of_thread(void *user)
     ev_async_send(all->loop, &all->wakeup);
 }
 
+/* Returns true when no recording that is ending still writes this file. */
 static bool is_free(const recordings *all, const char *file)
 {
     for (const entry *e = all->ending; e; e = e->next)
@@ -86,6 +87,7 @@ static bool is_free(const recordings *all, const char *file)
     return true;
 }
 
+/* Tells that the file is open, and of losses from before. */
 static void log_begun(entry *e)
 {
     e->open = true;
@@ -139,6 +141,7 @@ static void begin_later(recordings *all, entry *e, const cw_bus *bus)
     recordings_report(all, e);
 }
 
+/* Adds what a recorder has done to that of those before it. */
 static void add_stats(recorder_stats *sum, const recorder_stats *more)
 {
     sum->entries += more->entries;
@@ -147,6 +150,7 @@ static void add_stats(recorder_stats *sum, const recorder_stats *more)
     sum->begun += more->begun;
 }
 
+/* Returns the counters of all recorders that the entry has had. */
 static void get_stats(const entry *e, recorder_stats *stats)
 {
     recorder_stats now;

@@ -60,6 +60,7 @@ requests_refuse(request *r, const char *format, ...)
     return false;
 }
 
+/* Refuses with a place in the line that the client has sent. Returns false. */
 static bool refuse_at(request *r, const char *error, int line, int column)
 {
     (void)requests_refuse(r, "%s", error);
@@ -211,6 +212,7 @@ static bool run_watch(request *r)
 
 /* ---- Rules ----------------------------------------------------------------------------------- */
 
+/* Returns the names of rules in the order of their text. */
 static json_t *names_of(const cfg_rules *rules)
 {
     json_t *names = json_array();
@@ -332,6 +334,7 @@ static bool run_inject(request *r)
     return good;
 }
 
+/* The name is needed before the rule goes. A kept rule does not come back at the next start. */
 static void clear_rule(request *r, json_t *cleared, unsigned index)
 {
     const char *name = live_config(r->world->config)->rules[index].name;
@@ -581,6 +584,7 @@ static const request_kind *requests_find_kind(request *r)
     return NULL;
 }
 
+/* Returns the row of a key in a kind of requests, or NULL. */
 static const request_key *requests_find_key(const request_kind *kind, const char *name)
 {
     for (const request_key *key = kind->keys; key->name; key++)

@@ -67,6 +67,7 @@ struct server {
 
 /* ---- Log ------------------------------------------------------------------------------------- */
 
+/* Tells how many messages about clients the log has been spared in the last second. */
 static void log_left_out(server *s)
 {
     if (s->log_lines > LOG_LINES_PER_S)
@@ -322,6 +323,7 @@ static void on_busy(struct ev_loop *loop, ev_idle *watcher, int events)
 
 /* ---- Places ---------------------------------------------------------------------------------- */
 
+/* Counts the connections of a user, whom the kernel names. */
 static unsigned count_clients(const server *s, uid_t user)
 {
     unsigned count = 0;
@@ -330,6 +332,7 @@ static unsigned count_clients(const server *s, uid_t user)
     return count;
 }
 
+/* Counts the places that nobody has. */
 static unsigned count_free(const server *s)
 {
     unsigned count = 0;
@@ -366,6 +369,8 @@ static ev_tstamp idle_since(const server_client *c)
     return buffer_length(&c->out) > 0 ? c->took : c->heard;
 }
 
+/* Returns true for a client that may have to give its place away. `stays` does not save one that
+ * does not read. */
 static bool is_idle(const server_client *c)
 {
     bool reads_all = buffer_length(&c->out) == 0;

@@ -108,6 +108,7 @@ static void log_lines(char *text)
         log_error("%s", line);
 }
 
+/* Returns true when any bus of the rig reloads: the service manager sees them as one. */
 static bool is_reloading(const host *h)
 {
     for (size_t i = 0; i < h->count; i++)
@@ -273,6 +274,7 @@ static void apply_kept(service *s)
     engine_update(s->engine);
 }
 
+/* A reload is over: kept rules are injected again before other callbacks of the loop. */
 static void on_again(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
@@ -454,6 +456,7 @@ service *service_new(host *h, live *config)
     return s;
 }
 
+/* Kept rules are in their file, or could not be written: clients wait for that. */
 static void on_saved(void *user, uint64_t save, int error)
 {
     service *s = user;

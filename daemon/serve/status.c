@@ -43,6 +43,7 @@ static const char *const when_full_names[] = {
 #define PPB_PER_PERMILLE 1000000u
 #define SAMPLE_POINT_MAX 16 /* bytes of "0.875" and of any 32 bits */
 
+/* Puts the sample point as `ip` prints it, in permille. */
 static void put_sample_point(json_t *object, const char *key, const bit_timing *t)
 {
     char text[SAMPLE_POINT_MAX];
@@ -190,6 +191,7 @@ static json_t *node_json(const cfg *config, const cw_bus *bus, unsigned node,
     return object;
 }
 
+/* Adds to the counters what the engine knows: how far the bus is behind real time. */
 static json_t *bus_json(const cfg *config, const cw_bus *bus, const report *beyond)
 {
     json_t *object = output_bus_stats(config, bus);

@@ -52,6 +52,7 @@ static const char *text_or_end(const char *text)
     return text ? text : "";
 }
 
+/* The program ends without memory, as for JSON: a verdict must not be lost. */
 static char *copy_of(const char *text)
 {
     char *copy = strdup(text_or_end(text));
@@ -97,6 +98,7 @@ static void log_failure(const verdicts *v, const verdict *one)
     (void)log_enter(before);
 }
 
+/* Notes the first failure of an expectation. Later ones do not change it. */
 static void note_failure(verdicts *v, verdict *one, const expect_failure *f)
 {
     one->failed = true;
@@ -318,6 +320,7 @@ static expect_outcome outcome_now(const verdicts *v, size_t i, const cw_bus_stat
     return o;
 }
 
+/* Returns an expectation with its state: failed, met or still open. */
 static json_t *verdict_json(const verdicts *v, size_t i, const cw_bus_stats *now)
 {
     const verdict *one = verdicts_at(v, i);
