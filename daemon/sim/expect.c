@@ -92,6 +92,7 @@ static bool is_counted_by_node(const cfg_expect *e)
     return e->to || e->node;
 }
 
+/* Shorter frames do not match, longer ones do. */
 static bool matches_data(const cw_rule *when, const cw_frame *frame)
 {
     if (cw_frame_length(frame) < when->data_length)
@@ -204,6 +205,7 @@ static void note_delay(tally *t, const cfg_expect *e, const cw_event *event)
         t->beyond[i] += delay > e->percentile[i];
 }
 
+/* Notes the longest time between two frames, and the tick of its end. */
 static void note_gap(tally *t, unsigned place, uint64_t tick)
 {
     const uint64_t gap = tick - t->last[place];
@@ -221,6 +223,8 @@ static spread *spread_of(const tally *t, const cw_event *event)
     return &t->spreads[node * (CW_TRIGGERS_MAX + 1) + event->trigger];
 }
 
+/* Notes how late a frame begins after its trigger. The jitter is that of one trigger, not of
+ * all. */
 static void note_begin(tally *t, const cw_event *event)
 {
     spread *s = spread_of(t, event);
@@ -236,6 +240,7 @@ static void note_begin(tally *t, const cw_event *event)
     }
 }
 
+/* Counts an event, at each node where these count on their own. */
 static void note_event(tally *t, const cfg_expect *e, const cw_event *event)
 {
     if (e->kind == CFG_EXPECT_JITTER) {
@@ -263,6 +268,7 @@ static void write_span(FILE *out, const char *before, uint64_t ticks)
     fprintf(out, "%s%s", before, text);
 }
 
+/* Writes names with commas between them; nothing for an empty set. */
 static void write_nodes(FILE *out, const cfg *config, const char *before, uint64_t nodes)
 {
     for (uint64_t rest = nodes; rest; rest &= rest - 1) {
@@ -285,6 +291,7 @@ static uint64_t write_limits(FILE *out, const cfg_expect *e)
     return e->max == UINT64_MAX ? e->min : e->max;
 }
 
+/* Writes identifiers and data as the configuration has them, with '.' for open digits. */
 static void write_filters(FILE *out, const cw_rule *when)
 {
     for (unsigned i = 0; i < when->filter_count; i++) {
@@ -309,6 +316,7 @@ static void write_where(FILE *out, const cfg *config, const cfg_expect *e)
     write_nodes(out, config, " at ", e->node);
 }
 
+/* A window may lack a begin, an end or both. */
 static void write_window(FILE *out, const cw_rule *when)
 {
     if (when->time_begin > 0)
@@ -341,6 +349,7 @@ static const char *why_name(unsigned why)
     return cw_drop_name((cw_drop)why);
 }
 
+/* Writes the limit of all frames and of each percentile that is given. */
 static void write_delay_limits(FILE *out, const cfg_expect *e)
 {
     const char *before = "";
@@ -357,6 +366,7 @@ static void write_delay_limits(FILE *out, const cfg_expect *e)
     }
 }
 
+/* Any of the states counts. */
 static void write_states(FILE *out, const cfg_expect *e)
 {
     const char *before = "";
@@ -374,6 +384,7 @@ static void write_permille(FILE *out, uint64_t permille)
     fprintf(out, "%" PRIu64 ".%" PRIu64 " %%", permille / 10, permille % 10);
 }
 
+/* Limits that are not given are 0 and 100 %. */
 static void write_load_limits(FILE *out, const cfg_expect *e)
 {
     fputs("a load of ", out);
@@ -382,6 +393,7 @@ static void write_load_limits(FILE *out, const cfg_expect *e)
     write_permille(out, e->max);
 }
 
+/* Writes a number of events, with their word as the number needs it. */
 static void write_counted(FILE *out, const cfg_expect *e)
 {
     static const char *const names[CFG_EXPECT_COUNT][2] = {
@@ -398,6 +410,7 @@ static void write_counted(FILE *out, const cfg_expect *e)
     fprintf(out, " %s", names[e->kind][number != 1]);
 }
 
+/* Writes what is expected; conditions follow it. */
 static void write_subject(FILE *out, const cfg_expect *e)
 {
     switch (e->kind) {
@@ -437,6 +450,7 @@ static void write_subject(FILE *out, const cfg_expect *e)
     }
 }
 
+/* Writes an expectation in words, which is its name when it has none. */
 static void write_wanted(FILE *out, const cfg *config, const cfg_expect *e)
 {
     static const char *const windows[] = {
@@ -466,6 +480,7 @@ static bool is_met_at(const cfg_expect *e, const tally *t, unsigned place)
     return t->count[place] >= e->min && t->count[place] <= e->max;
 }
 
+/* Writes what there was: how many, or when first. */
 static void write_found(FILE *out, const cfg_expect *e, const tally *t, unsigned place)
 {
     bool moment = e->kind == CFG_EXPECT_SEEN || e->kind == CFG_EXPECT_STATE;
@@ -477,6 +492,7 @@ static void write_found(FILE *out, const cfg_expect *e, const tally *t, unsigned
         write_span(out, e->kind == CFG_EXPECT_SEEN ? "one at " : "at ", t->first[place]);
 }
 
+/* Each node that counts on its own must meet the limits. */
 static bool judge_counts(FILE *out, const cfg *config, const cfg_expect *e, const tally *t)
 {
     const uint64_t nodes = is_counted_by_node(e) ? e->to | e->node : 1u;
@@ -503,6 +519,7 @@ static void write_share(FILE *out, uint64_t part, uint64_t all, uint64_t limit)
     write_span(out, " within ", limit);
 }
 
+/* Without a frame nothing is met: a delay that never was proves nothing. */
 static bool judge_delays(FILE *out, const cfg_expect *e, const tally *t)
 {
     bool met = t->worst <= e->delay_max;
@@ -523,6 +540,7 @@ static bool judge_delays(FILE *out, const cfg_expect *e, const tally *t)
     return met;
 }
 
+/* Without a frame nothing is met, either. */
 static bool judge_jitter(FILE *out, const cfg_expect *e, const tally *t)
 {
     if (t->total == 0) {
@@ -561,6 +579,8 @@ static bool judge_load(FILE *out, const cfg_expect *e, const cw_bus_stats *start
     return permille >= e->min && permille <= e->max;
 }
 
+/* Writes what there was, and returns true when that is good. A window that the run has not seen is
+ * not met. */
 static bool expect_judge(FILE *out, const expect *x, size_t i, const cw_bus_stats *bus)
 {
     const cfg_expect *e = &x->config->expects[i];

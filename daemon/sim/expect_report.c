@@ -38,6 +38,7 @@ bool expect_report_add(expect_report *report, expect_outcome outcome)
     return true;
 }
 
+/* Frees all outcomes. The report can be used again. */
 void expect_report_free(expect_report *report)
 {
     for (size_t i = 0; i < report->count; i++)
@@ -81,6 +82,7 @@ static void put_name(buffer *out, const expect_report *report, const expect_outc
         buffer_print(out, " (%zu)", before + 1);
 }
 
+/* Writes an expectation as a case, whose message tells wanted and found. */
 static void write_case(FILE *out, const expect_report *report, const expect_outcome *o,
                        const char *bus)
 {

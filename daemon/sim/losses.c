@@ -22,6 +22,7 @@ void losses_forget(losses *all)
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
+/* Returns the losses of a node for a reason; NULL: there are too many, and it is only counted. */
 static lost_frames *losses_find(losses *all, unsigned node, unsigned why)
 {
     for (unsigned i = 0; i < all->count; i++)
@@ -33,6 +34,7 @@ static lost_frames *losses_find(losses *all, unsigned node, unsigned why)
     return &all->list[all->count++];
 }
 
+/* Keeps the first different identifiers, with a mark for extended ones. */
 static void note_id(lost_frames *l, const cw_frame *frame)
 {
     const uint32_t id = frame->id | (frame->flags & CW_FRAME_EXTENDED ? CW_FILTER_EXTENDED : 0);
@@ -66,6 +68,7 @@ typedef struct teller {
     void *user;
 } teller;
 
+/* Tells a loss with the name of its bus before its own. */
 static void sim_losses_tell(const teller *t, const char *name, loss_words words)
 {
     char full[LOSS_TEXT_MAX];
@@ -103,6 +106,7 @@ static void print_queue(char out[LOSS_TEXT_MAX], const losses *all, unsigned i)
                        node->queue);
 }
 
+/* Returns the key that avoids such losses, "" where it is not known or set already. */
 static const char *help_with(const cfg_node *node, unsigned why)
 {
     static const char *const help[CW_DROP_COUNT] = {
@@ -117,6 +121,7 @@ static const char *help_with(const cfg_node *node, unsigned why)
     return help[why] && !restarts && !by_window ? help[why] : "";
 }
 
+/* Tells nodes in the order of their first losses, then the number of others. */
 static void tell_dropped(const teller *t)
 {
     const losses *all = t->all;
@@ -151,6 +156,7 @@ static const char *why_waiting(const cfg_node *node, const cw_node_stats *stats)
     return NULL;
 }
 
+/* Tells of frames that wait at the end for a reason which does not go away. */
 static void tell_waiting(const teller *t)
 {
     const cfg *config = t->all->config;
@@ -241,6 +247,7 @@ typedef struct printer {
     unsigned rules;
 } printer;
 
+/* Prints a loss as a line. Of many rules only the first ones are printed. */
 static void print_words(void *user, const loss_words *w)
 {
     printer *p = user;

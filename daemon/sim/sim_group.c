@@ -27,6 +27,7 @@ static bool go(void *user, size_t bus, uint64_t tick)
     return true;
 }
 
+/* Returns how far others may go before a frame of this bus can come to them. */
 static meeting_outlook sim_group_look(void *user, size_t bus)
 {
     sim_group *g = user;
@@ -35,6 +36,7 @@ static meeting_outlook sim_group_look(void *user, size_t bus)
                         run->plan, run->config);
 }
 
+/* Hands in a frame of a gateway. Without room the bus first takes what came before. */
 static cw_status sim_group_send_frame(void *user, size_t bus, unsigned node, const cw_frame *frame,
                                       uint64_t received, uint64_t at_tick)
 {
@@ -131,6 +133,7 @@ uint64_t sim_group_next(const sim_group *g)
     return next;
 }
 
+/* Returns the end of the wait for anything to happen on any bus. */
 static uint64_t quiet_end(const sim_group *g)
 {
     uint64_t last = 0;
@@ -140,6 +143,7 @@ static uint64_t quiet_end(const sim_group *g)
     return cw_after(last, (uint64_t)RELEASE_QUIET_S * CW_CLOCK_HZ);
 }
 
+/* The run ends when all buses are done: one that rests may get frames from others. */
 static bool traffic_is_over(const sim_group *g)
 {
     bool over = true;
@@ -255,6 +259,7 @@ static uint64_t next_meeting(const sim_group *g)
 
 /* ---- Rest ------------------------------------------------------------------------------------ */
 
+/* Two numbers, not both 0. */
 static uint64_t common_divisor(uint64_t a, uint64_t b)
 {
     while (b > 0) {
@@ -276,6 +281,7 @@ static uint64_t common_bit(const sim_group *g)
     return common <= COMMON_BIT_MAX ? common : 0;
 }
 
+/* Returns the tick up to which all buses rest, at most the given one. */
 static uint64_t rests_until(const sim_group *g, uint64_t tick)
 {
     for (size_t i = 0; i < g->count; i++)

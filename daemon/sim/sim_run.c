@@ -37,6 +37,7 @@ static void sim_run_report(void *user, bool failed, const char *text)
     plain_print(s->messages, "%s%s\n", failed ? "" : SIM_NOTE, text);
 }
 
+/* Describes the bus for the library. A roomy one can take rules and longer queues later. */
 static void sim_run_describe(cw_bus_config *out, cw_node_config nodes[CW_NODES_MAX],
                              const sim_run *s)
 {
@@ -82,6 +83,7 @@ static bool reserve(sim_run *s, const cw_bus_config *bus_config)
     return s->memory != NULL;
 }
 
+/* Makes the bus for the first time. False with errno. */
 static bool open_run(sim_run *s)
 {
     cw_node_config nodes[CW_NODES_MAX];
@@ -135,6 +137,7 @@ static void keep_start(sim_run *s)
         cw_bus_copy(s->bus, s->start);
 }
 
+/* Adds the rules of the configuration. False with EINVAL: the library refuses one. */
 static bool add_rules(const sim_run *s)
 {
     for (size_t i = 0; i < s->config->rule_count; i++) {
@@ -211,6 +214,7 @@ bool sim_open_bus(sim_run *s, const cfg *config, cw_bus *bus, FILE *messages)
     return s->plan != NULL;
 }
 
+/* May be called for a run that could not be opened, and twice. */
 void sim_close(sim_run *s)
 {
     release_plan_free(s->plan);
@@ -245,6 +249,7 @@ void sim_stop(sim_run *s, uint64_t tick)
 
 /* ---- The run --------------------------------------------------------------------------------- */
 
+/* Events behind the end of the run are not shown: the bus may have gone further. */
 static void sim_run_pass_on(sim_run *s, const cw_event *event)
 {
     s->calm_bits = 0;
@@ -257,6 +262,7 @@ static void sim_run_pass_on(sim_run *s, const cw_event *event)
             s->sinks[i].event(s->sinks[i].user, event);
 }
 
+/* Takes all events that the bus has, in their order. */
 static void pass_on_events(sim_run *s)
 {
     cw_event_row events;
@@ -282,6 +288,7 @@ uint64_t sim_guess_end(const sim_run *s)
     return known != CW_NEVER ? known : release_guess_end(s->plan, now);
 }
 
+/* Advances in slices: events are passed on between them, and others can look. */
 static void advance_bus(sim_run *s, uint64_t tick)
 {
     cw_status status;

@@ -58,6 +58,7 @@ static bool sim_until_find_kind(sim_until *u, const char *word, size_t length)
     return false;
 }
 
+/* Returns the node with this name, -1 without one. */
 static int sim_until_find_node(const cfg *config, const char *word, size_t length)
 {
     for (size_t i = 0; i < config->node_count; i++)
@@ -88,6 +89,7 @@ static bool fail_unknown(sim_until *u, const char *what, const char *word, size_
     return false;
 }
 
+/* Explains a word that is no event. Returns false. */
 static bool fail_word(const sim_until *u, const char *word, size_t length)
 {
     if (same(word, length, "record"))
@@ -98,6 +100,7 @@ static bool fail_word(const sim_until *u, const char *word, size_t length)
     return false;
 }
 
+/* Keeps the name of the rule: its number may change with a reload. */
 static bool sim_until_find_rule(sim_until *u, const char *name)
 {
     const cfg *config = u->run->config;
@@ -107,6 +110,7 @@ static bool sim_until_find_rule(sim_until *u, const char *name)
     return u->rule || fail_unknown(u, "rule", name, strlen(name));
 }
 
+/* Explains a part behind the kind of event that cannot be there. Returns false. */
 static bool fail_behind(const sim_until *u, const char *which)
 {
     if (u->run->messages)
@@ -176,6 +180,7 @@ bool sim_until_is(const sim_until *u, const cw_event *event)
     return event->nodes & u->nodes;
 }
 
+/* Warns once that the run may never end. */
 static void warn(sim_until *u)
 {
     FILE *const out = u->warns;
@@ -188,6 +193,7 @@ static void warn(sim_until *u)
                 u->before, u->text, WARN_S);
 }
 
+/* Ends the run with the first such event, or tells who looks for it. */
 static void look_at_event(void *user, const cw_event *event)
 {
     sim_until *u = user;
