@@ -113,7 +113,8 @@ static void read_node(schema *self, const schema_key *key, yaml_node_t *value, v
     e->node = schema_copy(self, text);
 }
 
-/* The name is an interface of a kernel, and it becomes a part of paths and of lists with commas. */
+/* The name is one that the kernel takes. It also becomes a part of paths and of lists with commas,
+ * so it has neither slash nor comma. */
 static void read_interface(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     ecu *e = object;

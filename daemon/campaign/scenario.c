@@ -297,7 +297,7 @@ static void take_played_event(void *user, const cw_event *event)
         expect_event(b->judge, event);
 }
 
-/* Makes the one bus of a journal. Programs have sent its frames, which is no loss. */
+/* Makes the one bus of a journal, whose programs send frames that no configuration names. */
 static bool scenario_journal_open_bus(scenario *s, uint64_t until_ns, FILE *messages)
 {
     const cfg_time until = {.ns = until_ns};

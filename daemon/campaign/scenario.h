@@ -28,7 +28,7 @@ typedef struct scenario_bus {
 typedef struct scenario {
     cfg *alone; /* NULL: there is a rig, or a journal */
     rig *rig;
-    journal_player *player; /* NULL: it is no journal */
+    journal_player *player; /* NULL: it is not a journal */
     sim_group group;
     size_t count; /* of buses */
     scenario_bus buses[RIG_BUSES_MAX];

@@ -27,8 +27,8 @@ void client_set_teller(void (*tell)(const char *text));
 typedef void client_take(void *user, const char *path, json_t *reply);
 
 /* Asks several buses at once, so that those which hang share one limit. First those are taken that
- * cannot be asked. Sockets of another type are none. Without memory it returns false after a
- * message. */
+ * cannot be asked. Sockets of another type are left out. Without memory it returns false after
+ * a message. */
 bool client_ask_all(char *const *paths, size_t count, json_t *request, client_take *take,
                     void *user);
 

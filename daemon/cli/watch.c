@@ -63,7 +63,7 @@ static void print_event(json_t *event)
     putchar('\n');
 }
 
-/* Prints an event for people. A line that is none is told apart, and the next ones follow. */
+/* Prints an event for people. A line that is not an event gets a message. */
 static void watch_print_line(const char *line)
 {
     json_error_t error;

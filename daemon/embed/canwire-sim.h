@@ -55,7 +55,7 @@ typedef enum canwire_sim_status {
 /* Returns CANWIRE_SIM_ABI of the library. */
 CANWIRE_SIM_API int canwire_sim_abi(void);
 
-/* Returns the version of canwire, "0.2.0"; it lives for ever. */
+/* Returns the version of canwire, "0.2.0"; it stays valid. */
 CANWIRE_SIM_API const char *canwire_sim_version(void);
 
 /* Reads the file of a bus or of a rig and makes its buses at time 0. Returns NULL when there are

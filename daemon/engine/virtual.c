@@ -245,7 +245,7 @@ static void on_port(struct ev_loop *loop, ev_io *io, int events)
 
 /* ---- Who holds time -------------------------------------------------------------------------- */
 
-/* Returns the first program whose turn holds time; NULL: none does. */
+/* Returns the first program that has its turn, or whose process has not ended; NULL: none. */
 static const turn *find_holder(const turns *t)
 {
     for (unsigned i = 0; i < TURNS_MAX; i++)

@@ -128,7 +128,7 @@ static member_result messages_complain(member *c, port *p, unsigned type, int co
     return c->state == MEMBER_THERE ? MEMBER_CONTROL : MEMBER_GONE;
 }
 
-/* Returns true for a name that may stand in events and logs; "" is none. */
+/* Returns true for a name that may stand in events and logs; "" stands for none. */
 static bool is_name(const char name[MESSAGE_NAME_BYTES])
 {
     const size_t length = strnlen(name, MESSAGE_NAME_BYTES);

@@ -16,7 +16,7 @@
 
 #define PLAIN SHARED_PLAIN
 #define PLAIN_BIT (UINT64_C(1) << PLAIN)
-#define CONTROLS_MAX 256u /* messages of one read that are no frames */
+#define CONTROLS_MAX 256u /* messages of one read that are not frames */
 
 static port_shared *shared_own(port *p)
 {

@@ -214,7 +214,7 @@ int options_get(const cansock *s, int level, int name, void *value, socklen_t *s
 #define STAMP_OLD 0x8906
 #define STAMPNS_OLD 0x8907
 
-/* Fills in the answer to a request by name. Returns false for a request that is none. */
+/* Fills in the answer to a request by name. Returns false for another request. */
 static bool interfaces_answer(struct ifreq *r, unsigned long request, const iface *in)
 {
     switch (request) {

@@ -594,8 +594,8 @@ static bool may_be_bare(const line_spec *spec)
     return spec->kind == JOURNAL_SENT || spec->input == INPUT_SEND;
 }
 
-/* Checks that the line has a seal where it needs one. A seal that has not the form of one, such as
- * a digit too few, was not found by check_group(). */
+/* Checks that the line has a seal where it needs one. A seal of another form, such as one with a
+ * digit too few, was not found by check_group(). */
 static bool check_seal_of(journal_reader *r, const line_spec *spec)
 {
     if (!journal_read_value_of(r, "crc"))

@@ -93,8 +93,7 @@ static json_t *typed(maker *self, const schema_key *key)
     return value;
 }
 
-/* Returns what JSON schema says of the value of a key. A key of which nothing is known ends the
- * build. */
+/* Returns what JSON schema says of the value of a key. One without a known type ends the build. */
 static json_t *schema_value_of(maker *self, const schema_key *key)
 {
     json_t *value = typed(self, key);

@@ -171,8 +171,8 @@ static const struct {
 };
 
 /* The units as metrics write them: the word in the name of a counter, the one in its place, and the
- * digits behind the point. Prometheus has base units only. A bit of the wire is none of memory, so
- * it is a time. */
+ * digits behind the point. Prometheus has base units only. A bit on the wire is a time there, as
+ * it is not a bit of memory. */
 static const struct {
     const char *old;
     const char *name;
@@ -205,7 +205,7 @@ void metrics_page_begin(metrics_page *page, bool openmetrics)
     *page = (metrics_page){.openmetrics = openmetrics};
 }
 
-/* Appends the value of a label. Bytes that are no plain text are '?'. */
+/* Appends the value of a label. Bytes that are not plain text are '?'. */
 static void put_value(buffer *out, const char *text)
 {
     uint32_t code;
@@ -222,7 +222,7 @@ static void put_value(buffer *out, const char *text)
     }
 }
 
-/* Two labels at most that all counters of a thing have; a key that is NULL is none. */
+/* Two labels at most that all counters of a thing have; one without a value is left out. */
 typedef struct label {
     const char *key;
     const char *value;

@@ -163,7 +163,7 @@ static void end_refusal(service *s)
         notify_ready(s->host->notifier);
 }
 
-/* Logs a refusal. One because canwired is stopping is no error, and is logged once. */
+/* Logs a refusal. That canwired is stopping is not an error, and is logged once. */
 static void log_refusal(service *s, char *errors)
 {
     if (s->host->stopping) {

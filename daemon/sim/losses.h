@@ -48,8 +48,8 @@ typedef void losses_teller(void *user, const loss_words *words);
 /* Forgets all, for another run of the same configuration. */
 void losses_forget(losses *all);
 
-/* Takes each event of such kinds. Drops by fault rules are no losses: they are what was asked
- * for. */
+/* Takes each event of such kinds. Drops by fault rules were asked for, so they are not
+ * losses. */
 void losses_event(losses *all, const cw_event *event);
 
 /* Tells what has been lost when a run has ended with this bus. before: stands before names of nodes

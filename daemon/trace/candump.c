@@ -300,8 +300,7 @@ static trace_result candump_read_line(trace_input *in, candump_state *s, trace_r
     return read_screen_frame(in, r, second);
 }
 
-/* Reads up to the next entry. Lines of candump -e explain the error frame before them, and are
- * none. */
+/* Reads up to the next entry. Lines of candump -e only explain the error frame before them. */
 trace_result candump_next(trace_input *in, candump_state *state, trace_record *record)
 {
     for (;;) {

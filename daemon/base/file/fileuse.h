@@ -27,7 +27,7 @@ typedef struct fileuse {
     int column;
 } fileuse;
 
-/* All zeros is none. */
+/* All zeros is an empty list. */
 typedef struct fileuses {
     fileuse *uses; /* texts are not owned */
     size_t count;

@@ -35,7 +35,7 @@ typedef struct sink_info {
     uint64_t gaps;    /* of a journal */
 } sink_info;
 
-/* All zeros is none. */
+/* All zeros is an empty list. */
 typedef struct sink_list {
     size_t count;
     sink_info all[SINKS_MAX];

@@ -76,7 +76,7 @@ static inline bool jsonread_is(const jsonread_value *v, jsonread_kind kind)
     return v && v->kind == kind;
 }
 
-/* Returns a member of an object; NULL: there is none, or it is no object. A key that stands behind
+/* Returns a member of an object; NULL: it has none, or is not an object. A key that stands behind
  * `last` is found at once; NULL: any may come first. */
 const jsonread_value *jsonread_find(const jsonread_value *object, const jsonread_value *last,
                                     const char *key, size_t length);
@@ -86,7 +86,7 @@ static inline const jsonread_value *jsonread_get(const jsonread_value *object, c
     return jsonread_find(object, NULL, key, strlen(key));
 }
 
-/* Returns a string; NULL: it is none. */
+/* Returns a string; NULL: it is another value. */
 static inline const char *jsonread_string(const jsonread_value *v)
 {
     return jsonread_is(v, JSONREAD_STRING) ? v->text : NULL;

@@ -7,7 +7,7 @@
 
 #include <stdio.h>
 
-/* All zeros is none. */
+/* All zeros is a stream that is not open. */
 typedef struct memo {
     FILE *out;
     char *text; /* as of the last memo_text() */

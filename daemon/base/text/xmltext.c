@@ -17,7 +17,7 @@ static size_t size_of(const char *text, const char *allowed)
     return strchr(allowed, text[0]) ? 1 : plain_size(text);
 }
 
-/* Writes '?' for a character that may not be written, and for each byte that is none. */
+/* Writes '?' for a character that XML does not allow, and for each byte that is not UTF-8. */
 static void write_escaped(FILE *out, const char *text, const char *allowed)
 {
     size_t size;

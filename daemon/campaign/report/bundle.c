@@ -13,7 +13,7 @@
 
 /* ---- Loading --------------------------------------------------------------------------------- */
 
-/* Loads a rig to learn the names and files of its buses. Messages have gone to the user before. */
+/* Loads a rig, in silence, to learn the names and files of its buses. */
 static rig *load_rig(const bundle *b, const char *text, size_t size)
 {
     const cfg_file file = {.name = b->file, .text = text, .size = size};

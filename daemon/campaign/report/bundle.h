@@ -33,8 +33,8 @@ typedef struct bundle_text {
     cfg_file buses[RIG_BUSES_MAX]; /* of a rig; names and texts are owned */
 } bundle_text;
 
-/* Reads a text with the name of a file, and the files of its buses. Returns false when it is no
- * bus and no rig that can be read; free it in any case. */
+/* Reads a text with the name of a file, and the files of its buses. Returns false when it
+ * is neither a bus nor a rig that can be read; free it in any case. */
 bool bundle_load(bundle *b, const char *file, const char *text, size_t size);
 
 /* Returns document i, from 0 on: the main one, then those of buses; NULL: there are no more, or

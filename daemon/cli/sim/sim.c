@@ -27,7 +27,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* A drop has the time at which its frame was handed in, which is no end of a bit. */
+/* A drop has the time at which its frame was handed in, which may be within a bit. */
 #define CAREFUL_BITS 2u
 
 typedef enum output {

@@ -13,7 +13,7 @@
 #define PARTS_OF_TICK 1000u
 #define LEAST_WIDTH 150 /* of a quantum that is seen, in hundredths of a pixel */
 
-/* Moments come in the order of their ticks, which drawing relies on. False without memory. */
+/* Moments come in the order of bits, by which inside_before() finds them. False without memory. */
 static bool svg_inside_add(inside_list *self, inside_moment moment)
 {
     if (self->count == self->capacity) {
