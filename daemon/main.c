@@ -573,7 +573,8 @@ static int refuse_start(process *p)
     return daemon_give_up(p, NULL, unit_failure());
 }
 
-/* Loads before anything is opened, so that a bad configuration changes nothing. */
+/* Loads the configuration before it opens ports, sockets or outputs, so that a bad one changes
+ * nothing. */
 int main(int argc, char **argv)
 {
     static process p = {.ready = -1, .activated = -1};

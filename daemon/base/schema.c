@@ -551,7 +551,8 @@ static void store_uint(void *target, size_t bytes, uint64_t value)
     }
 }
 
-/* Returns a count within the limits, so that readers can go on after the complaint. */
+/* Complains about too few or too many items. Returns their number, at most max, so that readers can
+ * go on. */
 static size_t clamp_count(schema *self, const schema_key *key, const yaml_node_t *list, size_t min,
                           size_t max)
 {

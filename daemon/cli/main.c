@@ -145,7 +145,8 @@ static int help(int argc, char **argv)
     return run_command(found, 2, arguments);
 }
 
-/* Handles the words that are no commands. Help is a wish, and nothing at all is wrong usage. */
+/* Runs a command, or answers help and version. Help that is asked for is a success; no word at all
+ * is wrong usage. */
 static int run_tool(int argc, char **argv)
 {
     if (argc < 2) {

@@ -53,7 +53,7 @@ static unsigned tell_held_back(const bcm_op *op)
     return told;
 }
 
-/* The time ival2 is over: changes that came meanwhile are told, and it begins again. */
+/* The time ival2 is over. If changes came meanwhile, they are told, and it begins again. */
 static void on_throttle(pump_item *self, bool readable)
 {
     bcm_op *op = self->user;

@@ -297,7 +297,7 @@ static int remove_one(row *r, size_t which)
     return 0;
 }
 
-/* Counts the files that may be removed; others are somebody else's. */
+/* Counts the journals: other files of the row belong to somebody else, and stay. */
 static size_t count_journals(const row *r)
 {
     size_t count = 0;

@@ -43,7 +43,7 @@ static const char *const when_full_names[] = {
 #define PPB_PER_PERMILLE 1000000u
 #define SAMPLE_POINT_MAX 16 /* bytes of "0.875" and of any 32 bits */
 
-/* Puts the sample point as `ip` prints it, in permille. */
+/* Puts the sample point as `ip` prints it: a part of 1, with three digits. */
 static void put_sample_point(json_t *object, const char *key, const bit_timing *t)
 {
     char text[SAMPLE_POINT_MAX];

@@ -92,7 +92,7 @@ static bool is_counted_by_node(const cfg_expect *e)
     return e->to || e->node;
 }
 
-/* Shorter frames do not match, longer ones do. */
+/* Frames with fewer bytes do not match. Bytes behind those of the condition do not matter. */
 static bool matches_data(const cw_rule *when, const cw_frame *frame)
 {
     if (cw_frame_length(frame) < when->data_length)

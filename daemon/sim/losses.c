@@ -22,7 +22,8 @@ void losses_forget(losses *all)
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
-/* Returns the losses of a node for a reason; NULL: there are too many, and it is only counted. */
+/* Finds or adds the losses of a node for a reason; NULL: there are too many, so it is only
+ * counted. */
 static lost_frames *losses_find(losses *all, unsigned node, unsigned why)
 {
     for (unsigned i = 0; i < all->count; i++)

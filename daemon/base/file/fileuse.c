@@ -211,7 +211,7 @@ static int by_use(const place *a, const place *b)
     return a->use != b->use ? ORDER(a->use, b->use) : ORDER(a->number, b->number);
 }
 
-/* Returns 0 for the same file. Missing files come first and equal no file. */
+/* Returns 0 for the same file. Missing files come first, as one group, in which nothing clashes. */
 static int compare_files(const place *a, const place *b)
 {
     if (a->exists != b->exists || !a->exists)
@@ -219,8 +219,8 @@ static int compare_files(const place *a, const place *b)
     return a->device != b->device ? ORDER(a->device, b->device) : ORDER(a->inode, b->inode);
 }
 
-/* Returns 0 for the same name in one folder. Places without a folder come first and equal no
- * other. */
+/* Returns 0 for the same name in one folder. Places without a folder come first, as one group, in
+ * which nothing clashes. */
 static int compare_names(const place *a, const place *b)
 {
     if (a->has_folder != b->has_folder || !a->has_folder)

@@ -99,8 +99,8 @@ static scenario *ecu_own_run(const char *file, uint64_t until_ns, FILE *messages
     return NULL;
 }
 
-/* Runs the scenario up to the end of the program. Without one, the reason is the first line of the
- * messages. */
+/* Runs the scenario up to the end of the program. If it cannot be run, the reason is the first line
+ * of the messages. */
 static scenario *run_told(const char *file, const char *program, ecu_result *result)
 {
     memo said;

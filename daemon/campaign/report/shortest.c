@@ -106,8 +106,7 @@ static int64_t deadline_of(const minimise_task *common, row_class class, size_t 
     return now + (class == CLASS_TIMEOUT && part < common->limit_ms * NS_PER_MS ? left : part);
 }
 
-/* Makes the candidates of a class shorter. Those that cannot be, by tests or by time, are
- * counted. */
+/* Makes the candidates of a class shorter. Rows that do not do the same again are only counted. */
 static void add_class(shortest *s, const report *r, row_class class, const minimise_task *common,
                       int64_t end_ns)
 {

@@ -230,7 +230,7 @@ static void print_compensation(FILE *out, const row *r)
                 nanoseconds(sample.at).text, margin.text);
 }
 
-/* Prints the data phase of a node. Sender delay compensation stands behind it. */
+/* Prints the data phase of a node. Transmitter delay compensation follows it. */
 static void print_data_row(FILE *out, int name_width, const row *r)
 {
     const bit_timing *data = &r->time->phase[1].bit;

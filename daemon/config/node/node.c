@@ -131,7 +131,7 @@ void cfg_read_nodes(schema *self, const schema_key *key, yaml_node_t *value, voi
     note_answers(config);
 }
 
-/* Names are distinct, without regard for the order of nodes: rules and clients go by them. */
+/* Names of nodes are unique on a bus: rules and clients go by them. */
 void cfg_read_node_name(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     const cfg *config = cfg_of(self);

@@ -25,7 +25,7 @@
 
 /* ---- One node -------------------------------------------------------------------------------- */
 
-/* Returns picoseconds of a span of 2^-32 ticks, rounded to the nearest. */
+/* Converts a span, in units of 2^-32 ticks, to picoseconds, rounded to the nearest. */
 static uint64_t ps_of(cw_span span)
 {
     const uint64_t whole = (uint64_t)span >> TICK_BITS;
