@@ -45,7 +45,6 @@ static size_t read_mounts(mount_seen *all, size_t most)
     return count;
 }
 
-/* Returns the mount with this id, or NULL. */
 static const mount_seen *find_mount(const mount_seen *all, size_t count, int id)
 {
     for (size_t i = 0; i < count; i++)

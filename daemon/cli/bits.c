@@ -469,7 +469,6 @@ static bool cell_is_empty(const display *shown, const part *which, line_kind kin
            (kind == LINE_VALUE && which->value[0] == '\0');
 }
 
-/* Returns true when no part of the row has anything on this line. */
 static bool line_is_empty(const display *shown, unsigned first, unsigned end, line_kind kind)
 {
     for (unsigned i = first; i < end; i++) {

@@ -269,7 +269,6 @@ void programs_let_in(programs *p)
     }
 }
 
-/* A program connects. */
 static void on_coming(struct ev_loop *loop, ev_io *io, int events)
 {
     programs *p = io->data;

@@ -86,7 +86,6 @@ static bool has_ancestor_of(const turn *one, const turn *other)
     return one->pid == other->pid || descends(one, other->pid) || descends(other, one->pid);
 }
 
-/* Returns the program that is this process, or NULL. */
 static const turn *turns_find(const turns *t, int pid)
 {
     for (unsigned i = 0; i < TURNS_MAX; i++)

@@ -302,7 +302,6 @@ static unsigned count_there(const port_shared *s)
     return count;
 }
 
-/* Returns the client that is the controller of the node, or NULL. */
 static member *find_controller(port_shared *s)
 {
     for (unsigned i = 0; i < PORT_CLIENTS_MAX; i++)

@@ -33,7 +33,6 @@ typedef struct vtimer {
 static vtimer all[FDS_MAX + 1] = {[ALARM] = {.used = true, .fd = -1, .due_ns = VTIME_NEVER}};
 static unsigned highest; /* place of a timerfd that was ever used, and 1 */
 
-/* Returns the timer of a descriptor, or NULL. */
 static vtimer *vtimer_find(int fd)
 {
     for (unsigned i = 0; i < highest; i++)

@@ -632,7 +632,6 @@ static void write_place(vcd *self, const cw_mark *m, bool sampled)
     write_part(self, self->time, m->node, &m->place, (cw_mac_phase)m->phase, sampled);
 }
 
-/* Writes what happens at a moment inside a bit. */
 static void write_mark(vcd *self, const cw_bit_view *bit, const cw_mark *m)
 {
     inside *in = self->inside;

@@ -506,7 +506,6 @@ static bool check_type(journal_reader *r, const char *key, json_type type)
     return wrong(r, key, "%s: expected %s", key, names[type]);
 }
 
-/* Returns the key of a kind of lines, or NULL. */
 static const key_spec *journal_read_find_key(const line_spec *spec, const char *name)
 {
     for (const key_spec *key = spec->keys; key->name; key++)

@@ -292,7 +292,6 @@ static unsigned add_some(metrics_page *page, const cfg *config, const cw_bus *bu
     return USUAL | 1u << CW_STAT_HOST;
 }
 
-/* Adds a node, to which several tables belong. */
 static void add_node(metrics_page *page, const cfg *config, const cw_bus *bus, unsigned node,
                      const report_node *own, const status_errors *errors)
 {

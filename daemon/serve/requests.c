@@ -212,7 +212,6 @@ static bool run_watch(request *r)
 
 /* ---- Rules ----------------------------------------------------------------------------------- */
 
-/* Returns the names of rules in the order of their text. */
 static json_t *names_of(const cfg_rules *rules)
 {
     json_t *names = json_array();
@@ -584,7 +583,6 @@ static const request_kind *requests_find_kind(request *r)
     return NULL;
 }
 
-/* Returns the row of a key in a kind of requests, or NULL. */
 static const request_key *requests_find_key(const request_kind *kind, const char *name)
 {
     for (const request_key *key = kind->keys; key->name; key++)

@@ -58,7 +58,6 @@ static bool sim_until_find_kind(sim_until *u, const char *word, size_t length)
     return false;
 }
 
-/* Returns the node with this name, -1 without one. */
 static int sim_until_find_node(const cfg *config, const char *word, size_t length)
 {
     for (size_t i = 0; i < config->node_count; i++)

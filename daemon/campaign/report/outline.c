@@ -271,7 +271,6 @@ static const yaml_node_t *next_value(writer *w, level *l)
     return NULL;
 }
 
-/* Ends the innermost list or map. */
 static void end_level(writer *w)
 {
     yaml_event_t event;

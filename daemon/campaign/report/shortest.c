@@ -171,7 +171,6 @@ static char *no_scenarios(const report *r)
     return text;
 }
 
-/* Returns true when any class has a row to make shorter. */
 static bool has_failures(const report *r)
 {
     for (unsigned i = 0; i < CLASS_COUNT; i++)

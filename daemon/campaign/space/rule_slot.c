@@ -69,7 +69,6 @@ uint64_t rule_slot_value(const rule_slot *slot, const campaign *c, const choice 
     return value;
 }
 
-/* Returns the index of a rule in the configuration, or -1. */
 static int rule_slot_find_rule(const cfg *config, const char *name)
 {
     for (size_t i = 0; i < config->rule_count; i++)

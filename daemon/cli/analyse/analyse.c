@@ -170,7 +170,6 @@ static bool simulate(sources *s, cfg *config, uint64_t until)
 
 /* ---- Analysis -------------------------------------------------------------------------------- */
 
-/* Shows the analysis in the form that was asked for. */
 static void analyse_show(const wishes *w, const analysis *a)
 {
     if (w->json) {

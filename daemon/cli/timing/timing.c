@@ -382,7 +382,6 @@ static bool find_both(bit_timing found[2], char problem[TIMING_PROBLEM_MAX],
                        : timing_by_kernel(&found[1], problem, &o->data);
 }
 
-/* Shows what was found, with the data phase when one was asked for. */
 static void timing_show(const timing_options *o, const bit_timing found[2])
 {
     const timing_limits *limits = o->request.limits;
