@@ -198,7 +198,7 @@ static void on_nudge(struct ev_loop *loop, ev_async *watcher, int events)
     ev_async_stop(loop, watcher);
 }
 
-/* Each second: the line for systemd, and a look if signals can still arrive. */
+/* Each second: the line for systemd, and a check that signals can still arrive. */
 static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;

@@ -1399,8 +1399,8 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config);
 size_t cw_bus_copy_size(const cw_bus *bus);
 
 /* Copies a bus, between any two calls: its time, nodes, frames, rules, settings and counters,
- * events that have not been taken, and records of synchronisations. The copy is no bus, and may be
- * moved. */
+ * events that have not been taken, and records of synchronisations. The copy is not a bus, and may
+ * be moved. */
 void cw_bus_copy(const cw_bus *bus, void *copy);
 
 /* Takes a bus back, or forward, to where it was copied. The same calls then have the same results
@@ -1652,7 +1652,7 @@ typedef struct cw_bit_node {
     uint16_t rec;
 } cw_bit_node;
 
-/* Things that a node does at a moment inside of a bit time. */
+/* Things that a node does at a moment inside a bit time. */
 typedef enum cw_mark_kind {
     CW_MARK_BEGIN = 0, /* it begins a bit, as the first quantum of many */
     CW_MARK_DRIVE,     /* it puts another level onto its wire, or a rule makes it another one */
@@ -1727,7 +1727,7 @@ uint64_t cw_delay_bucket_ticks(unsigned bucket);
  * most the maximum). Returns 0 when there are no delays. permille 500 is the median. */
 uint64_t cw_delay_quantile_ticks(const cw_delay *delay, unsigned permille);
 
-/* The members are the rows of the tables of canwire_counters.h; those below are no counters. */
+/* The members are the rows of the tables of canwire_counters.h; those below are not counters. */
 typedef struct cw_node_stats {
     CW_NODE_COUNTERS(CW_MEMBER)
     uint16_t tec;

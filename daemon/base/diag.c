@@ -28,7 +28,7 @@ static void diag_keep(diag *self, diag_message message)
         self->count++;
 }
 
-/* Takes the text over. Beyond the limits errors only count; diag_flush() says that there are
+/* Takes the text over. Beyond the limits errors are only counted; diag_flush() says that there are
  * more. */
 static void diag_add_message(diag *self, diag_message message)
 {

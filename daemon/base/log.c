@@ -159,7 +159,7 @@ static const char *word(priority p)
     return "";
 }
 
-/* Keeps the last error for log_last_error(). Several threads have errors. */
+/* Keeps the last error for log_last_error(). Several threads may log errors at once. */
 static void keep_error(const char *text, size_t length)
 {
     (void)pthread_mutex_lock(&state.lock);

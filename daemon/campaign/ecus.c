@@ -324,7 +324,7 @@ static void check_own(schema *self, const yaml_node_t *item, ecu *e, size_t coun
         e->name = "program";
 }
 
-/* Each program has a node, but for one that is the bus itself. */
+/* Each program has a node, except one that is the bus itself. */
 static void check_program(schema *self, const yaml_node_t *item, ecu *e, size_t count)
 {
     if (item->type != YAML_MAPPING_NODE)

@@ -221,7 +221,7 @@ static void write_loss(void *user, const loss_words *w)
     buffer_put(row, "}");
 }
 
-/* Writes the losses on all buses, in the order of these. */
+/* Writes the losses on all buses, in the order of the buses. */
 static void write_losses(buffer *row, const scenario *s)
 {
     char before[CFG_NODE_NAME_MAX + 2] = "";

@@ -56,7 +56,7 @@ const char *outcome_first_error(char *messages);
 outcome outcome_write_invalid(buffer *row, char *messages);
 
 /* Does this for a scenario whose last run has failed. Returns the outcome. The row has no memory
- * when the process lacked something: it is no row then. */
+ * when the process lacked something: it is not a row then. */
 outcome outcome_write_broken(buffer *row, scenario *s);
 
 /* Returns true when a message is about what this process lacks at the moment, memory or

@@ -127,7 +127,7 @@ static void print_usage(FILE *out)
     fputs("usage: canwire bits FRAME [--raw] [--fd-non-iso]\n", out);
 }
 
-/* The usage line also follows a complaint, alone. */
+/* Begins with the usage line, which also follows complaints on its own. */
 static void bits_print_help(void)
 {
     print_usage(stdout);
@@ -417,7 +417,7 @@ static char rate_letter(const cw_bits *bits, unsigned n)
     return before || behind ? 'm' : 'n';
 }
 
-/* Prints a letter a bit, below its level. Returns the columns used. */
+/* Prints one letter for each bit, below its level. Returns the columns used. */
 static unsigned print_rates(const display *shown, const part *which)
 {
     for (unsigned n = which->first; n < which->first + which->count; n++) {

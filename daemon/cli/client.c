@@ -386,7 +386,7 @@ void client_close(client *c)
 
 /* ---- Asking ---------------------------------------------------------------------------------- */
 
-/* Sends a text. A connection that the bus has closed is no error here, since its reply has the
+/* Sends a text. A connection that the bus has closed is not an error here, since its reply has the
  * reason. */
 static bool send_all(const client *c, const char *text, size_t length, int64_t until)
 {

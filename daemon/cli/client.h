@@ -26,9 +26,9 @@ void client_set_teller(void (*tell)(const char *text));
 /* Takes the reply of a bus over, NULL after a message. */
 typedef void client_take(void *user, const char *path, json_t *reply);
 
-/* Asks several buses at once, so that those which hang share one limit. First those are taken that
- * cannot be asked. Sockets of another type are left out. Without memory it returns false after
- * a message. */
+/* Asks several buses at once, so that those which hang share one limit. Those that
+ * cannot be asked are taken first. Sockets of another type are left out. Without memory it returns
+ * false after a message. */
 bool client_ask_all(char *const *paths, size_t count, json_t *request, client_take *take,
                     void *user);
 
@@ -70,7 +70,7 @@ json_t *client_ask(client *c, json_t *request);
  * client makes what comes from a socket plain (base/plain.h). */
 const char *client_next(client *c);
 
-/* Parses a line of the bus; its texts are plain. Returns NULL for a line that is no JSON. */
+/* Parses a line of the bus; its texts are plain. Returns NULL for a line that is not JSON. */
 json_t *client_parse(const char *line, json_error_t *error);
 
 /* Reports that the bus has ended, or the error. Returns false when the bus has not ended. */

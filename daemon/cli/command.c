@@ -40,7 +40,7 @@ static bool take_wait(void *out, const char *option, const char *text)
     return !wrong;
 }
 
-/* Returns true for a word that can be no bus: a file, or YAML. */
+/* Returns true for a word that cannot be a bus: a file, or YAML. */
 static bool is_no_bus(const char *word)
 {
     struct stat found;

@@ -96,7 +96,7 @@ static const command *find_command(const char *name)
     return NULL;
 }
 
-/* Refuses a word that is no command, with the nearest one as a guess. */
+/* Refuses a word that is not a command, with the nearest one as a guess. */
 static int refuse_command(const char *name)
 {
     nearest guess = {.word = name};

@@ -346,7 +346,8 @@ static void record_bus_on_signal(int number)
     errno = error;
 }
 
-/* Each signal ends the recording, so that the file is whole. Calls go on behind one. */
+/* Each signal ends the recording, so that the file is whole. Calls that it interrupts are
+ * restarted. */
 static void catch_signals(const recording *r)
 {
     const struct sigaction action = {.sa_handler = record_bus_on_signal, .sa_flags = SA_RESTART};
@@ -419,7 +420,7 @@ static void tell_end(const recording *r, bool written)
                     r->order->tool, file);
 }
 
-/* Returns the exit status. That a reader has ended is no error. */
+/* Returns the exit status. That a reader has ended is not an error. */
 static int record_bus_finish(recording *r)
 {
     const bool reader = has_reader(r->order);

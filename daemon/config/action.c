@@ -581,7 +581,7 @@ static void complete_force(schema *self, yaml_node_t *map, cw_rule *rule)
         complain_at(self, map, "for", "give the length in 'bits' or as a time, not both");
 }
 
-/* A value that a profile leaves open may still become `dominant`, and is let pass. */
+/* A value that a profile leaves open may still become `dominant`, so it is accepted. */
 static void complete_stuck(schema *self, yaml_node_t *map, cw_rule *rule)
 {
     bool sensible = rule->line == CW_LINE_TX && rule->level == CW_DOMINANT;

@@ -193,7 +193,7 @@ typedef struct cfg_schedule {
 } cfg_schedule;
 
 typedef struct cfg_node {
-    char *name;          /* "", which is no node's name, while it is unknown */
+    char *name;          /* "", which is not a node's name, while it is unknown */
     char *port;          /* interface name, or NULL; of all guests the same */
     uint8_t guest;       /* number of a guest, from 1 on; 0: it is not one */
     cfg_place port_place;

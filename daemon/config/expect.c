@@ -239,7 +239,7 @@ static void read_delay(schema *self, const schema_key *key, yaml_node_t *value, 
         cfg_read_ticks_min(self, key, value, object);
 }
 
-/* `never` turns the expectation round: it fails when it would be met. */
+/* `never` inverts the expectation: it fails where it would be met. */
 static void read_whether(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_expect *e = object;

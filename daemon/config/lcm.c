@@ -26,7 +26,7 @@ const schema_key cfg_lcm_keys[] = {
     {.name = NULL},
 };
 
-/* The key alone publishes, with what its keys say by default. */
+/* The key alone is enough to publish, with the defaults of its own keys. */
 void cfg_read_lcm(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg *config = object;
@@ -37,7 +37,7 @@ void cfg_read_lcm(schema *self, const schema_key *key, yaml_node_t *value, void 
     schema_map(self, key->name, value, cfg_lcm_keys, &config->lcm);
 }
 
-/* LCM checks the rest when it opens the URL. */
+/* Checks for :// alone. LCM checks the rest when it opens the URL. */
 static void read_lcm_url(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     static const char expected[] = "an LCM URL such as " LCM_URL_DEFAULT;

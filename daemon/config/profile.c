@@ -204,7 +204,7 @@ static const char *find_profile(schema *self, const profilefile *wanted)
     return cfg_resolve_path(self, wanted->beside[0], wanted->name);
 }
 
-/* Names all folders that were looked into. */
+/* Complains about a profile that was not found, with all folders that were searched. */
 static void complain_absent(schema *self, const yaml_node_t *value, const profilefile *wanted)
 {
     char folders[PROFILEFILE_LIST_BYTES];

@@ -308,7 +308,7 @@ static void read_channel(schema *self, const schema_key *key, yaml_node_t *value
         traffic->channel = schema_copy(self, text);
 }
 
-/* `max` leaves the times of the recording out. */
+/* `max` ignores the times of the recording. */
 static void read_speed(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_traffic *traffic = object;

@@ -28,7 +28,7 @@ schema_reader cfg_read_frame;     /* member: cw_frame */
 schema_reader cfg_read_filters;   /* frames; object: a cw_rule, or what begins with one */
 schema_reader cfg_read_data;      /* the same */
 schema_reader cfg_read_rate;      /* member: cw_phase_rate; arg: a schema_choice[] */
-schema_reader cfg_read_window;    /* object: as that of cfg_read_data; exact */
+schema_reader cfg_read_window;    /* object: as that of cfg_read_filters; exact */
 schema_reader cfg_read_position;  /* object: a cw_rule */
 schema_reader cfg_read_line;      /* the same; wire, NODE.tx or NODE.rx */
 schema_reader cfg_read_node_set;  /* member: uint64_t; a node or a list of them */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * canwire-sim.h - CAN buses in virtual time inside of a program: libcanwire-sim.
+ * canwire-sim.h - CAN buses in virtual time inside a program: libcanwire-sim.
  *
  * It does what `canwire sim` does with the same files: one bus, or the buses of a rig. The program
  * says how far time goes, hands in frames, and reads the frames that nodes receive. The same calls
@@ -152,7 +152,7 @@ CANWIRE_SIM_API int64_t canwire_sim_next(const canwire_sim *sim);
 /* A frame. `can_id` has the identifier and the flags of linux/can.h: CAN_EFF_FLAG 0x80000000,
  * CAN_RTR_FLAG 0x40000000, CAN_ERR_FLAG 0x20000000 of error frames, which are only read. */
 typedef struct canwire_sim_frame {
-    int64_t t; /* read: the time at which the node has got it */
+    int64_t t; /* read: the time at which the node got it */
     uint32_t can_id;
     uint8_t flags;   /* CANWIRE_SIM_FRAME_* */
     uint8_t length;  /* bytes of data; of a remote frame the DLC: 0..8, 0..64 of an FD frame */

@@ -145,7 +145,7 @@ void embed_tell_end(memo *t, char **messages)
         free(text);
 }
 
-/* Loads, and hands over what there is to be said about that, also when it is good. */
+/* Loads, and hands over all messages about it: errors, or the warnings of a good file. */
 static canwire_sim *load_telling(const cfg_file *file, char **messages)
 {
     memo t;

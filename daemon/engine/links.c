@@ -231,8 +231,7 @@ static void on_gone(void *user, unsigned index)
     e->wake(e);
 }
 
-/* A list begins, so a retry would be too much. Interfaces that it does not name are gone at its
- * end. */
+/* A list begins, so no retry is needed. Interfaces that it does not name are gone at its end. */
 static void on_listing(void *user)
 {
     engine *e = user;

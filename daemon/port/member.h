@@ -91,7 +91,8 @@ void member_tell_state(member *c, const message_head *head, const message_state 
 ssize_t member_receive(const member *c, void *bytes, size_t room, int flags, int64_t *stamp_ns,
                        bool *cut);
 
-/* Returns true when nothing more will come of it; messages that it has sent may wait to be read. */
+/* Returns true when nothing more will come from it; messages that it has sent may wait to be
+ * read. */
 bool member_has_gone(const member *c);
 
 /* Returns true when a message, or a part of one, waits to be read. */

@@ -194,7 +194,7 @@ static member_result take_filters(member *c, port *p, const message *m, size_t s
     return MEMBER_CONTROL;
 }
 
-/* Takes a frame for the bus. A message that is no frame is refused, and the client stays. */
+/* Takes a frame for the bus. A message that is not a frame is refused, and the client stays. */
 static member_result messages_take_frame(member *c, port *p, const message *m, size_t size,
                                          port_frame *out)
 {

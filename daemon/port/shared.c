@@ -458,8 +458,8 @@ static void count_sent(port_shared *s, const void *frame)
     s->traffic.bytes_out += begin.can_id & CAN_RTR_FLAG ? 0 : begin.len;
 }
 
-/* Sends a frame of the bus to all. It counts as written when one of them has got it, and as failed
- * when one has no room and none has got it. */
+/* Sends a frame of the bus to all. It counts as written when one of them got it, and as failed
+ * when one has no room and none got it. */
 port_sent shared_send(port *p, const void *frame, size_t size)
 {
     port_shared *s = shared_own(p);

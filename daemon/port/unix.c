@@ -145,7 +145,7 @@ static bool is_client(const struct sockaddr_un *address, socklen_t size)
     return size > sizeof address->sun_family && address->sun_path[0] == '\0';
 }
 
-/* Accepts waiting connections. Behind an ECU that has got the place it stops: that one may have
+/* Accepts waiting connections. Behind an ECU that got the place it stops: that one may have
  * gone by now. The next read sees that, and accepts the next one. */
 static void accept_waiting(port *p)
 {
@@ -294,7 +294,7 @@ static bool unix_is_over(const port *p)
 
 /* ---- Opening and closing --------------------------------------------------------------------- */
 
-/* Frames that are gathered leave first. Plain ECUs that wait for a place have got none. */
+/* Frames that are gathered leave first. Plain ECUs that still wait for a place are closed. */
 static void close_port(port *p)
 {
     port_unix *u = unix_own(p);

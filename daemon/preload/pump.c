@@ -107,7 +107,7 @@ static void run_items(int64_t until_ns)
         continue;
 }
 
-/* The thread. It has the lock but while it waits. */
+/* The thread. It holds the lock, except while it waits. */
 static void *pump(void *nothing)
 {
     (void)nothing;

@@ -123,8 +123,8 @@ HOOK int timerfd_create(int clock, int flags)
     return fd;
 }
 
-/* Tells the time left and the interval. A timer that is due has the least time left, since 0 is one
- * that is off. */
+/* Tells the time left and the interval. A timer that is due has 1 ns left, since 0 means one that
+ * is off. */
 static void vtimer_tell(struct itimerspec *out, const vtimer *t)
 {
     const int64_t left_ns = t->due_ns - vtime_now_ns();

@@ -83,7 +83,8 @@ ssize_t waiting_recv(int fd, void *to, size_t size, int flags)
     return result;
 }
 
-/* Does the same for room. Returns -1 with errno. */
+/* Sends, and ends the turn as long as there is no room and the call may block. Returns -1 with
+ * errno. */
 ssize_t waiting_send(int fd, const struct msghdr *whole, int flags)
 {
     if (!vtime_is_on())

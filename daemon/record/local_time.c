@@ -24,8 +24,7 @@ static json_t *time_json(const cfg *config, const cw_node_time *t, unsigned node
     return object;
 }
 
-/* Returns a trigger and its counters. Without a frame that has begun, nothing is known of being
- * late. */
+/* Returns a trigger and its counters. Until a frame has begun, its lateness is null. */
 static json_t *trigger_json(const cfg_schedule *s, const cw_bus *bus, unsigned node, unsigned k)
 {
     const cw_time_trigger *trigger = &s->triggers[k];

@@ -545,7 +545,7 @@ json_t *output_rule_stats(const cfg *config, const cw_bus *bus, unsigned rule)
     return object;
 }
 
-/* Returns the statistics of all rules by their numbers. */
+/* Returns the statistics of all rules, in the order of their numbers. */
 static json_t *stats_of_rules(const cfg *config, const cw_bus *bus)
 {
     json_t *array = json_array();

@@ -193,7 +193,7 @@ static packet packet_of_error(const errframe *frame)
     return p;
 }
 
-/* Writes a packet with its time and its direction. */
+/* Writes a packet. Its time is in ns, the high half first. */
 static void write_packet(FILE *out, const packet *p, unsigned interface, uint64_t time_ns)
 {
     block b;

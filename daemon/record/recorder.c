@@ -275,7 +275,7 @@ void recorder_nodes_changed(recorder *r, const cw_bus *bus)
 
 /* ---- Start and end --------------------------------------------------------------------------- */
 
-/* The spool has been closed before. */
+/* The spool must have been closed. */
 static void free_recorder(recorder *r)
 {
     vcd_close(r->vcd);

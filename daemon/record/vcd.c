@@ -67,7 +67,7 @@ struct vcd {
     FILE *out;
     const cfg *config;
     bool begun;    /* all variables have values */
-    uint64_t time; /* tick last written; CW_NEVER: there is none, or it was inside of a bit */
+    uint64_t time; /* tick last written; CW_NEVER: there is none, or it was inside a bit */
     uint64_t units; /* ... as written */
     inside *inside; /* NULL: all bits are common to all nodes */
     uint64_t end;  /* tick of the end of the last bit */
@@ -330,7 +330,7 @@ static inline char *begin_change(vcd *self, uint64_t tick)
     return self->text + self->used;
 }
 
-/* Writes a time inside of a bit. The changes that follow have no tick. */
+/* Writes a time inside a bit. The changes that follow have no tick. */
 static void write_time_inside(vcd *self, uint64_t units)
 {
     if (TEXT_BYTES - self->used < CHANGE_MAX)
@@ -443,7 +443,7 @@ static void print_part(vcd *self, uint32_t mark, const cw_place *place, cw_mac_p
     self->printed_length = strlen(self->printed);
 }
 
-/* Writes the part of a node if it is another one. Its text is often that of the node before. */
+/* Writes the part of a node if it has changed. Its text is often that of the node before. */
 static inline void write_part(vcd *self, uint64_t tick, unsigned node, const cw_place *place,
                               cw_mac_phase phase, bool sampled)
 {
@@ -692,7 +692,7 @@ static void write_inside(vcd *self, const cw_bit_view *bit)
     }
 }
 
-/* Writes levels at the start of a bit time. Samples change inside of it, but in bits that are
+/* Writes levels at the start of a bit time. Samples change inside it, but in bits that are
  * common to all nodes, which have no marks. */
 static void write_levels_at_start(vcd *self, const cw_bit_view *bit)
 {

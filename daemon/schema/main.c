@@ -122,7 +122,7 @@ static bool is_whole(const maker *self, const schema_key *key, const json_t *val
            (type && (strcmp(type, "object") == 0 || strcmp(type, "array") == 0));
 }
 
-/* A default that is no JSON is a text as people write it, such as 1ms. */
+/* A default that is not JSON is a text as people write it, such as 1ms. */
 static json_t *preset_of(const char *text)
 {
     json_t *value = *text == '[' ? type_parse(text, NULL)
@@ -385,7 +385,7 @@ static void make_configuration(const char *folder)
     make_end(&self, root, folder, "canwire");
 }
 
-/* Writes the schema of files of which the top level is one map. */
+/* Writes the schema of files whose top level is one map. */
 static void make_file(const char *folder, const char *name, const schema_key *keys,
                       const char *title, const char *what)
 {

@@ -100,7 +100,7 @@ struct metrics {
 
 /* ---- Connections ----------------------------------------------------------------------------- */
 
-/* The last one who has it frees the page. */
+/* The last user of the page frees it. */
 static void release_sheet(sheet *s)
 {
     if (!s || --s->users > 0)

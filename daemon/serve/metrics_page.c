@@ -321,7 +321,7 @@ static void add_node(metrics_page *page, const cfg *config, const cw_bus *bus, u
     add_port(page, &config->nodes[node], own, at);
 }
 
-/* Adds a rule. A number without one is left out. */
+/* Adds a rule. A number without a rule is left out. */
 static void put_rule(metrics_page *page, const cfg *config, const cw_bus *bus, unsigned rule)
 {
     cw_rule_stats stats;

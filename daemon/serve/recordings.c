@@ -141,7 +141,7 @@ static void begin_later(recordings *all, entry *e, const cw_bus *bus)
     recordings_report(all, e);
 }
 
-/* Adds what a recorder has done to that of those before it. */
+/* Adds the counters of a recorder to the sum over those before it. */
 static void add_stats(recorder_stats *sum, const recorder_stats *more)
 {
     sum->entries += more->entries;

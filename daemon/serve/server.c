@@ -133,7 +133,7 @@ static void server_flush(server_client *c)
     }
 }
 
-/* Returns true when the client will write no more and has got all replies. */
+/* Returns true when the client will write no more and got all replies. */
 static bool is_done_with(const server_client *c)
 {
     return c->end && !c->line_waits && !c->held && buffer_length(&c->out) == 0;

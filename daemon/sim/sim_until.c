@@ -88,7 +88,7 @@ static bool fail_unknown(sim_until *u, const char *what, const char *word, size_
     return false;
 }
 
-/* Explains a word that is no event. Returns false. */
+/* Explains that a word is not an event. Returns false. */
 static bool fail_word(const sim_until *u, const char *word, size_t length)
 {
     if (same(word, length, "record"))

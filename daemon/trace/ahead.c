@@ -28,7 +28,7 @@ struct trace_ahead {
     item items[TRACE_AHEAD_ENTRIES];
 };
 
-/* The thread has ended or has never been there: it uses the reader. */
+/* The thread must have ended, or never have been started: it uses the reader. */
 static void free_ahead(trace_ahead *a)
 {
     trace_close(a->reader);

@@ -103,7 +103,8 @@ static trace_result read_log_tail(trace_input *in, const char *text)
     return TRACE_RECORD;
 }
 
-/* Reads a frame as cansend takes it, which tells its kind. Of other kinds only the kind counts. */
+/* Reads a frame as cansend takes it, which tells its kind. Of error and XL frames only the kind is
+ * kept. */
 static trace_result read_log_frame(trace_input *in, trace_record *r, const char *word)
 {
     char text[FRAME_TEXT_MAX];

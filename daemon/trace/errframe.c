@@ -303,7 +303,8 @@ static cw_event with_state(const cw_event *event)
     return state;
 }
 
-/* The frame has more than the overflow: state and counters, with drivers that read them then. */
+/* Returns true when the driver tells of the overflow. Some drivers add the state and the
+ * counters. */
 static bool tell_receive_overflow(errframe *out, const cw_event *event,
                                   const struct habits *habits)
 {

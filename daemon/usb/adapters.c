@@ -496,7 +496,7 @@ static bool is_well(const adapter *a)
     return a->port >= 0 && a->named;
 }
 
-/* Says how an adapter is, in words for the status of the service. */
+/* Returns the state of an adapter in words, for the status of the service. */
 static const char *state_of(const adapter *a)
 {
     if (a->port >= 0)
@@ -528,7 +528,7 @@ void adapters_print(char *out, size_t size, const adapters *a)
     }
 }
 
-/* Copies what it needs, since the configuration goes. */
+/* Copies what it needs, since the configuration does not stay. */
 static adapter make_adapter(const cfg_node *node)
 {
     adapter made = {.port = -1, .beat = -1, .wanted = true};

@@ -76,7 +76,7 @@ static unsigned wait_for_interface(int port)
     return index;
 }
 
-/* Two adapters may have got the names of each other. So one whose name is taken frees its own. */
+/* Two adapters may have each other's names. So one whose name is taken frees its own. */
 static int naming_move(links *l, unsigned index, int port, const char *name, int netns)
 {
     char other[IF_NAMESIZE];

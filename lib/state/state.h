@@ -127,7 +127,7 @@ typedef struct cw_frame_seen {
                                       those behind these */
     cw_form form;
     uint16_t at;          /* its bits up to the last one that was looked at */
-    uint16_t index;       /* part and index of the last of them that was no stuff bit */
+    uint16_t index;       /* part and index of the last of them that was not a stuff bit */
     uint8_t part;
 } cw_frame_seen;
 

@@ -265,7 +265,7 @@ static bool waits_for_slot(cw_bus *bus, unsigned i)
     return open;
 }
 
-/* ---- What becomes of slots ------------------------------------------------------------------- */
+/* ---- Outcomes of slots ----------------------------------------------------------------------- */
 
 /* Returns the statistics of the trigger whose frame is in a slot of the queue; NULL: none. */
 static cw_trigger_stats *stats_of(cw_bus *bus, unsigned i, unsigned slot)

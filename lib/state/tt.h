@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * tt.h - time-triggered operation of one node: captures of its local time, its schedule, and what
- * has become of its slots (section 9 of RULES.md).
+ * tt.h - time-triggered operation of one node: captures of its local time, its schedule, and the
+ * outcomes of its slots (section 9 of RULES.md).
  */
 #ifndef CANWIRE_STATE_TT_H
 #define CANWIRE_STATE_TT_H

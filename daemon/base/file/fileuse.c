@@ -303,7 +303,7 @@ static void note_all(clash *clashes, const fileuses *all, places *found, const l
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
-/* Prints the file and its use in words. */
+/* Prints the use and the path; with a number also the name that rotations give the file. */
 static void print_use(FILE *errors, const fileuse *use, unsigned number)
 {
     bool standard = strcmp(use->path, "-") == 0;

@@ -30,7 +30,7 @@ const char *sink_kind_name(sink_kind kind)
     return kind_names[kind];
 }
 
-/* Bytes and gaps are there for kinds that have them. */
+/* Only recordings have `bytes`, and only journals have `gaps`. */
 static json_t *sink_json(const sink_info *s)
 {
     json_t *object = json_object();

@@ -77,7 +77,7 @@ static char *numbered(const char *file, unsigned number)
     return length < 0 ? NULL : name;
 }
 
-/* Moves a file. Returns 0 or an errno. A missing file is no error. */
+/* Moves a file. Returns 0 or an errno. A missing file is not an error. */
 static int move_file(const folder *in, unsigned number)
 {
     char *from = numbered(in->name, number);
@@ -594,7 +594,7 @@ static void *spool_run(void *argument)
 
 /* ---- For other threads ----------------------------------------------------------------------- */
 
-/* The thread has ended or has never been there. */
+/* Frees all of it. The thread must have ended, or never have been started. */
 static void free_spool(spool *s)
 {
     if (s->fd >= 0)
@@ -631,7 +631,8 @@ static spool *make_spool(const char *file, unsigned files, spool_notify *notify,
     return NULL;
 }
 
-/* Starts the thread. Frees the spool after an error, also after one before. */
+/* Starts the thread. After an error, also one that *error has already, it frees the spool and
+ * returns NULL. */
 static spool *spool_start(spool *s, int *error)
 {
     if (*error == 0)

@@ -44,7 +44,8 @@ struct statefile {
 
 /* ---- The thread ------------------------------------------------------------------------------ */
 
-/* Sets the times to CLOCK_REALTIME, which those that the kernel sets are a little behind. */
+/* Sets the times of the file to CLOCK_REALTIME. Those that the kernel sets are a little behind
+ * it. */
 static void stamp_now(int fd)
 {
     struct timespec times[2] = {{.tv_sec = 0}};
@@ -53,7 +54,7 @@ static void stamp_now(int fd)
     (void)futimens(fd, times);
 }
 
-/* Signals interrupt a write; it goes on then. Returns false with errno. */
+/* Writes all of the text, and goes on after a signal. Returns false with errno. */
 static bool write_all(int fd, const char *text)
 {
     for (size_t left = strlen(text); left > 0;) {
@@ -247,7 +248,7 @@ static void stop_watchers(statefile *s)
     ev_async_stop(s->loop, &s->wakeup);
 }
 
-/* The thread has ended or has never been there. */
+/* Frees all of it. The thread must have ended, or never have been started. */
 static void free_statefile(statefile *s)
 {
     (void)pthread_cond_destroy(&s->change);

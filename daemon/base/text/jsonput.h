@@ -61,7 +61,7 @@ intmax_t get_number(const json_t *object, const char *key);
 /* Returns an integer of an object; 0 for one below 0, and when there is none. */
 uint64_t get_count(const json_t *object, const char *key);
 
-/* Makes a string from any bytes; '?' replaces non-ASCII bytes that are no UTF-8. */
+/* Makes a string from any bytes; '?' replaces non-ASCII bytes that are not UTF-8. */
 json_t *text_to_json(const char *text, size_t length);
 
 #endif

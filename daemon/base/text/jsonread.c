@@ -88,7 +88,7 @@ static bool take_unicode(reading *p, uint32_t *code)
     return true;
 }
 
-/* Reads what follows a backslash. Returns the end of what is written; NULL: it is no escape. */
+/* Reads what follows a backslash. Returns the end of what is written; NULL: it is not an escape. */
 static char *take_escape(reading *p, char *out)
 {
     static const char from[] = "\"\\/bfnrt", to[] = "\"\\/\b\f\n\r\t";
@@ -103,7 +103,7 @@ static char *take_escape(reading *p, char *out)
     return out;
 }
 
-/* Copies a character that is not ASCII. Returns the end of what is written; NULL: it is no
+/* Copies a character that is not ASCII. Returns the end of what is written; NULL: it is not
  * UTF-8. */
 static char *take_other(reading *p, char *out)
 {
@@ -451,7 +451,7 @@ double jsonread_number(const jsonread_value *v)
     return number ? strtod(v->text, NULL) : 0;
 }
 
-/* Compares values that are no lists and no objects. */
+/* Compares values that are neither lists nor objects. */
 static bool scalars_equal(const jsonread_value *a, const jsonread_value *b)
 {
     if (a->kind == JSONREAD_REAL)

@@ -10,7 +10,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-/* Reads the character that begins here. Returns its bytes, 0: it is no UTF-8. */
+/* Reads the character that begins here. Returns its bytes, 0: it is not UTF-8. */
 size_t plain_character(uint32_t *code, const char *text);
 
 /* Returns the bytes of the character that begins here. Returns 0 for a byte that is not UTF-8, and

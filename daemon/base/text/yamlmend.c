@@ -63,7 +63,7 @@ static size_t find_size(const char *text, size_t size, size_t begin)
     return depth == 0 ? end - begin : 0;
 }
 
-/* Counts characters of UTF-8, of which libyaml's marks are numbers. */
+/* Counts characters of UTF-8: libyaml's marks count these, not bytes. */
 static size_t count_characters(const char *text, size_t size)
 {
     size_t count = 0;

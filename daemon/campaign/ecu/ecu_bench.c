@@ -120,7 +120,7 @@ static void take_output(ecu_bench *b, size_t i)
 
 /* ---- What canwired tells --------------------------------------------------------------------- */
 
-/* Takes a message of canwired to its service manager, which the bench stands for. */
+/* Takes a message that canwired sends to its service manager. The bench acts as that. */
 static void take_notify(ecu_bench *b)
 {
     char text[NOTIFY_BYTES + 1];
@@ -340,7 +340,7 @@ int64_t ecu_bench_ready_limit(const ecu_bench *b, size_t program)
                : INT64_MAX;
 }
 
-/* Programs that were not started have ended, too. */
+/* Programs that were never started count as ended. */
 bool ecu_bench_all_ended(const ecu_bench *b)
 {
     size_t i = 0;

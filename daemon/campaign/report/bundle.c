@@ -104,7 +104,7 @@ bool bundle_is_single(const bundle *b)
            outline_count(&b->main, OUTLINE_GATEWAYS) == 0;
 }
 
-/* Returns the one bus that is left; bundle_is_single() has said so. */
+/* Returns the one bus that is left. bundle_is_single() must have returned true. */
 static bundle_bus *kept_bus(bundle *several)
 {
     size_t kept = 0;

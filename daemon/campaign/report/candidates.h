@@ -33,7 +33,7 @@ typedef struct candidates {
 /* Writes the kind of a row. */
 void candidate_put_kind(buffer *kind, const report_row *row, const row_signs *signs);
 
-/* Returns the first expectation that has failed and is no sign; NULL: none has. */
+/* Returns the first expectation that has failed and is not a sign; NULL: none has. */
 const char *candidate_expectation(const report_row *row, const row_signs *signs);
 
 /* Takes a row that stands for its kind, and copies its texts. */

@@ -63,7 +63,7 @@ class_counts *crosstab_add(crosstab *t, uint32_t first, uint32_t second)
     return &t->cells[t->count++].rows;
 }
 
-/* The order is that of the values, the first one before the second. */
+/* Orders cells by their first value, then by their second. */
 static int crosstab_compare(const void *left, const void *right)
 {
     const crosstab_cell *a = *(const crosstab_cell *const *)left;

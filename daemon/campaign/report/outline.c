@@ -199,7 +199,8 @@ static char *moved_text(const writer *w, const yaml_node_t *node)
     return w->is_path && *value != '/' ? memory_print("%s/%s", w->folder, value) : NULL;
 }
 
-/* Writes a scalar in its own style, so that a quoted text stays one. A path may be another one. */
+/* Writes a scalar in its own style, so that a quoted text stays quoted. For another folder, paths
+ * change. */
 static void begin_scalar(writer *w, const yaml_node_t *node)
 {
     yaml_event_t event;

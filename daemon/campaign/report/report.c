@@ -128,7 +128,7 @@ bool report_missing(const report *r, span *out)
     return end > 0 && out->first < end;
 }
 
-/* The campaign is its owner's, and stays. */
+/* The campaign belongs to its owner, and is not freed. */
 void report_free(report *r)
 {
     for (size_t i = 0; i < r->factor_count; i++)

@@ -27,7 +27,7 @@ static uint64_t size_of(const shortest_scenario *one)
     return (uint64_t)one->found.rules + one->found.traffic;
 }
 
-/* Few items come before a short time. The number of the row makes the order unique. */
+/* Fewer items count more than a shorter time. The number of the row makes the order unique. */
 static bool is_shorter(const shortest_scenario *a, const shortest_scenario *b)
 {
     const uint64_t time_a = a->found.has_until ? a->found.until_ns : UINT64_MAX;
@@ -76,8 +76,8 @@ static void put_in(shortest *s, size_t begin, shortest_scenario one)
 
 /* ---- Classes --------------------------------------------------------------------------------- */
 
-/* Makes the task for a row. Rows of `canwire sim --seeds`, and those of a campaign that varies the
- * seed, have one. */
+/* Makes the task for a row. Only rows of `canwire sim --seeds`, and of a campaign that varies the
+ * seed, have a seed of their own. */
 static minimise_task task_of(const minimise_task *common, const candidate *c, row_class class)
 {
     minimise_task task = *common;

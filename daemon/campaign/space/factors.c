@@ -260,7 +260,7 @@ static void take_list(reading *r, schema *self, const yaml_node_t *value, const 
         schema_complain(self, value, "all its values are pruned");
 }
 
-/* Values are any of YAML. They are kept as JSON, which the scenario and the rows have. */
+/* Values are any of YAML. They are kept as JSON, the form that the scenario and the rows get. */
 static void read_values(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     reading *r = object;
@@ -444,7 +444,7 @@ static void read_space_from(schema *self, const schema_key *key, yaml_node_t *va
         m->space.from = as_json(m->reading, self, value);
 }
 
-/* The nodes that sample the faulty bits. They are kept only when all of them are there. */
+/* Reads the nodes that sample the faulty bits. They are kept only when all of them exist. */
 static void read_space_at(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     space_map *m = object;

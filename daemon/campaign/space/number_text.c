@@ -58,7 +58,7 @@ static bool widen(number_text *n, unsigned decimals)
     return true;
 }
 
-/* Returns how many times a thousand nanoseconds must grow to be that unit, -1: it is no time. */
+/* Returns how many times a thousand nanoseconds must grow to be that unit, -1: it is not a time. */
 static int time_unit(const char *unit)
 {
     static const char *const units[] = {"ns", "us", "ms", "s"};

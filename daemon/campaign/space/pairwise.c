@@ -53,7 +53,7 @@ static uint32_t best_value(const search *s, const uint32_t *row, size_t f)
     return best;
 }
 
-/* Values of all factors are numbered in one row; returns the factor of this one. */
+/* Values of all factors are numbered consecutively. Returns the factor of this one. */
 static size_t factor_of(const search *s, size_t value)
 {
     size_t f = 0;

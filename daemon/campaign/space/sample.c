@@ -32,7 +32,7 @@ static uint64_t times(uint64_t a, uint64_t b)
     return b > 0 && a > CAMPAIGN_ROWS_MAX / b ? CAMPAIGN_ROWS_MAX : a * b;
 }
 
-/* The number of rows is a product, as is the one without pruning. `times` stops at the most. */
+/* The number of rows is a product, and so is the one without pruning. times() limits both. */
 static const char *prepare_full(campaign *c)
 {
     uint64_t all = 1;

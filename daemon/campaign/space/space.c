@@ -81,7 +81,7 @@ typedef struct pattern {
     bool bytes;
 } pattern;
 
-/* Adds the positions of a pattern from its first index to its last. */
+/* Adds the positions of a pattern, in order. A byte has eight, one for each bit. */
 static const char *add_pattern(space_list *list, const pattern *p, const cw_frame *frame)
 {
     const char *wrong = NULL;

@@ -235,7 +235,7 @@ static int analyse(const wishes *w, cfg *config)
     return status;
 }
 
-/* A rig is refused: the delays of its gateways are no part of the analysis. */
+/* A rig is refused: the delays of its gateways are not a part of the analysis. */
 static int analyse_file(const wishes *w)
 {
     if (rig_is_rig(w->file)) {

@@ -103,8 +103,8 @@ static int run_part(options *o, const char *name, const char *file, const char *
     return status;
 }
 
-/* Runs the part that the words name. Returns -1 when they name none, or one without these options.
- * run: there are options of `run` alone. */
+/* Runs the part that the words name. Returns -1 when they name none, or one without the given
+ * options. run: some of these belong to `run` alone. */
 static int run_words(options *o, char **words, int count, bool run)
 {
     const char *name = count > 0 ? words[0] : "";

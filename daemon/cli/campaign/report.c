@@ -247,7 +247,7 @@ static bool close_outputs(rowfile files[REPORT_OUTPUTS], bool done)
     return good;
 }
 
-/* A folder that is there is as good. Returns false after a message. */
+/* Makes the folder, unless it exists. Returns false after a message. */
 static bool make_folder(const char *name)
 {
     if (mkdir(name, FOLDER_MODE) == 0 || errno == EEXIST)

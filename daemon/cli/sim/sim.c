@@ -426,7 +426,8 @@ static bool sim_finish_run(sim *s, const sim_options *o)
     return close_outputs(s) && good;
 }
 
-/* Reports of expectations then go to standard error. */
+/* Returns true when an output is standard output. Reports of expectations then go to standard
+ * error. */
 static bool writes_to_stdout(const sim_options *o)
 {
     bool any = false;
@@ -592,7 +593,7 @@ static int run_rig(const sim_options *o)
     return sim_rig_main(&options);
 }
 
-/* Hands the options over that make sense for many runs; others were refused before. */
+/* Hands over the options that make sense for many runs; others were refused before. */
 static int run_seeds(const sim_options *o)
 {
     sim_seeds_options seeds = o->seeds;

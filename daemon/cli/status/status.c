@@ -74,7 +74,7 @@ static bool is_status(const json_t *status, const char *bus)
     return json_is_object(status);
 }
 
-/* Shows one bus. Returns the exit status. */
+/* Returns the exit status. */
 static int show_one(const char *bus, bool json)
 {
     json_t *status = ask(bus);
@@ -135,7 +135,7 @@ static void take_answer(void *user, const char *path, json_t *reply)
     json_decref(status);
 }
 
-/* An empty folder is told only when it could be read: otherwise there is a message already. */
+/* An empty folder is reported only when it could be read: otherwise there is a message already. */
 static void print_all(const json_t *list, bool good)
 {
     for (size_t i = 0; i < json_array_size(list); i++) {

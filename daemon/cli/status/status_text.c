@@ -376,7 +376,7 @@ static void print_drops(FILE *out, const json_t *dropped)
     print_columns(out, dropped, columns, count);
 }
 
-/* The part between controller and ECU is there for nodes with such a controller alone. */
+/* The part between controller and ECU is printed only for nodes whose status has its counters. */
 static void print_counters(FILE *out, const json_t *node)
 {
     print_line(out, node, CW_LINE_LINK);

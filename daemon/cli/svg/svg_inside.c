@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * svg_inside.c - what nodes with clocks of their own do inside of the bits of a picture.
+ * svg_inside.c - what nodes with clocks of their own do inside the bits of a picture.
  */
 #include "cli/svg/svg_inside.h"
 
@@ -33,7 +33,7 @@ static bool is_shown(const bit_moment *m)
     return !m->mark || m->mark->kind != CW_MARK_BEGIN;
 }
 
-/* A moment without a mark is the begin of a time quantum. */
+/* A moment without a mark begins a time quantum. */
 static inside_kind kind_of(const bit_moment *m)
 {
     static const inside_kind kinds[] = {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * svg_inside.h - what nodes with clocks of their own do inside of the bits of a picture.
+ * svg_inside.h - what nodes with clocks of their own do inside the bits of a picture.
  */
 #ifndef CANWIRE_CLI_SVG_SVG_INSIDE_H
 #define CANWIRE_CLI_SVG_SVG_INSIDE_H

@@ -52,7 +52,7 @@ typedef struct svg_row {
     unsigned levels[CW_NODES_MAX + 1]; /* of notes, of each node and of the bus */
     int y;
     int height;
-    int inside; /* height of what is shown inside of bits, of each node */
+    int inside; /* height of what is shown inside bits, of each node */
 } svg_row;
 
 typedef struct svg_layout {
@@ -70,7 +70,7 @@ typedef struct svg_layout {
                            ones */
 } svg_layout;
 
-/* Lays out `count` bits, which stay the caller's. inside: with room for what happens inside of
+/* Lays out `count` bits, which stay the caller's. inside: with room for what happens inside
  * them. rates: with room for what the legend says about the data rate. Returns false when there is
  * no memory. The layout must be freed in either case. */
 bool svg_layout_make(svg_layout *self, const note_list *notes, const cw_bit_view *bits,

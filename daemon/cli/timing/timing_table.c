@@ -328,7 +328,7 @@ static void put_data_json(buffer *out, const row *r)
     jsontext_value(out, "sample-margin", nanoseconds(cfg_late_margin(&sample)).text);
 }
 
-/* Keys have the names of the configuration. Those about others are left out for a node alone. */
+/* Keys have the names of the configuration. A node alone has no keys about others. */
 static void put_row_json(buffer *out, const row *r)
 {
     const bit_timing *t = &r->node->bit;

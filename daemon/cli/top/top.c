@@ -209,7 +209,8 @@ static void take_input(top *t, int key)
     }
 }
 
-/* The selection belongs to a bus, so it goes. A number without a bus does nothing. */
+/* Shows another bus. The selection belongs to a bus, so it is dropped. A number without a bus does
+ * nothing. */
 static void select_bus(top *t, unsigned bus)
 {
     if (bus >= t->count)
@@ -305,7 +306,8 @@ static void run_screen(top *t)
     }
 }
 
-/* Runs the screen. Returns the exit status; from the signals on the terminal is always put back. */
+/* Runs the screen, and puts the terminal back at the end, also after a signal. Returns the exit
+ * status. */
 static int top_run(top *t)
 {
     if (!isatty(STDOUT_FILENO) || !isatty(STDIN_FILENO)) {

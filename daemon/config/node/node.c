@@ -472,7 +472,7 @@ void cfg_read_fd(schema *self, const schema_key *key, yaml_node_t *value, void *
         node->kind = on ? CFG_KIND_FD : CFG_KIND_CLASSICAL;
 }
 
-/* The member is turned round, so that all zeros is the usual node. */
+/* The member is the opposite of the key, so that all zeros is the usual node. */
 void cfg_read_exception(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_node *node = object;

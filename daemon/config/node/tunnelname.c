@@ -83,7 +83,7 @@ static bool take_address(reading *r, net_address *out, bool *has, const pair *p)
     return wrong_value(r, p, address_expected(p->value, length));
 }
 
-/* Takes the time after which frames that wait for others are sent. Microseconds are those of the
+/* Takes the time after which frames that wait for others are sent: whole microseconds, as with the
  * tool cannelloni. */
 static bool take_timeout(reading *r, const pair *p)
 {
@@ -95,7 +95,7 @@ static bool take_timeout(reading *r, const pair *p)
     return true;
 }
 
-/* Takes the most bytes of a packet. The longest frame must fit into one. */
+/* Takes the most bytes that a packet may have. The longest frame must fit into one. */
 static bool take_mtu(reading *r, const pair *p)
 {
     uint64_t mtu;

@@ -385,7 +385,7 @@ static member_result do_open(member *c, port *p, const command *in, port_frame *
     return MEMBER_GREETS;
 }
 
-/* `echo` is for programs that look if the server is still there. */
+/* `echo` is for programs that check that the server is still there. */
 static member_result do_echo(member *c, port *p, const command *in, port_frame *out)
 {
     (void)p;

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Returns a time-out in ms; NULL for a negative one, which has no end. */
+/* Converts a time-out in ms. Returns NULL for a negative one, which has no end. */
 static const struct timespec *span_of(struct timespec *span, int ms)
 {
     *span = moment_of(ms > 0 ? ms * INT64_C(1000000) : 0);
