@@ -148,7 +148,7 @@ static void bits_print_help(void)
         "For a CAN FD frame also the bit rate: n nominal, d data, m mixed, which changes at the\n"
         "sample point. Fixed stuff bits are marked f, and stand behind the field before them.\n"
         "\n"
-        "Exit status: 0, 1 FRAME is none, 2 wrong usage.\n",
+        "Exit status: 0, 1 FRAME is not a frame, 2 wrong usage.\n",
         stdout);
 }
 

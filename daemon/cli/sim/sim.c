@@ -110,7 +110,7 @@ static const char help[] =
     "  --svg F        the same as a picture, for reports; of 2000 bits at most\n"
     "  --from TIME    of these only the bits from this bus time on\n"
     "  --to TIME      ... up to this one. Traffic without an end ends there, without --until\n"
-    "  --junit F      what has become of the expectations in FILE, as JUnit XML\n"
+    "  --junit F      the outcome of the expectations in FILE, as JUnit XML\n"
     "  --step         simulate every node in every bit: slower, the same results\n"
     "  --seeds A..B   run FILE with each of these seeds; a line of JSON for each: outcome,\n"
     "                 expectations, first error, counters, and the command that repeats it\n"

@@ -32,7 +32,7 @@ static const char help[] = "Shows per node what `ip -details -statistics link sh
                            "                    1 WARNING, 2 CRITICAL (also a bus that does not "
                            "run or not\n"
                            "                    answer within 10 s), 3 UNKNOWN (an answer that is "
-                           "no status).\n"
+                           "not a status).\n"
                            "                    Without BUS a unit of systemd that has failed, "
                            "such as\n"
                            "                    canwired@BUS, is CRITICAL, too, also while it is "
