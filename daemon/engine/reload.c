@@ -8,6 +8,7 @@
 #include "base/mounts.h"
 #include "base/file/pathsocket.h"
 #include "base/file/spool.h"
+#include "base/text/sametext.h"
 #include "base/unit.h"
 #include "engine/share.h"
 #include "port/open.h"
@@ -48,11 +49,6 @@ void setup_free(setup *s)
 }
 
 /* ---- Fixed settings -------------------------------------------------------------------------- */
-
-static bool same_text(const char *a, const char *b)
-{
-    return a == b || (a && b && strcmp(a, b) == 0);
-}
 
 /* Prints the place of a setting; a missing one has the beginning of the file. */
 static void print_place(FILE *errors, const cfg *config, cfg_place place)

@@ -11,6 +11,7 @@
  */
 #include "record/vcd.h"
 
+#include "base/divisor.h"
 #include "base/text/chars.h"
 #include "record/bit_moments.h"
 #include "record/bitpart.h"
@@ -95,17 +96,6 @@ struct vcd {
 };
 
 /* ---- Header ---------------------------------------------------------------------------------- */
-
-/* Two numbers, not both 0. */
-static uint64_t common_divisor(uint64_t a, uint64_t b)
-{
-    while (b) {
-        const uint64_t rest = a % b;
-        a = b;
-        b = rest;
-    }
-    return a;
-}
 
 static uint64_t span_ps(cw_span span)
 {

@@ -9,6 +9,7 @@
 #include "run/release.h"
 
 #include "base/text/counted.h"
+#include "base/text/sametext.h"
 #include "run/replay.h"
 #include "trace/frametext.h"
 
@@ -174,11 +175,6 @@ static uint64_t first_from(const release_plan *plan, const source *s, uint64_t t
 }
 
 /* ---- replay ---------------------------------------------------------------------------------- */
-
-static bool same_text(const char *a, const char *b)
-{
-    return a == b || (a && b && strcmp(a, b) == 0);
-}
 
 /* Returns true when another source has reported the same already: nodes may share a file. */
 static bool is_known(const release_plan *plan, const source *s)

@@ -4,6 +4,7 @@
  */
 #include "sim/sim_group.h"
 
+#include "base/divisor.h"
 #include "base/least.h"
 #include "base/text/plain.h"
 
@@ -258,17 +259,6 @@ static uint64_t next_meeting(const sim_group *g)
 }
 
 /* ---- Rest ------------------------------------------------------------------------------------ */
-
-/* Two numbers, not both 0. */
-static uint64_t common_divisor(uint64_t a, uint64_t b)
-{
-    while (b > 0) {
-        const uint64_t rest = a % b;
-        a = b;
-        b = rest;
-    }
-    return a;
-}
 
 /* Returns the ticks after which bits of all buses begin together again; 0: too many. */
 static uint64_t common_bit(const sim_group *g)

@@ -4,6 +4,7 @@
  */
 #include "campaign/report/source.h"
 
+#include "base/text/sametext.h"
 #include "campaign/report/memory.h"
 #include "campaign/shellword.h"
 
@@ -50,15 +51,10 @@ bool row_source_read(row_source *out, const report_row *row)
     return good;
 }
 
-static bool source_is_same(const char *a, const char *b)
-{
-    return a && b ? strcmp(a, b) == 0 : a == b;
-}
-
 bool row_source_equals(const row_source *a, const row_source *b)
 {
-    return a->is_campaign == b->is_campaign && source_is_same(a->file, b->file) &&
-           source_is_same(a->until, b->until);
+    return a->is_campaign == b->is_campaign && same_text(a->file, b->file) &&
+           same_text(a->until, b->until);
 }
 
 void row_source_free(row_source *s)

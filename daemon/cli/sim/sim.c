@@ -561,12 +561,6 @@ static int sim_parse_options(sim_options *o, int argc, char **argv)
     return check_options(o);
 }
 
-static bool is_regular(const char *path)
-{
-    struct stat status;
-    return stat(path, &status) == 0 && S_ISREG(status.st_mode);
-}
-
 /* Runs a rig. It has no outputs of single bits. */
 static int run_rig(const sim_options *o)
 {
@@ -584,7 +578,7 @@ static int run_rig(const sim_options *o)
             o->journal ? o->journal : o->file,
             "bits of several lengths are not in one --vcd or --svg; for those of one bus "
             "run its own file");
-    if (o->journal && o->until_event && !is_regular(o->journal))
+    if (o->journal && o->until_event && !can_be_read_again(o->journal))
         return sim_refuse(o->journal,
                           "the journal of a rig is read twice for --until-event: it has to "
                           "be a file");

@@ -4,6 +4,7 @@
  */
 #include "config/parts.h"
 
+#include "base/text/sametext.h"
 #include "config/change/live.h"
 #include "config/node/portname.h"
 #include "config/node/tunnelname.h"
@@ -254,11 +255,6 @@ static char *read_port_name(schema *self, const schema_key *key, const yaml_node
         return complete_tunnel(self, key, value, text);
     return name.kind == PORTNAME_UNIX ? resolve_port(self, key, value, &name)
                                       : schema_copy(self, text);
-}
-
-static bool same_text(const char *a, const char *b)
-{
-    return a == b || (a && b && strcmp(a, b) == 0);
 }
 
 /* Returns true when a node has an interface of this name in this namespace. NULL is the namespace

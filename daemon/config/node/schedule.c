@@ -4,6 +4,7 @@
  */
 #include "config/parts.h"
 
+#include "base/divisor.h"
 #include "config/values.h"
 #include "trace/frametext.h"
 
@@ -204,17 +205,6 @@ static void read_trigger(schema *self, yaml_node_t *value, const cfg_schedule *s
         complete_cycle(self, s, t);
     else
         t->time.cycle = t->time.repeat = 0;
-}
-
-/* Two numbers, not both 0. */
-static unsigned common_divisor(unsigned a, unsigned b)
-{
-    while (b) {
-        const unsigned rest = a % b;
-        a = b;
-        b = rest;
-    }
-    return a;
 }
 
 /* Returns true when two triggers act in the same basic cycle, once at least. */
