@@ -548,6 +548,8 @@ static int daemon_give_up(process *p, cfg *config, int status)
     char why[LOG_LAST_BYTES];
     log_last_error(why);
     notify_status(p->host.notifier, "%s", why);
+    if (status != 1)
+        unit_failed(why);
     cfg_free(config);
     daemon_end(p);
     return status;

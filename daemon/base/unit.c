@@ -7,6 +7,8 @@
 #include "base/mounts.h"
 
 #include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
 #include <pthread.h>
 #include <pwd.h>
 #include <stddef.h>
@@ -18,6 +20,7 @@
 
 #define USER_BYTES 64
 #define USER_BUFFER 4096 /* for getpwuid_r() */
+#define FAILURE_MODE 0640
 
 /* ProtectHome=yes hides the first ones, PrivateTmp=yes has the others anew. */
 static const struct {
@@ -57,11 +60,41 @@ void unit_blame(int number)
         bad_path = bad_path || number == lasting[i];
 }
 
+const char *unit_run_folder(void)
+{
+    const char *folder = getenv("CANWIRE_RUN");
+    return folder && *folder ? folder : UNIT_RUN_FOLDER;
+}
+
+/* Writes the name of the file with the last failure. Returns false outside the service. */
+static bool name_failure(char path[PATH_MAX])
+{
+    const char *instance = unit_instance();
+    return instance && snprintf(path, PATH_MAX, "%s/%s.failure", unit_run_folder(), instance) <
+                           PATH_MAX;
+}
+
 void unit_started(void)
 {
+    char path[PATH_MAX];
     is_started = true;
     if (unit_instance())
         mounts_remember();
+    if (name_failure(path))
+        (void)unlink(path);
+}
+
+void unit_failed(const char *why)
+{
+    char path[PATH_MAX];
+    if (unit_failure() != EX_TEMPFAIL || !name_failure(path))
+        return;
+    const int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC,
+                        FAILURE_MODE);
+    if (fd < 0)
+        return;
+    (void)dprintf(fd, "%s\n", why);
+    (void)close(fd);
 }
 
 /* Returns FOLDERS for none. */

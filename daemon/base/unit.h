@@ -11,6 +11,9 @@
 
 #define UNIT_RUN_FOLDER "/run/canwire" /* of its control sockets */
 
+/* Returns that folder, or $CANWIRE_RUN. */
+const char *unit_run_folder(void);
+
 /* Returns the instance, or NULL when this is not a process of the service. */
 const char *unit_instance(void);
 
@@ -23,8 +26,14 @@ int unit_failure(void);
  * find the same, such as a file system that is read-only, the configuration is bad. */
 void unit_blame(int number);
 
-/* Ends the start: what fails later is not blamed on the configuration. */
+/* Ends the start: what fails later is not blamed on the configuration. What unit_failed() has kept
+ * is over. */
 void unit_started(void);
+
+/* Keeps the reason of a failure after which systemd starts the service again, for ExecStartPre= of
+ * the unit: systemd forgets the text of the status then. A folder that cannot be written to is no
+ * error, as the log has the reason. */
+void unit_failed(const char *why);
 
 /* Returns the folder around a path that the service does not see or has of its own. NULL: none, or
  * this is not the service. */

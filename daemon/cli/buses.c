@@ -4,6 +4,8 @@
  */
 #include "cli/buses.h"
 
+#include "base/unit.h"
+
 #include <dirent.h>
 #include <errno.h>
 #include <limits.h>
@@ -14,7 +16,6 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#define FOLDER_DEFAULT "/run/canwire"
 #define SUFFIX ".sock" /* of the socket of a bus */
 
 static int error_of_folder; /* errno of the last look into it */
@@ -22,13 +23,12 @@ static bool with_closed;    /* sockets of other users count in that look */
 
 const char *buses_folder(void)
 {
-    const char *folder = getenv("CANWIRE_RUN");
-    return folder && *folder ? folder : FOLDER_DEFAULT;
+    return unit_run_folder();
 }
 
 bool buses_are_of_service(void)
 {
-    return strcmp(buses_folder(), FOLDER_DEFAULT) == 0;
+    return strcmp(buses_folder(), UNIT_RUN_FOLDER) == 0;
 }
 
 char *buses_path(const char *name)

@@ -75,6 +75,30 @@ def test_a_socket_that_is_in_use_may_be_free_later(tmp_path):
     assert done.returncode == 75 and "in use" in told
 
 
+def test_why_it_is_tried_again_is_kept_until_it_starts(tmp_path):
+    """ExecStartPre= of the unit says it again, since systemd forgets the status."""
+    kept, run = tmp_path / "day.failure", {"CANWIRE_RUN": str(tmp_path)}
+    ended(tmp_path, BAD, "day", **run)
+    assert not kept.exists(), "it is not tried again"
+    with socket.socket(socket.AF_UNIX) as other:
+        other.bind(str(tmp_path / "day.sock"))
+        other.listen()
+        ended(tmp_path, GOOD + CONTROL, None, **run)
+        assert not kept.exists(), "it is not the service"
+        _, told = ended(tmp_path, GOOD + CONTROL, "day", **run)
+    assert kept.read_text() == told.removeprefix("STATUS=") + "\n"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notify:
+        notify.bind(str(tmp_path / "notify"))
+        notify.settimeout(TIMEOUT_S)
+        (tmp_path / "bus.yaml").write_text(GOOD)
+        with subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=tmp_path, env=environment(
+                "day", NOTIFY_SOCKET=str(tmp_path / "notify"), **run)) as bus:
+            while notify.recv(4096) != b"READY=1":
+                pass
+            assert not kept.exists()
+            bus.terminate()
+
+
 def test_of_several_errors_the_first_is_shown(tmp_path):
     done, told = ended(tmp_path, BAD + "faults: 1\n", "day")
     first, second = done.stderr.splitlines()
