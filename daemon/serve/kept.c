@@ -7,6 +7,7 @@
 #include "base/text/chars.h"
 #include "base/text/counted.h"
 #include "base/file/folder.h"
+#include "base/file/spool.h"
 #include "base/text/jsonput.h"
 #include "base/log.h"
 #include "base/file/statefile.h"
@@ -69,7 +70,7 @@ static json_t *state_of(const kept *k)
 
 static void complain_unwritten(const kept *k, int error)
 {
-    log_error("rules %s: not written: %s", k->path, kept_explain(error));
+    log_error("rules %s: not written: %s", k->path, spool_explain(error));
 }
 
 /* Returns the number of the save, or 0 with an errno. */
@@ -97,11 +98,6 @@ uint64_t kept_save(kept *k)
     else
         k->there = !empty;
     return number;
-}
-
-const char *kept_explain(int error)
-{
-    return error == ETIMEDOUT ? "the disk does not answer" : strerror(error);
 }
 
 /* Somebody has taken note, by injecting or clearing rules. */

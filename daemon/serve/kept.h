@@ -24,8 +24,8 @@
 
 typedef struct kept kept;
 
-/* Reports that all saves up to this number are in the file, or the errno with which they are not.
- * That has been logged. */
+/* Reports that all saves up to this number are in the file, or the errno with which they are not,
+ * for spool_explain(). That has been logged. */
 typedef void kept_written(void *user, uint64_t save, int error);
 
 /* Reads the file that belongs to a control socket, and logs the rules that a crash has lost. bus is
@@ -63,9 +63,6 @@ void kept_clear_all(kept *k, json_t *refused);
  * kept_written() tells; 0 when no file is needed or there, or after logging why it cannot
  * begin. */
 uint64_t kept_save(kept *k);
-
-/* Explains the error of a save. */
-const char *kept_explain(int error);
 
 /* Says in the time of the file that the process lives; call it about once a second. */
 void kept_live(kept *k);

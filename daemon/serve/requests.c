@@ -7,6 +7,7 @@
  */
 #include "serve/requests.h"
 
+#include "base/file/spool.h"
 #include "base/text/jsonput.h"
 #include "base/text/nearest.h"
 #include "base/text/memo.h"
@@ -280,14 +281,14 @@ void request_not_cleared(json_t *reply, int error)
     request r = {.reply = reply};
     put_bool(reply, "ok", false);
     (void)requests_refuse(&r, "cleared, but the file of injected rules could not be written, and "
-                          "the next start reads the old one: %s", kept_explain(error));
+                          "the next start reads the old one: %s", spool_explain(error));
 }
 
 void request_not_kept(const request_world *world, json_t *reply, int error)
 {
     request r = {.world = world, .inputs = engine_change(world->engine), .reply = reply};
     put_bool(reply, "ok", false);
-    (void)refuse_kept(&r, true, kept_explain(error));
+    (void)refuse_kept(&r, true, spool_explain(error));
     (void)kept_save(world->kept);
     engine_update(world->engine);
 }

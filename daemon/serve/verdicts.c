@@ -5,6 +5,7 @@
 #include "serve/verdicts.h"
 
 #include "base/file/folder.h"
+#include "base/file/lookout.h"
 #include "base/file/spool.h"
 #include "base/log.h"
 #include "base/text/counted.h"
@@ -39,7 +40,8 @@ struct verdicts {
     uint64_t judged; /* expectations, those that are gone included */
     unsigned configuration;
     char *cleared;  /* the file whose old report has been removed, or NULL */
-    int error;      /* why the report could not be made at the start: the disk was full */
+    lookout *watch; /* over where the report will be, or NULL */
+    int error;      /* why it could not be written now, as the log has told; 0: it could */
     char *file;     /* of the report that is being written; NULL: none is */
     spool *report;
     bool unwritten; /* it could not be begun, or not be made as a text */
@@ -184,11 +186,27 @@ static int remove_report(const char *file)
     return error;
 }
 
+/* Begins to look after the report, to know of a full disk before the end. */
+static void watch_over(verdicts *v, const char *file)
+{
+    v->watch = lookout_start(file, v->error);
+    if (!v->watch)
+        log_warning("expect-report %s: nobody looks if it can be written: %s", file,
+                    strerror(errno));
+}
+
 void verdicts_begin(verdicts *v)
 {
     const char *file = v->config->expect_report;
-    if (!file || (v->cleared && strcmp(v->cleared, file) == 0))
+    if (file && v->watch && strcmp(v->cleared, file) == 0)
         return;
+    if (v->watch)
+        v->error = 0; /* of another report */
+    lookout_end(v->watch);
+    v->watch = NULL;
+    if (!file)
+        return;
+    watch_over(v, file);
     free(v->cleared);
     v->cleared = copy_of(file);
     const int error = remove_report(file);
@@ -230,7 +248,6 @@ void verdicts_reload(verdicts *v, const cw_bus *bus, const uint8_t from[CW_NODES
     expect *old_judge = v->judge;
     verdict *old = v->all;
     const size_t old_count = v->count;
-    v->error = 0;
     verdicts_begin(v);
     if (old_count == 0 && v->config->expect_count == 0) {
         v->configuration++;
@@ -285,9 +302,24 @@ void verdicts_event(verdicts *v, const cw_event *event)
     expect_event(v->judge, event);
 }
 
+/* Tells that the report could not be written now, and the end of that. */
+static void look_after_report(verdicts *v)
+{
+    const int error = v->watch ? lookout_look(v->watch) : v->error;
+    if (error == v->error)
+        return;
+    v->error = error;
+    if (error != 0)
+        log_warning("expect-report %s: it could not be written now: %s", v->cleared,
+                    spool_explain(error));
+    else
+        log_info("expect-report %s: it could be written again", v->cleared);
+}
+
 void verdicts_update(verdicts *v, const cw_bus *bus)
 {
     expect_pass(v->judge, cw_bus_now(bus));
+    look_after_report(v);
 }
 
 size_t verdicts_count(const verdicts *v)
@@ -492,6 +524,7 @@ bool verdicts_stop(verdicts *v)
     const char *before = log_enter(v->label);
     const bool good = end_report(v);
     (void)log_enter(before);
+    lookout_end(v->watch);
     expect_free(v->judge);
     free_all(v->all, v->count);
     free_all(v->gone, v->gone_count);

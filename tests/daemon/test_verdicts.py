@@ -322,6 +322,19 @@ def test_a_report_that_is_lost_is_an_error(bus, tmp_path):
     (tmp_path / "reports").mkdir()
     running = bus(expect(CALM, report="reports/v.xml"))
     (tmp_path / "reports").rmdir()
+    sink = wait_until(lambda: (one := running.sinks()["expect-report", "v.xml"]) and
+                      not one["good"] and one, "the loss")
+    assert (sink["state"], sink["why"]) == ("judging", "No such file or directory")
+    running.line(", expect-report v.xml judging: No such file or directory")
+    assert "expect-report reports/v.xml judging: No such file" in canwire(
+        "status", "--check", "./day.sock", status=1, cwd=running.folder).stdout
+    (tmp_path / "reports").mkdir()
+    wait_until(lambda: running.sinks()["expect-report", "v.xml"]["good"], "the folder")
+    log = running.log.read_text()
+    assert log.count("warning: expect-report reports/v.xml: it could not be written now: No such "
+                     "file or directory\n") == 1
+    assert log.count("canwired: expect-report reports/v.xml: it could be written again\n") == 1
+    (tmp_path / "reports").rmdir()
     assert "error: expect-report reports/v.xml: No such file or directory\n" in running.end(LOST)
 
 

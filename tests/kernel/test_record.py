@@ -168,13 +168,21 @@ def test_a_disk_that_is_full_at_the_start_is_no_reason_not_to_run(vcan, canwired
     with pytest.raises(OSError), (small_disk / "fill").open("wb", buffering=0) as fill:
         while True:
             fill.write(bytes(4096))
-    bus = Rig(canwired(text(f"file: {small_disk}/a.log")))
+    bus = Rig(canwired(text(f"file: {small_disk}/a.log") +
+                       f"expect-report: {small_disk}/v.xml\nexpect: [ {{ errors: 0 }} ]\n"))
     assert bus.recording("a.log")["state"] == "stopped"  # before there is a frame
     assert bus.recording("a.log")["why"] == "No space left on device"
     ecu, other = can_socket("vcan0"), can_socket("vcan1")
     ecu.send(*numbered(10))
     assert len(other.receive(10)) == 10
+    def report():
+        return next(sink for sink in bus.status()["sinks"] if sink["kind"] == "expect-report")
+    wait_until(lambda: not report()["good"], "a look at the disk")
+    assert report()["why"] == "No space left on device"
+    (small_disk / "fill").unlink()
+    wait_until(lambda: report()["good"], "another look")
     bus.daemon.stop()
+    assert (small_disk / "v.xml").read_text().startswith("<?xml")
 
 
 def test_bits_are_recorded_of_ecus_that_are_silent_for_a_while(rig, can_socket):

@@ -20,6 +20,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -226,16 +227,28 @@ static int end_file(spool *s)
 
 /* ---- Before a start -------------------------------------------------------------------------- */
 
-/* Makes a file that has no name and is gone at once; a file system without such files tells if it
- * may be written to. Returns 0 or an errno. */
-static int try_to_make(const folder *in)
+/* Writes so many bytes into a file, and closes it. Returns 0 or an errno. */
+static int fill_and_close(int fd, size_t size)
 {
+    static const unsigned char zeros[ROOM];
+    size_t done;
+    const int error = write_all(fd, zeros, size, &done);
+    return close(fd) == 0 || error != 0 ? error : errno;
+}
+
+/* Makes a file of that size, which has no name and is gone at once; a file system without such files
+ * tells if it may be written to. Returns 0 or an errno. */
+static int try_to_make(const folder *in, size_t size)
+{
+    struct statvfs there;
     int fd = openat(in->fd, ".", O_WRONLY | O_TMPFILE | O_CLOEXEC, MODE);
     if (fd >= 0)
-        return close(fd) == 0 ? 0 : errno;
+        return fill_and_close(fd, size);
     if (errno != EOPNOTSUPP && errno != EISDIR && errno != ENOENT)
         return errno;
-    return faccessat(in->fd, ".", W_OK | X_OK, AT_EACCESS) == 0 ? 0 : errno;
+    if (faccessat(in->fd, ".", W_OK | X_OK, AT_EACCESS) != 0)
+        return errno;
+    return size > 0 && fstatvfs(in->fd, &there) == 0 && there.f_bavail == 0 ? ENOSPC : 0;
 }
 
 /* Probes FILE, or one that it would be rotated to. */
@@ -250,12 +263,13 @@ static int probe_file(const folder *in, const char *name, bool older)
     return error == EBUSY && filelock_is_ours(&there) ? 0 : error;
 }
 
-int spool_probe(const char *file, unsigned files)
+/* Probes all files, and room of that size. */
+static int probe(const char *file, unsigned files, size_t size)
 {
     folder in;
     int error = folder_open(&in, file);
     if (error == 0)
-        error = try_to_make(&in);
+        error = try_to_make(&in, size);
     for (unsigned i = 0; i < files && error == 0; i++) {
         char *name = numbered(in.name, i);
         error = name ? probe_file(&in, name, i > 0) : ENOMEM;
@@ -263,6 +277,16 @@ int spool_probe(const char *file, unsigned files)
     }
     folder_close(&in);
     return error;
+}
+
+int spool_probe(const char *file, unsigned files)
+{
+    return probe(file, files, 0);
+}
+
+int spool_probe_room(const char *file)
+{
+    return probe(file, 1, ROOM);
 }
 
 bool spool_may_wait(int error)
@@ -838,6 +862,8 @@ const char *spool_explain(int error)
 {
     if (error == EBUSY)
         return "another program is writing it, or a file that it would rotate";
+    if (error == ETIMEDOUT)
+        return "the disk does not answer";
     return error == EINVAL ? "there is something that is no regular file" : strerror(error);
 }
 

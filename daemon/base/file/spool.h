@@ -46,6 +46,9 @@ int spool_reserve(const spool *s);
  * process writes already does not count. Returns 0 or the errno. */
 int spool_probe(const char *file, unsigned files);
 
+/* The same for one file with a few KiB, which it writes and takes back: not in the bus's thread. */
+int spool_probe_room(const char *file);
+
 /* Returns true for the errors of a full disk: another try may succeed without another
  * configuration. */
 bool spool_may_wait(int error);
