@@ -6,15 +6,25 @@
 
 #include "config/values.h"
 
-#include <string.h>
+#include <regex.h>
 
 #define LCM_EVENTS_MAX 64u   /* words in one list */
 #define LCM_URL_DEFAULT "udpm://239.255.76.67:7667?ttl=0"
 
+/* Of liblcm's URLs, also for the schema. liblcm itself takes another text for a network that is not
+ * there yet. */
+#define OCTET "(25[0-5]|2[0-4][0-9]|1[0-9][0-9]|[1-9]?[0-9])"
+#define PORT                                                                                       \
+    "(:(6553[0-5]|655[0-2][0-9]|65[0-4][0-9]{2}|6[0-4][0-9]{3}|[1-5][0-9]{4}|[1-9][0-9]{0,3}))?"
+#define OPTION "[a-z_]+=[0-9]+"
+#define MULTICAST "m?udpm://(22[4-9]|23[0-9])([.]" OCTET "){3}" PORT "([?]" OPTION "(&" OPTION ")*)?"
+#define SERVER "tcpq://[A-Za-z0-9.-]+" PORT
+#define LCM_URL "^(" MULTICAST "|" SERVER "|file://[^?]+[?]mode=w|memq://)$"
+
 static schema_reader read_lcm_url, read_lcm_events;
 
 const schema_key cfg_lcm_keys[] = {
-    {.name = "url", .read = read_lcm_url, .type = "{'type': 'string', 'pattern': '://'}",
+    {.name = "url", .read = read_lcm_url, .type = "{'type': 'string', 'pattern': '" LCM_URL "'}",
      .preset = LCM_URL_DEFAULT,
      .help = "LCM provider; ttl=0 is this host only."},
     {.name = "period", .read = cfg_read_span, .offset = offsetof(cfg_lcm, period), .preset = "1s",
@@ -37,15 +47,26 @@ void cfg_read_lcm(schema *self, const schema_key *key, yaml_node_t *value, void 
     schema_map(self, key->name, value, cfg_lcm_keys, &config->lcm);
 }
 
-/* Checks for :// alone. LCM checks the rest when it opens the URL. */
+/* Returns true for a URL that liblcm can use. Without memory that is for liblcm to say. */
+static bool is_url(const char *text)
+{
+    regex_t url;
+    if (regcomp(&url, LCM_URL, REG_EXTENDED | REG_NOSUB) != 0)
+        return true;
+    const bool good = regexec(&url, text, 0, NULL, 0) == 0;
+    regfree(&url);
+    return good;
+}
+
 static void read_lcm_url(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
-    static const char expected[] = "an LCM URL such as " LCM_URL_DEFAULT;
+    static const char expected[] = "an LCM URL: udpm://ADDRESS:PORT?ttl=N with a multicast "
+                                   "address, tcpq://HOST:PORT, or file://PATH?mode=w";
     cfg_lcm *lcm = object;
     const char *text = schema_text(self, key, value, expected);
 
     lcm->url_place = cfg_place_of(value);
-    if (text && !strstr(text, "://"))
+    if (text && !is_url(text))
         schema_expected(self, key, value, expected);
     if (text)
         lcm->url = schema_copy(self, text);
