@@ -29,6 +29,7 @@
 
 #define MESSAGE_BYTES 512u
 #define NAME_BYTES 64u
+#define WHERE_BYTES 256
 #define RECORD_BYTES (MESSAGE_BYTES + 400u) /* with all fields */
 #define READER_PAUSE_NS 1000000L
 #define READER_PAUSES 1000
@@ -182,17 +183,25 @@ static void log_put(message *m)
         send_message(m);
 }
 
-/* A message begins with its bus, in a rig, and with its node. */
-static void __attribute__((format(printf, 3, 0)))
-print(priority p, const char *node, const char *format, va_list args)
+/* A message begins with its bus, in a rig, then with a place in a file or NULL, and with its node. */
+static void __attribute__((format(printf, 4, 0)))
+print_at(const char *where, priority p, const char *node, const char *format, va_list args)
 {
     message m = {.priority = p, .node = node};
     int used = entered ? snprintf(m.text, sizeof m.text, "%.*s: ", (int)NAME_BYTES, entered) : 0;
+    if (where)
+        used += snprintf(m.text + used, sizeof m.text - (size_t)used, "%.*s: ", WHERE_BYTES, where);
     if (node)
         used += snprintf(m.text + used, sizeof m.text - (size_t)used, "node %.*s: ",
                          (int)NAME_BYTES, node);
     (void)vsnprintf(m.text + used, sizeof m.text - (size_t)used, format, args);
     log_put(&m);
+}
+
+static void __attribute__((format(printf, 3, 0)))
+print(priority p, const char *node, const char *format, va_list args)
+{
+    print_at(NULL, p, node, format, args);
 }
 
 void log_set_program(const char *name)
@@ -269,6 +278,14 @@ void log_node_warning(const char *node, const char *format, ...)
     va_list args;
     va_start(args, format);
     print(WARNING, node, format, args);
+    va_end(args);
+}
+
+void log_node_error_at(const char *where, const char *node, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    print_at(where, ERROR, node, format, args);
     va_end(args);
 }
 

@@ -40,6 +40,10 @@ void log_node_warning(const char *node, const char *format, ...)
 void log_node_error(const char *node, const char *format, ...)
     __attribute__((format(printf, 2, 3)));
 
+/* Logs such an error behind the FILE:LINE:COLUMN that it is about. */
+void log_node_error_at(const char *where, const char *node, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
 /* Logs errors that are complete lines already, such as FILE:LINE:COLUMN: message. */
 void log_as_is(const char *lines);
 

@@ -173,3 +173,11 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
         .protections = config->protections,
     };
 }
+
+cfg_where cfg_place_text(const cfg *config, cfg_place place)
+{
+    cfg_where where;
+    (void)snprintf(where.text, sizeof where.text, "%.230s:%d:%d", config->file,
+                   place.line ? place.line : 1, place.column ? place.column : 1);
+    return where;
+}

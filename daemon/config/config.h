@@ -388,6 +388,12 @@ typedef struct cfg {
 /* Reads a file. Returns NULL after writing one line per error to `errors`. */
 cfg *cfg_load(const char *file, FILE *errors);
 
+/* A place as messages have it: FILE:LINE:COLUMN; that of a missing key is the beginning. */
+typedef struct cfg_where {
+    char text[256];
+} cfg_where;
+cfg_where cfg_place_text(const cfg *config, cfg_place place);
+
 /* Reads a file in the same way. Neither the file nor its profiles may be pipes or devices, on which
  * reading could wait for ever. */
 cfg *cfg_load_regular(const char *file, FILE *errors);

@@ -24,7 +24,10 @@ bool engine_open_door(engine *e)
         return true;
     e->now.door = door_open(name, error);
     if (!e->now.door)
-        log_error("guests: port %s", error);
+        log_error("%s: guests: port %s",
+                  cfg_place_text(e->config,
+                                 e->config->nodes[e->config->node_count - 1].port_place).text,
+                  error);
     return e->now.door != NULL;
 }
 

@@ -285,7 +285,8 @@ static bool open_port(engine *e, unsigned node)
         return true;
     e->now.ports[node] = port_open(config->port, e->config->bus_name, error);
     if (!e->now.ports[node])
-        log_node_error(config->name, "port %s", error);
+        log_node_error_at(cfg_place_text(e->config, config->port_place).text, config->name,
+                          "port %s", error);
     share_port(e->now.ports[node], e->config, node);
     report_small_buffer(e, node);
     report_mtu(e, node);

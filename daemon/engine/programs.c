@@ -280,8 +280,8 @@ static void on_coming(struct ev_loop *loop, ev_io *io, int events)
 
 /* ---- Begin and end --------------------------------------------------------------------------- */
 
-programs *programs_open(struct ev_loop *loop, const char *path, const programs_calls *calls,
-                        void *user)
+programs *programs_open(struct ev_loop *loop, const char *path, const char *where,
+                        const programs_calls *calls, void *user)
 {
     char error[PATHSOCKET_ERROR_MAX] = "out of memory";
     programs *p = calloc(1, sizeof *p);
@@ -293,7 +293,7 @@ programs *programs_open(struct ev_loop *loop, const char *path, const programs_c
         if (pathsocket_open(&p->listener, path, SOCK_SEQPACKET, BACKLOG, "virtual", error))
             return p;
     }
-    log_error("virtual: %s: %s", path, error);
+    log_error("%s: virtual: %s: %s", where, path, error);
     programs_close(p);
     return NULL;
 }

@@ -53,8 +53,7 @@ void setup_free(setup *s)
 /* Prints the place of a setting; a missing one has the beginning of the file. */
 static void print_place(FILE *errors, const cfg *config, cfg_place place)
 {
-    fprintf(errors, "%s:%d:%d: ", config->file, place.line ? place.line : 1,
-            place.column ? place.column : 1);
+    fprintf(errors, "%s: ", cfg_place_text(config, place).text);
 }
 
 /* A setting that a new configuration must not change. */

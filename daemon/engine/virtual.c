@@ -291,7 +291,9 @@ bool engine_open_virtual(engine *e)
         return false;
     }
     e->virtual_time = v;
-    v->programs = programs_open(e->loop, e->config->virtual_time.socket, &calls, e);
+    v->programs = programs_open(e->loop, e->config->virtual_time.socket,
+                                cfg_place_text(e->config, e->config->virtual_time.place).text,
+                                &calls, e);
     if (!v->programs)
         return false;
     v->turns = programs_turns(v->programs);

@@ -274,7 +274,10 @@ control *control_start(struct ev_loop *loop, live *config, engine *bus,
     if (!memo_begin(&c->line))
         log_error("out of memory");
     else
-        c->server = server_start(loop, live_config(config)->control, inherited, &calls, c);
+        c->server = server_start(
+            loop, live_config(config)->control,
+            cfg_place_text(live_config(config), live_config(config)->control_place).text, inherited,
+            &calls, c);
     if (c->server)
         return c;
     control_stop(c);

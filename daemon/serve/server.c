@@ -504,20 +504,20 @@ static void prepare_watchers(server *s)
 }
 
 /* Opens the socket. Returns false after logging the reason. */
-static bool open_socket(server *s, const char *path, int inherited)
+static bool open_socket(server *s, const char *path, const char *where, int inherited)
 {
     char error[PATHSOCKET_ERROR_MAX];
     bool good = inherited >= 0
                     ? pathsocket_adopt(&s->socket, inherited, path, BACKLOG, error)
                     : pathsocket_open(&s->socket, path, SOCK_STREAM, BACKLOG, "control", error);
     if (!good)
-        log_error("control %s: %s", inherited >= 0 ? "that was passed" : path, error);
+        log_error("%s: control %s: %s", where, inherited >= 0 ? "that was passed" : path, error);
     else if (inherited >= 0)
         log_info("control %s: a socket of the service manager", s->socket.path);
     return good;
 }
 
-server *server_start(struct ev_loop *loop, const char *path, int inherited,
+server *server_start(struct ev_loop *loop, const char *path, const char *where, int inherited,
                      const server_calls *calls, void *user)
 {
     server *s = calloc(1, sizeof *s);
@@ -529,7 +529,7 @@ server *server_start(struct ev_loop *loop, const char *path, int inherited,
                   .now = ev_now};
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
         s->clients[i] = (server_client){.server = s, .fd = -1};
-    bool good = open_socket(s, path, inherited);
+    bool good = open_socket(s, path, where, inherited);
     prepare_watchers(s);
     if (!good) {
         server_stop(s);

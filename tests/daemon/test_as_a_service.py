@@ -3,6 +3,7 @@
 
 import contextlib
 import os
+import re
 import shutil
 import signal
 import socket
@@ -46,7 +47,7 @@ def test_how_it_ends_says_if_another_start_helps(tmp_path, instance):
     done, told = ended(tmp_path, GOOD + "control: none/day.sock\n", instance)
     assert done.returncode == 1, "another start would find the same"
     assert told == "STATUS=" + done.stderr.removeprefix("canwired: error: ").rstrip()
-    assert "the directory does not exist" in told
+    assert "bus.yaml:3:10: control none/day.sock: the directory does not exist" in told
 
 
 @pytest.mark.parametrize("text, why", [
@@ -65,6 +66,7 @@ def test_a_path_that_cannot_be_is_a_bad_configuration(tmp_path, text, why):
     (tmp_path / "file.log").touch()
     done, told = ended(tmp_path, text, "day")
     assert done.returncode == 1 and why in told
+    assert re.match(r"STATUS=bus.yaml:[23]:[0-9]+: ", told), told
 
 
 def test_a_socket_that_is_in_use_may_be_free_later(tmp_path):

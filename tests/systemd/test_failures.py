@@ -151,8 +151,8 @@ def test_a_port_that_is_missing_is_tried_again(new):
     line = run("canwire", "status", "--check", status=2)
     assert f"{bus.unit} has failed and is tried again" in line
     wait_until(lambda: bus.show("ExecMainStatus") == "75", "an end")
-    why = re.compile(r"(Trying again after: )?node [ab]: port late[01]: No such device \(canwire "
-                     r"vcan up FILE makes it\)")
+    why = re.compile(r"(Trying again after: )?/etc/canwire/late\.yaml:[56]:\d+: node [ab]: port "
+                     r"late[01]: No such device \(canwire vcan up FILE makes it\)")
     wait_until(lambda: (found := why.fullmatch(bus.show("StatusText"))) and found[1],
                "the reason during the next try")
     wait_until(lambda: (found := why.fullmatch(bus.show("StatusText"))) and not found[1],

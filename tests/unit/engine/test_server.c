@@ -19,6 +19,8 @@
  * time, and nothing depends on the machine. */
 #define STEP_S 0.001
 
+#define WHERE "bus.yaml:2:10" /* of the control socket */
+
 static struct {
     bool counts;
     ev_tstamp now;
@@ -259,7 +261,7 @@ static void open_hall(hall *h, const rig *r)
 {
     *h = (hall){.rig = r, .place = *r};
     snprintf(h->place.path, sizeof h->place.path, "%s/hall", r->folder);
-    h->server = server_start(r->loop, h->place.path, -1, &hall_calls, NULL);
+    h->server = server_start(r->loop, h->place.path, WHERE, -1, &hall_calls, NULL);
     assert_non_null(h->server);
     hall_time_s = 1000.0;
     server_set_clock(h->server, read_hall_clock);
@@ -572,7 +574,7 @@ CASE(the_socket_is_for_the_group)
 CASE(a_live_socket_is_not_taken)
 {
     const rig *r = *state;
-    assert_null(server_start(r->loop, r->path, -1, &no_calls, NULL));
+    assert_null(server_start(r->loop, r->path, WHERE, -1, &no_calls, NULL));
     expect_service(r);
 }
 
@@ -586,7 +588,7 @@ CASE(a_stale_socket_is_replaced)
     int fd = socket(AF_UNIX, SOCK_STREAM, 0);
     assert_int_equal(bind(fd, (struct sockaddr *)&address, sizeof address), 0);
     close(fd); /* as when a daemon was killed */
-    server *s = server_start(r->loop, path, -1, &no_calls, NULL);
+    server *s = server_start(r->loop, path, WHERE, -1, &no_calls, NULL);
     assert_non_null(s);
     server_stop(s);
     assert_int_equal(access(path, F_OK), -1);
@@ -598,15 +600,15 @@ CASE(other_files_are_left_alone)
     char path[96];
     snprintf(path, sizeof path, "%s/file", r->folder);
     close(open(path, O_CREAT | O_WRONLY, 0600));
-    assert_null(server_start(r->loop, path, -1, &no_calls, NULL));
+    assert_null(server_start(r->loop, path, WHERE, -1, &no_calls, NULL));
     assert_int_equal(unlink(path), 0);
     snprintf(path, sizeof path, "%s/no/folder", r->folder);
-    assert_null(server_start(r->loop, path, -1, &no_calls, NULL));
+    assert_null(server_start(r->loop, path, WHERE, -1, &no_calls, NULL));
     memset(path, 'x', sizeof path - 1);
     assert_null(server_start(r->loop,
                              "/tmp/a-path-that-is-longer-than-the-hundred-and-seven-bytes-"
                              "that-the-kernel-takes-for-the-path-of-a-socket-of-a-bus",
-                             -1, &no_calls, NULL));
+                             WHERE, -1, &no_calls, NULL));
 }
 
 /* A socket that another program made at the same path stays. */
@@ -615,17 +617,19 @@ CASE(only_the_own_socket_is_removed)
     const rig *r = *state;
     char path[96];
     snprintf(path, sizeof path, "%s/mine", r->folder);
-    server *first = server_start(r->loop, path, -1, &no_calls, NULL);
+    server *first = server_start(r->loop, path, WHERE, -1, &no_calls, NULL);
     assert_non_null(first);
     assert_int_equal(unlink(path), 0);
-    assert_null(server_start(r->loop, path, -1, &no_calls, NULL)); /* the path is the first one's */
+    /* the path is the first one's */
+    assert_null(server_start(r->loop, path, WHERE, -1, &no_calls, NULL));
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     strcpy(address.sun_path, path);
     int other = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
     assert_int_equal(bind(other, (struct sockaddr *)&address, sizeof address), 0);
     server_stop(first);
     assert_int_equal(access(path, F_OK), 0);
-    server *second = server_start(r->loop, path, -1, &no_calls, NULL); /* no daemon listens there */
+    /* no daemon listens there */
+    server *second = server_start(r->loop, path, WHERE, -1, &no_calls, NULL);
     assert_non_null(second);
     server_stop(second);
     assert_int_equal(access(path, F_OK), -1);
