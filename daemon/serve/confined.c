@@ -3,7 +3,7 @@
  * confined.c - what a bus asks for that the unit of the service keeps from it, without an error.
  *
  * Files in a private /tmp are made and never found, and packets that IPAddressDeny= drops look like
- * a network that is slow.
+ * a network that is slow. What the unit allows is not asked for: packets tell.
  */
 #include "serve/start.h"
 
@@ -15,7 +15,6 @@
 #include "config/node/tunnelname.h"
 
 #include <arpa/inet.h>
-#include <errno.h>
 #include <ifaddrs.h>
 #include <net/if.h>
 #include <netinet/in.h>
@@ -27,6 +26,7 @@
 #define DISCARD 9 /* the port of a packet to this host that nobody needs */
 #define TCPQ "tcpq://"
 #define PORTS_BYTES 240 /* of their names in a warning, which has room for 500 */
+#define NETWORK_BYTES (INET_ADDRSTRLEN + 4)
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
@@ -55,40 +55,73 @@ static void warn_of_files(const cfg *config)
 
 /* ---- Hosts ----------------------------------------------------------------------------------- */
 
-/* Returns the errno of a packet to an address of this host, which no network sees. */
-static int try_address(const struct sockaddr_in *own)
+/* What is known of the networks that the unit keeps the service from. */
+typedef struct networks {
+    bool shut; /* all of them */
+    char own[NETWORK_BYTES]; /* one that this host is in and that is shut, or "" */
+} networks;
+
+/* Returns true when the unit drops packets to an address. This one goes to the loopback interface:
+ * no network sees it, and none has to be there yet. Without that interface the unit is taken for
+ * what it is by default. */
+static bool is_dropped(struct in_addr address)
 {
-    struct sockaddr_in to = *own;
-    to.sin_port = htons(DISCARD);
+    static const char loopback[] = "lo";
+    const struct sockaddr_in to = {
+        .sin_family = AF_INET, .sin_port = htons(DISCARD), .sin_addr = address};
     int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    if (fd < 0)
-        return errno;
-    ssize_t sent = sendto(fd, "", 0, MSG_NOSIGNAL, (const struct sockaddr *)&to, sizeof to);
-    int number = sent < 0 ? errno : 0;
-    (void)close(fd);
-    return number;
+    const bool passed =
+        fd >= 0 && setsockopt(fd, SOL_SOCKET, SO_BINDTODEVICE, loopback, sizeof loopback) == 0 &&
+        sendto(fd, "", 0, MSG_NOSIGNAL, (const struct sockaddr *)&to, sizeof to) >= 0;
+    if (fd >= 0)
+        (void)close(fd);
+    return !passed;
 }
 
-static bool is_loopback(const struct sockaddr_in *address)
+static struct in_addr address_of(const struct sockaddr *any)
 {
-    return ntohl(address->sin_addr.s_addr) >> 24 == IN_LOOPBACKNET;
+    return ((const struct sockaddr_in *)(const void *)any)->sin_addr;
 }
 
-/* Returns true when the addresses of this host in its networks are out of reach. Without any, the
- * unit is taken for what it is by default. */
-static bool is_shut_in(void)
+/* Returns true for an address of this host in a network. */
+static bool is_in_network(const struct ifaddrs *one)
 {
-    struct ifaddrs *all;
-    bool open = false;
-    if (getifaddrs(&all) != 0)
-        return true;
-    for (const struct ifaddrs *one = all; one && !open; one = one->ifa_next) {
-        const struct sockaddr_in *address = (const void *)one->ifa_addr;
-        open = address && address->sin_family == AF_INET && (one->ifa_flags & IFF_UP) &&
-               !is_loopback(address) && try_address(address) != EPERM;
+    return one->ifa_addr && one->ifa_netmask && one->ifa_addr->sa_family == AF_INET &&
+           (one->ifa_flags & IFF_UP) &&
+           ntohl(address_of(one->ifa_addr).s_addr) >> 24 != IN_LOOPBACKNET;
+}
+
+/* Prints the network of an address of this host, such as 192.168.1.0/24. */
+static void print_network(char out[NETWORK_BYTES], const struct ifaddrs *one)
+{
+    char text[INET_ADDRSTRLEN];
+    const in_addr_t mask = address_of(one->ifa_netmask).s_addr;
+    const struct in_addr network = {.s_addr = address_of(one->ifa_addr).s_addr & mask};
+    (void)inet_ntop(AF_INET, &network, text, sizeof text);
+    (void)snprintf(out, NETWORK_BYTES, "%s/%d", text, __builtin_popcount(mask));
+}
+
+/* Looks at the networks of this host, or at usual ones when it is in none yet. */
+static networks look_at_networks(void)
+{
+    static const char *const usual[] = {"192.168.0.1", "192.168.1.1", "10.0.0.1", "172.16.0.1"};
+    networks found = {.shut = true};
+    struct ifaddrs *all = NULL;
+    bool any = false;
+    (void)getifaddrs(&all);
+    for (const struct ifaddrs *one = all; one; one = one->ifa_next) {
+        if (!is_in_network(one))
+            continue;
+        any = true;
+        if (!is_dropped(address_of(one->ifa_addr)))
+            found.shut = false;
+        else if (!*found.own)
+            print_network(found.own, one);
     }
     freeifaddrs(all);
-    return !open;
+    for (size_t i = 0; i < sizeof usual / sizeof usual[0] && !any; i++)
+        found.shut = found.shut && is_dropped((struct in_addr){.s_addr = inet_addr(usual[i])});
+    return found;
 }
 
 /* Returns true for an address that other hosts reach or have. */
@@ -98,71 +131,81 @@ static bool is_elsewhere(const net_address *address)
            !address_of_many(address);
 }
 
-/* Returns true for a port that needs a network beyond this machine. */
-static bool wants_hosts(const cfg_node *node)
+/* Returns true when the unit keeps a port from other hosts: from that one, or from all. */
+static bool is_kept(const networks *n, const net_address *address)
+{
+    struct in_addr four;
+    if (!is_elsewhere(address))
+        return false;
+    if (address_of_all(address) || inet_pton(AF_INET, address->host, &four) != 1)
+        return n->shut;
+    return is_dropped(four);
+}
+
+/* Returns true for a port that needs a network from which the unit shuts the service off. */
+static bool is_port_kept(const networks *n, const cfg_node *node)
 {
     tunnelname tunnel;
     const portname name = portname_parse(node->port ? node->port : "");
     if (name.kind == PORTNAME_TCP)
-        return is_elsewhere(&name.address);
+        return is_kept(n, &name.address);
     return name.kind == PORTNAME_TUNNEL && tunnelname_parse(&tunnel, node->port) &&
-           is_elsewhere(tunnel.has_peer ? &tunnel.peer : &tunnel.listen);
+           is_kept(n, tunnel.has_peer ? &tunnel.peer : &tunnel.listen);
 }
 
-static bool wants_server(const cfg_lcm *lcm)
+/* The same for a server of LCM; one with a name may be anywhere. */
+static bool is_server_kept(const networks *n, const cfg_lcm *lcm)
 {
+    net_address address;
     const char *host = lcm->url + strlen(TCPQ);
-    return lcm->enabled && strncmp(lcm->url, TCPQ, strlen(TCPQ)) == 0 &&
-           strncmp(host, "127.", 4) != 0 && strncmp(host, "localhost", strlen("localhost")) != 0;
+    if (!lcm->enabled || strncmp(lcm->url, TCPQ, strlen(TCPQ)) != 0)
+        return false;
+    return address_parse(&address, host, strlen(host), DISCARD) ? is_kept(n, &address) : n->shut;
 }
 
-/* Returns true for metrics that other hosts are to read. */
-static bool serves_hosts(const cfg_metrics *metrics)
+/* The same for metrics that other hosts are to read. */
+static bool are_metrics_kept(const networks *n, const cfg_metrics *metrics)
 {
     net_address address;
     return metrics->name && !metrics->path &&
            address_parse(&address, metrics->name, strlen(metrics->name), 0) &&
-           is_elsewhere(&address);
+           is_kept(n, &address);
 }
 
 /* One warning names all ports, with the command that allows their hosts. */
-static void warn_of_ports(const char *all)
+static void warn_of_ports(const networks *n, const char *all)
 {
     log_warning("%s: the service drops packets from and to other hosts (IPAddressDeny=), unless "
                 "you have allowed them: sudo systemctl set-property canwired@%s.service "
-                "IPAddressAllow=192.168.0.0/16 or whatever their network is; see canwired(8)",
-                all, unit_instance());
+                "IPAddressAllow=%s or whatever their network is; see canwired(8)",
+                all, unit_instance(), *n->own ? n->own : "192.168.0.0/16");
 }
 
 /* Adds a name to a list, after warning of those in it when it is full. */
-static void name_port(char list[PORTS_BYTES], const char *name)
+static void name_port(const networks *n, char list[PORTS_BYTES], const char *name)
 {
     if (*list && strlen(list) + strlen(name) + sizeof ", " > PORTS_BYTES) {
-        warn_of_ports(list);
+        warn_of_ports(n, list);
         *list = '\0';
     }
     (void)chars_print(list, PORTS_BYTES, strlen(list), "%s%s", *list ? ", " : "", name);
 }
 
-/* Warns of ports, and of LCM, that need a network from which the unit shuts the service off. */
+/* Warns of ports, of LCM and of metrics that need a network from which the unit shuts the service
+ * off. */
 static void warn_of_hosts(const cfg *config)
 {
     char all[PORTS_BYTES] = "";
-    const bool server = config->lcm.enabled && wants_server(&config->lcm);
-    const bool metrics = serves_hosts(&config->metrics);
-    bool any = server || metrics;
+    const networks n = look_at_networks();
     for (size_t i = 0; i < config->node_count; i++)
-        any = any || wants_hosts(&config->nodes[i]);
-    if (!any || !is_shut_in())
-        return;
-    for (size_t i = 0; i < config->node_count; i++)
-        if (wants_hosts(&config->nodes[i]))
-            name_port(all, config->nodes[i].port);
-    if (server)
-        name_port(all, config->lcm.url);
-    if (metrics)
-        name_port(all, config->metrics.name);
-    warn_of_ports(all);
+        if (is_port_kept(&n, &config->nodes[i]))
+            name_port(&n, all, config->nodes[i].port);
+    if (is_server_kept(&n, &config->lcm))
+        name_port(&n, all, config->lcm.url);
+    if (are_metrics_kept(&n, &config->metrics))
+        name_port(&n, all, config->metrics.name);
+    if (*all)
+        warn_of_ports(&n, all);
 }
 
 void confined_warn(const cfg *config)

@@ -194,6 +194,17 @@ def test_all_ports_that_other_hosts_do_not_reach_are_named(tmp_path, count, line
             [*ports, "0.0.0.0:9464"]
 
 
+def test_what_the_unit_lets_through_is_not_warned_of(tmp_path):
+    """Nothing drops packets here, and there is no network yet."""
+    text = ("bus: { name: day, bitrate: 500000 }\nnodes:\n"
+            "  - { name: a, port: 'tcp:0.0.0.0:20000' }\n"
+            "  - { name: b, port: 'cannelloni:udp,listen=0.0.0.0:20001,peer=198.51.100.7:20001' }\n")
+    lo = "ip link set lo up && exec \"$@\""
+    with running(tmp_path / "a", text, "day", "unshare", "--net", "--map-root-user", "sh", "-c", lo,
+                 "sh") as (log, _):
+        assert "IPAddressDeny=" not in log
+
+
 class Service:
     """A bus as its unit runs it, whose sockets are in the folder `run`."""
 

@@ -224,7 +224,8 @@ def test_other_hosts_that_do_not_get_through_are_told(new):
         command, = re.findall(r"sudo (systemctl set-property \S+ IPAddressAllow=\S+)",
                               "".join(told(bus, "IPAddressDeny=")))
         assert command.split()[2] == bus.unit
-        run(*command.replace("192.168.0.0/16", "192.0.2.0/24").split())
+        assert command.endswith("IPAddressAllow=192.0.2.7/32"), "the network that this host is in"
+        run(*command.split())
         systemctl("restart", bus.unit)
         assert len(told(bus, "IPAddressDeny=")) == 1
         with socket.create_connection(("192.0.2.7", 29999), timeout=PATIENCE_S) as client:
@@ -232,6 +233,28 @@ def test_other_hosts_that_do_not_get_through_are_told(new):
     finally:
         systemctl("revert", bus.unit)
         run("ip", "address", "del", "192.0.2.7/32", "dev", "lo")
+
+
+@pytest.mark.deep
+def test_hosts_that_get_through_later_are_not_warned_of(new):
+    """The machine is in no network when the bus starts."""
+    bus = new("later", lambda text: text.replace("port: later1", 'port: "tcp:0.0.0.0:29998"'))
+    try:
+        bus.start()
+        text, = told(bus, "IPAddressDeny=")
+        assert "IPAddressAllow=192.168.0.0/16 or whatever" in text
+        systemctl("set-property", bus.unit, "IPAddressAllow=192.168.0.0/16")
+        systemctl("restart", bus.unit)
+        assert len(told(bus, "IPAddressDeny=")) == 1
+        bus.config.write_text(bus.config.read_text().replace("tcp:0.0.0.0:29998",
+            "cannelloni:udp,listen=0.0.0.0:29998,peer=203.0.113.7:29998"))
+        systemctl("restart", bus.unit)
+        assert told(bus, "IPAddressDeny=")[1:], "not its network"
+        systemctl("set-property", bus.unit, "IPAddressAllow=203.0.113.0/24")
+        systemctl("restart", bus.unit)
+        assert len(told(bus, "IPAddressDeny=")) == 2
+    finally:
+        systemctl("revert", bus.unit)
 
 
 def test_programs_of_this_machine_read_metrics(new):
