@@ -4,6 +4,9 @@
  */
 #include "config/profilefile.h"
 
+#include "base/text/nearest.h"
+
+#include <dirent.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
@@ -121,14 +124,58 @@ static void add_folder(char *list, const char *folder, bool last)
                    length > 0 ? folder : ".");
 }
 
+/* The profile whose name is nearest to the one that is wanted. */
+typedef struct nearby {
+    nearest guess;
+    char name[NAME_MAX + 1];
+} nearby;
+
+/* Considers a file, if it is a profile by its name. */
+static void consider_file(nearby *near, const char *file)
+{
+    char name[NAME_MAX + 1];
+    const size_t length = strlen(file);
+    const char *end = ends[ENDS - 1];
+    if (length <= strlen(end) || length > NAME_MAX || strcmp(file + length - strlen(end), end) != 0)
+        return;
+    (void)snprintf(name, sizeof name, "%.*s", (int)(length - strlen(end)), file);
+    nearest_consider(&near->guess, name);
+    if (near->guess.best == name) {
+        strcpy(near->name, name);
+        near->guess.best = near->name;
+    }
+}
+
+static void consider_folder(nearby *near, const char *folder, bool alone)
+{
+    char path[PATH_MAX];
+    const int length =
+        snprintf(path, sizeof path, "%s%s", *folder ? folder : "./", alone ? "" : FOLDER);
+    DIR *all = length < PATH_MAX ? opendir(path) : NULL;
+    const struct dirent *file;
+    while (all && (file = readdir(all)))
+        consider_file(near, file->d_name);
+    if (all)
+        (void)closedir(all);
+}
+
 void profilefile_list(char out[PROFILEFILE_LIST_BYTES], const profilefile *wanted)
 {
-    char folder[PATH_MAX], next[PATH_MAX];
+    char folder[PATH_MAX], next[PATH_MAX], word[NAME_MAX + 1];
+    const bool alone = is_alone(wanted->name);
+    const char *name = wanted->name + (alone ? 0 : strlen(FOLDER));
+    nearby near = {.guess = {.word = word}};
     bool more = profilefile_find_folder(next, wanted, 0);
     out[0] = '\0';
+    (void)snprintf(word, sizeof word, "%.*s", (int)strcspn(name, "."), name);
     for (unsigned i = 1; more; i++) {
         strcpy(folder, next);
         more = profilefile_find_folder(next, wanted, i);
         add_folder(out, folder, !more);
+        consider_folder(&near, folder, alone);
     }
+    const size_t used = strlen(out);
+    if (near.guess.best)
+        (void)snprintf(out + used, PROFILEFILE_LIST_BYTES - used, " (did you mean '%s%s'?)",
+                       alone ? "" : FOLDER, near.guess.best);
 }

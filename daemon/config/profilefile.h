@@ -30,7 +30,8 @@ bool profilefile_is_there(const char *path, bool any);
 /* Finds the first of these places where there is a regular file. Returns false without one. */
 bool profilefile_find(char out[PATH_MAX], const profilefile *wanted);
 
-/* Writes the folders of all these places, "a, b and c". */
+/* Writes the folders of all these places, "a, b and c", and " (did you mean 'wobble'?)" when a
+ * profile there has nearly the name. Only for a name. */
 void profilefile_list(char out[PROFILEFILE_LIST_BYTES], const profilefile *wanted);
 
 /* Returns true for a name that is searched for, not only looked up next to the files. */

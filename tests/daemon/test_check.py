@@ -89,6 +89,8 @@ def test_limits_of_the_load(bus):
     assert status == CRITICAL and line.endswith("%;;1;0;100")
     assert bus.check("--load", "90,95")[0] == OK
     assert bus.check("--load", "90,0")[0] == OK
+    status, line = bus.check("--load", "0.1,90.5%")
+    assert status == WARNING and line.split("%;")[1] == "0.1;90.5;0;100"
 
 
 @pytest.mark.parametrize("option, limits, why", [
@@ -147,6 +149,27 @@ def test_a_bus_that_takes_no_more_clients_is_critical(bus):
     bus.process.send_signal(signal.SIGCONT)
     for one in waiting:
         one.close()
+
+
+def test_two_buses_of_one_name_have_two_labels(bus):
+    reply = json.dumps({"ok": True, "status": status_of([])}).encode() + b"\n"
+    with socket.socket(socket.AF_UNIX) as one, socket.socket(socket.AF_UNIX) as two:
+        for name, listener in (("one", one), ("two", two)):
+            listener.bind(str(bus.folder / f"{name}.sock"))
+            listener.listen()
+            listener.settimeout(60)
+
+        def serve():
+            for client in [listener.accept()[0] for listener in (one, two)]:
+                client.makefile().readline()
+                client.sendall(reply)
+                client.close()
+
+        server = threading.Thread(target=serve)
+        server.start()
+        _, line = bus.check()
+        server.join()
+    assert line.split(" | ")[1] == "day_load=0.5%;;;0;100 day.two_load=0.5%;;;0;100"
 
 
 def test_buses_that_hang_are_asked_at_the_same_time(bus):
@@ -272,7 +295,7 @@ def test_an_answer_without_the_status_is_unknown(bus):
 
 
 @pytest.mark.parametrize("words", [
-    ("--load", "70"), ("--load", "x,1"), ("--load", "1,101"), ("--state", "off,none"),
+    ("--load", "70"), ("--load", "x,1"), ("--load", "1,101"), ("--load", "0.01,1"), ("--state", "off,none"),
     ("--sinks", "bad"), ("--nonsense",), ("a", "b")])
 def test_wrong_usage_is_unknown_and_no_state_of_a_bus(bus, words):
     status, line = bus.check(*words)

@@ -109,6 +109,18 @@ def test_failed_units_where_no_bus_runs(machine):
         "failed; canwire-vcan@day-2.service has failed")
 
 
+def test_where_no_bus_runs_without_a_failure_somebody_has_stopped_them(machine):
+    assert machine.check() == (
+        CRITICAL, "CANWIRE CRITICAL - no bus runs in /run/canwire; no unit has failed: they are "
+        "stopped, or just start")
+    status, line = machine.check("day")
+    assert status == CRITICAL and line.endswith(
+        "; canwired@day.service has not failed: it is stopped, or just starts")
+    machine.fails(unit("canwired@day", "inactive", "dead"))
+    assert machine.check("day") == (status, line)
+    assert "failed" not in machine.check("./day.sock")[1]
+
+
 @pytest.mark.parametrize("active, sub, restarts, job, told", [
     ("activating", "auto-restart", 0, "", True),
     ("activating", "auto-restart-queued", 7, "", True),
@@ -138,7 +150,7 @@ def test_a_name_is_for_its_own_units_and_only_when_its_bus_is_not_there(machine)
     assert status == CRITICAL and line.endswith("; canwired@night.service has failed")
     assert "day-2" not in line
     status, line = machine.check("day")
-    assert status == CRITICAL and "has failed" not in line
+    assert status == CRITICAL and "canwired@day.service has not failed" in line
     machine.start()
     machine.fails(unit("canwired@day", "failed", "failed"))
     assert machine.check("day")[0] == OK

@@ -49,6 +49,9 @@ def test_profiles_are_found_by_name(tmp_path):
         if place != "etc":
             assert used("profiles/wobble.yaml") == used("profiles/wobble") == [rule]
     assert used("profiles/wobble") == ["etc-profiles"]
+    assert used("woble").endswith(f" and /usr/{share} (did you mean 'wobble'?)\n")
+    assert used("wobbel.yaml").endswith(" (did you mean 'wobble'?)\n")
+    assert used("profiles/wable").endswith(" (did you mean 'profiles/wobble'?)\n")
     assert "No such file or directory" in used("other/wobble.yaml")
 
 

@@ -239,8 +239,20 @@ static const char *find_units(check *c, const char *name, buffer text[2], char w
     return count < UNITS_MAX ? NULL : "too many units";
 }
 
-void check_failed_units(check *c, const char *name)
+/* Says that a bus is not away because of a failure. */
+static void tell_stopped(check *c, const char *name)
 {
+    char told[TOLD_BYTES];
+    if (name)
+        (void)snprintf(told, sizeof told, "canwired@%.255s.service has not failed: it is "
+                       "stopped, or just starts", name);
+    check_tell(c, CHECK_CRITICAL,
+               name ? told : "no unit has failed: they are stopped, or just start");
+}
+
+void check_failed_units(check *c, const char *name, bool absent)
+{
+    const size_t before = buffer_length(&c->text);
     buffer text[2] = {{.size = 0}, {.size = 0}};
     char reason[UNIT_WHY_BYTES], told[TOLD_BYTES];
     struct stat found; /* as sd_booted() does it */
@@ -252,6 +264,8 @@ void check_failed_units(check *c, const char *name)
         (void)snprintf(told, sizeof told, "failed units are not known: systemctl: %s", why);
         check_tell(c, CHECK_UNKNOWN, told);
     }
+    if (absent && buffer_length(&c->text) == before)
+        tell_stopped(c, name);
     buffer_free(&text[0]);
     buffer_free(&text[1]);
 }

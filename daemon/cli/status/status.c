@@ -197,8 +197,9 @@ static void check_answer(void *user, const char *path, json_t *reply)
     json_decref(status);
 }
 
-/* Checks all buses that run. That none runs, or that nobody can tell, is a finding, too. */
-static void check_all(check *c)
+/* Checks all buses that run. That none runs, or that nobody can tell, is a finding, too. Returns
+ * true when none runs. */
+static bool check_all(check *c)
 {
     glob_t found;
     check_list all = {.result = c};
@@ -207,10 +208,11 @@ static void check_all(check *c)
                                     check_answer, &all);
     globfree(&found);
     if (all.count > 0)
-        return;
+        return false;
     if (known)
         (void)snprintf(last_message, sizeof last_message, "no bus runs in %s", buses_folder());
     check_bus(c, "", NULL, last_message);
+    return known;
 }
 
 /* Checks as a plugin of a monitoring system, which reads one line: messages become part of it. */
@@ -220,14 +222,14 @@ static int show_check(const check_limits *limits, const char *bus)
     client_set_teller(keep_message);
     client_set_patience(CHECK_PATIENCE_S);
     if (!bus) {
-        check_all(&c);
-        check_failed_units(&c, NULL);
+        const bool none = check_all(&c);
+        check_failed_units(&c, NULL, none);
         return check_end(&c);
     }
     json_t *status = ask(bus);
     check_bus(&c, bus, status, last_message);
     if (!json_is_object(status))
-        check_failed_units(&c, bus);
+        check_failed_units(&c, bus, !status && !strchr(bus, '/') && !client_has_listener(bus));
     json_decref(status);
     return check_end(&c);
 }

@@ -5,6 +5,7 @@
 #include "cli/status/status_check.h"
 
 #include "base/text/counted.h"
+#include "base/text/decimal.h"
 #include "base/text/jsonput.h"
 #include "base/text/number.h"
 #include "base/text/plain.h"
@@ -14,6 +15,8 @@
 #include <string.h>
 
 #define SLEEPING "sleeping"
+#define PART_BYTES 32 /* of an option */
+#define LABEL_BYTES 96
 #define COUNT_OF(array) (sizeof(array) / sizeof((array)[0]))
 
 static const char *const levels[] = {"ok", "warning", "critical"};
@@ -33,32 +36,44 @@ static bool status_check_refuse(const char *option, const char *text, const char
 }
 
 /* Splits "W,C"; each may be empty. Returns false without a comma, or with long parts. */
-static bool split(char parts[2][32], const char *text)
+static bool split(char parts[2][PART_BYTES], const char *text)
 {
     const char *comma = strchr(text, ',');
-    if (!comma || comma - text >= 32 || strlen(comma + 1) >= 32)
+    if (!comma || comma - text >= PART_BYTES || strlen(comma + 1) >= PART_BYTES)
         return false;
-    (void)snprintf(parts[0], 32, "%.*s", (int)(comma - text), text);
-    (void)snprintf(parts[1], 32, "%s", comma + 1);
+    (void)snprintf(parts[0], PART_BYTES, "%.*s", (int)(comma - text), text);
+    (void)snprintf(parts[1], PART_BYTES, "%s", comma + 1);
+    return true;
+}
+
+/* Reads 70, 70% or 70.5; nothing and 0 are no limit. */
+static bool take_percent(uint64_t *permille, const char *text)
+{
+    char percent[PART_BYTES + 1];
+    uint16_t value = 0;
+    (void)snprintf(percent, sizeof percent, "%.*s%s", PART_BYTES - 1, text,
+                   strchr(text, '%') ? "" : "%");
+    const bool none = *text == '\0' || strcmp(text, "0") == 0;
+    if (!none && text_parse_percent(&value, percent))
+        return false;
+    *permille = value;
     return true;
 }
 
 bool check_take_load(void *out, const char *option, const char *text)
 {
     check_limits *limits = out;
-    char parts[2][32];
+    char parts[2][PART_BYTES];
     bool good = split(parts, text);
-    for (size_t i = 0; good && i < 2; i++) {
-        uint64_t percent = 0;
-        good = *parts[i] == '\0' || (!text_parse_uint(&percent, parts[i]) && percent <= 100);
-        limits->load_permille[CHECK_WARNING + i] = percent * 10;
-    }
+    for (size_t i = 0; good && i < 2; i++)
+        good = take_percent(&limits->load_permille[CHECK_WARNING + i], parts[i]);
     if (good && limits->load_permille[CHECK_CRITICAL] > 0 &&
         limits->load_permille[CHECK_WARNING] > limits->load_permille[CHECK_CRITICAL])
         return status_check_refuse(option, text,
                                    "a limit for WARNING that is at most the one for CRITICAL, such "
                                    "as 70,90");
-    return good || status_check_refuse(option, text, "two percentages, such as 70,90");
+    return good || status_check_refuse(option, text, "two percentages up to 100 in steps of 0.1, such as 70,90 or "
+                                                       "0.5,90");
 }
 
 /* Finds the place of a word in a list that goes from good to bad. */
@@ -74,7 +89,7 @@ static bool status_check_find(unsigned *place, const char *const *words, size_t 
 bool check_take_state(void *out, const char *option, const char *text)
 {
     check_limits *limits = out;
-    char parts[2][32];
+    char parts[2][PART_BYTES];
     bool good = split(parts, text);
     for (size_t i = 0; good && i < 2; i++)
         good = status_check_find(&limits->state[CHECK_WARNING + i], states, COUNT_OF(states),
@@ -215,14 +230,29 @@ static void check_expectations(check *c, const json_t *all)
     raise_to(c, CHECK_WARNING);
 }
 
-/* Adds "powertrain_load=12.3%;70;90;0;100". */
-static void add_figure(check *c, const char *bus, uint64_t permille)
+/* Adds "powertrain_load=". When that is there, the name of the socket follows that of the bus: two
+ * units may have buses of one name, and no two values one label. */
+static void add_label(check *c, const char *bus, const char *socket)
 {
-    buffer_print(&c->figures, " %s_load=%" PRIu64 ".%" PRIu64 "%%;", bus, permille / 10,
-                 permille % 10);
+    char label[LABEL_BYTES];
+    const char *slash = strrchr(socket, '/');
+    const char *file = slash ? slash + 1 : socket;
+    (void)snprintf(label, sizeof label, " %s_load=", bus);
+    const char *there = buffer_length(&c->figures) > 0 ? buffer_text(&c->figures) : NULL;
+    if (there && strstr(there, label))
+        buffer_print(&c->figures, " %s.%.*s_load=", bus, (int)strcspn(file, "."), file);
+    else
+        buffer_put(&c->figures, label);
+}
+
+/* Adds "powertrain_load=12.3%;70;90;0;100". */
+static void add_figure(check *c, const char *bus, const char *socket, uint64_t permille)
+{
+    add_label(c, bus, socket);
+    buffer_print(&c->figures, "%" PRIu64 ".%" PRIu64 "%%;", permille / 10, permille % 10);
     for (size_t i = CHECK_WARNING; i <= CHECK_CRITICAL; i++)
         if (c->limits.load_permille[i] > 0)
-            buffer_print(&c->figures, "%" PRIu64 ";", c->limits.load_permille[i] / 10);
+            buffer_print(&c->figures, "%s;", decimal(c->limits.load_permille[i], 1).text);
         else
             buffer_print(&c->figures, ";");
     buffer_print(&c->figures, "0;100");
@@ -281,7 +311,7 @@ void check_bus(check *c, const char *bus, const json_t *status, const char *why)
                  counted(json_array_size(sinks), "sink").text);
     raise_to(c, reached(load, c->limits.load_permille[CHECK_WARNING],
                         c->limits.load_permille[CHECK_CRITICAL]));
-    add_figure(c, get_any_text(now, "name"), load);
+    add_figure(c, get_any_text(now, "name"), bus, load);
     for (size_t i = 0; i < json_array_size(nodes); i++)
         status_check_check_node(c, json_array_get(nodes, i));
     for (size_t i = 0; i < json_array_size(sinks); i++)
