@@ -51,7 +51,8 @@ static bool passed_over;   /* ... and the last one was such */
 static int64_t all_until;  /* the end of asking several buses at once; 0: of one */
 static int failure;        /* errno of the last bus that could not be asked */
 static char silent[NAMES_BYTES]; /* sockets whose buses have not even said their names ... */
-static char closed[NAMES_BYTES]; /* ... and those for other users, at the last look for a name */
+static char closed[NAMES_BYTES]; /* ... and those for other users, at the last look for a name ... */
+static char configured[NAMES_BYTES]; /* ... and those whose configuration or rig has that name */
 
 void client_set_teller(void (*tell)(const char *text))
 {
@@ -168,7 +169,10 @@ static void complain_of_absence(const client *c, const char *unit)
         add_name(text, names[i]);
         free(names[i]);
     }
-    if (strchr(c->bus, '.') && !is_path(c->bus))
+    if (*configured)
+        client_complain(c, "that is a configuration; its buses in %s: %s", buses_folder(),
+                        configured);
+    else if (strchr(c->bus, '.') && !is_path(c->bus))
         client_complain(c, "no such bus or socket: a bus has a name, or the path of its socket");
     else if (count > 0)
         client_complain(c, "%s; those in %s: %s%s%s%s%s%s",
@@ -258,9 +262,9 @@ static json_t *ask_at(const char *path)
     return reply;
 }
 
-/* Returns true when the bus whose control socket is at a path has that name. It says nothing, and
+/* Returns the status of the bus whose control socket is at a path, or NULL. It says nothing, and
  * leaves in `failure` why it does not know. */
-static bool has_name(const char *path, const char *bus)
+static json_t *peek(const char *path)
 {
     void (*const before)(const char *text) = teller;
     const int patience_s = reply_patience_s;
@@ -272,11 +276,26 @@ static bool has_name(const char *path, const char *bus)
     teller = before;
     reply_patience_s = patience_s;
     wait_ns = wait;
-    const json_t *status = json_object_get(reply, "status");
-    const char *name = get_text(json_object_get(status, "bus"), "name");
-    const bool same = name && strcmp(name, bus) == 0;
+    json_t *status = json_incref(json_object_get(reply, "status"));
     json_decref(reply);
-    return same;
+    return status;
+}
+
+/* Returns true for the file of a bus or of its rig, by its name with or without an end, or by a
+ * path to it. */
+static bool is_file_of(const json_t *status, const char *key, const char *name)
+{
+    char *file = client_file_of(status, key);
+    struct stat one, other;
+    const char *slash = file ? strrchr(file, '/') : NULL;
+    const char *own = slash ? slash + 1 : "";
+    const size_t length = strlen(name);
+    const bool same = !is_path(name) && strncmp(own, name, length) == 0 &&
+                      (own[length] == '\0' || strcmp(own + length, ".yaml") == 0);
+    const bool found = same || (file && stat(name, &one) == 0 && stat(file, &other) == 0 &&
+                                one.st_dev == other.st_dev && one.st_ino == other.st_ino);
+    free(file);
+    return found;
 }
 
 /* Returns true for one more name of a socket. */
@@ -298,43 +317,71 @@ static void complain_of_several(const char *bus, const char *sockets)
                         "their sockets in %s: %s, %s", sockets, buses_folder(), sockets, silent);
 }
 
-/* Looks if the bus at a socket has a name. */
+/* Looks if the bus at a socket has a name, or its configuration. */
 static bool is_named(const char *path, const char *name, const char *bus)
 {
-    const bool same = has_name(path, bus);
+    json_t *status = peek(path);
+    const char *own = get_text(json_object_get(status, "bus"), "name");
+    const bool same = own && strcmp(own, bus) == 0;
     if (failure == EAGAIN)
         add_name(silent, name);
     if (failure == EACCES)
         add_name(closed, name);
+    if (is_file_of(status, "file", bus) || is_file_of(status, "rig", bus))
+        add_name(configured, name);
+    json_decref(status);
     return same;
+}
+
+/* Looks at all buses that run; those with that name are added to `same`. */
+static void look_for_name(struct sockaddr_un *address, char same[NAMES_BYTES], const char *bus)
+{
+    char *names[BUSES_MAX];
+    silent[0] = closed[0] = configured[0] = '\0';
+    const size_t count = buses_find(names, BUSES_MAX, true);
+    for (size_t i = 0; i < count; i++) {
+        char *path = buses_path(names[i]);
+        if (path && strlen(path) < sizeof address->sun_path && !is_link(path) &&
+            is_named(path, names[i], bus)) {
+            add_name(same, names[i]);
+            memcpy(address->sun_path, path, strlen(path) + 1);
+        }
+        free(path);
+        free(names[i]);
+    }
 }
 
 /* Finds the bus that runs with that name, when no socket has it: a unit and its bus may have
  * different names. Complains of several, and when another bus may have it, too. */
 static named find_named(struct sockaddr_un *address, const char *bus)
 {
-    char *names[BUSES_MAX];
     char text[NAMES_BYTES] = "";
     if (is_path(bus) || client_has_socket(bus))
         return NAMED_NONE;
-    silent[0] = closed[0] = '\0';
-    const size_t count = buses_find(names, BUSES_MAX, true);
-    for (size_t i = 0; i < count; i++) {
-        char *path = buses_path(names[i]);
-        if (path && strlen(path) < sizeof address->sun_path && !is_link(path) &&
-            is_named(path, names[i], bus)) {
-            add_name(text, names[i]);
-            memcpy(address->sun_path, path, strlen(path) + 1);
-        }
-        free(path);
-        free(names[i]);
-    }
+    look_for_name(address, text, bus);
     if (!*text)
         return NAMED_NONE;
     if (!strchr(text, ',') && (!*silent || allow_doubt))
         return NAMED_ONE;
     complain_of_several(bus, text);
     return NAMED_DOUBTFUL;
+}
+
+/* Returns true for a file that is no socket, after saying whose configuration it is. */
+static bool complain_of_file(const client *c, const char *path)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    char text[NAMES_BYTES] = "";
+    struct stat found;
+    if (stat(path, &found) != 0 || !S_ISREG(found.st_mode))
+        return false;
+    look_for_name(&address, text, path);
+    if (*configured)
+        client_complain(c, "that is a configuration; its buses in %s: %s", buses_folder(),
+                        configured);
+    else
+        client_complain(c, "that is a file, and no socket of a bus");
+    return true;
 }
 
 bool client_is_named(const char *bus)
@@ -368,7 +415,7 @@ bool client_open(client *c, const char *bus)
     }
     passed_over = pass_over && error == EPROTOTYPE;
     if (error != 0) {
-        if (!passed_over)
+        if (!passed_over && !complain_of_file(c, address.sun_path))
             complain_unreachable(c, address.sun_path, error);
         client_close(c);
         return false;

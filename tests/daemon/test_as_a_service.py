@@ -92,7 +92,7 @@ def test_why_it_is_tried_again_is_kept_until_it_starts(tmp_path):
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notify:
         notify.bind(str(tmp_path / "notify"))
         notify.settimeout(TIMEOUT_S)
-        (tmp_path / "bus.yaml").write_text(GOOD)
+        (tmp_path / "bus.yaml").write_text(GOOD + CONTROL.replace("day", "free"))
         with subprocess.Popen([CANWIRED, "-c", "bus.yaml"], cwd=tmp_path, env=environment(
                 "day", NOTIFY_SOCKET=str(tmp_path / "notify"), **run)) as bus:
             while notify.recv(4096) != b"READY=1":
@@ -348,6 +348,14 @@ def test_a_bus_is_found_by_its_own_name_too(service, tmp_path):
     for words in (["status"], ["status", "--json"], ["status", "--check"]):
         assert "day" in one.canwire(*words, "day")
     assert "those in " in one.canwire("status", "night", status=1)
+    (tmp_path / "other.yaml").write_text(GOOD)
+    run = tmp_path / "run"
+    for name in "bus", "bus.yaml", "./bus.yaml", str(tmp_path / "bus.yaml"):
+        for command in "status", "faults":
+            assert one.canwire(command, name, status=1) == (
+                f"canwire: bus {name}: that is a configuration; its buses in {run}: unit\n")
+    assert one.canwire("status", "./other.yaml", status=1) == (
+        "canwire: bus ./other.yaml: that is a file, and no socket of a bus\n")
     (tmp_path / "run/alias.sock").symlink_to("unit.sock")
     assert one.canwire("status", "day").startswith("day: "), "two names of one socket"
     with running(tmp_path / "b", GOOD + f"control: {tmp_path}/run/other.sock\n", None):

@@ -95,6 +95,16 @@ def fixture_rig(tmp_path):
     kill_all(each.process for each in started)
 
 
+def test_the_name_of_a_rig_is_told_from_that_of_a_bus(rig, tmp_path, monkeypatch):
+    monkeypatch.setenv("CANWIRE_RUN", str(tmp_path))
+    r = rig()
+    for name in "rig", "rig.yaml", "./rig.yaml":
+        assert r.run("status", name, status=1).stderr == (
+            f"canwire: bus {name}: that is a configuration; its buses in {tmp_path}: body, safety\n")
+    assert r.run("status", "body").stdout.startswith("body: ")
+    r.stop()
+
+
 def read_events(file):
     return [json.loads(line) for line in file.read_text().splitlines()]
 
