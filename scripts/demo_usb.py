@@ -3,7 +3,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 from pathlib import Path
@@ -40,7 +39,9 @@ class RealCan:
     def __init__(self, root, programs, check, wait_until):
         self.programs, self.check, self.wait_until = programs, check, wait_until
         build = root / "build/release"
-        config = shutil.copy(root / "config/demo-usb.yaml", programs.folder)  # with its socket
+        config = programs.folder / "demo-usb.yaml"
+        config.write_text((root / "config/demo-usb.yaml").read_text().replace(
+            "usb: can0 }", "usb: can0, socket: can0.usb }"))  # not in /run/canwire
         with (programs.folder / "stderr-usb").open("w") as errors:
             self.daemon = programs.start(build / "canwired", "-c", config, stderr=errors)
             self.adapters = programs.start(build / "canwire-usb", "--user", "root", config,

@@ -365,6 +365,22 @@ def test_the_lines_of_the_documents_run_a_bus(reader, page):
     wait_until(lambda: "124#07" in log.read_text(), "a line")
 
 
+@pytest.mark.parametrize("name", ["demo", "demo-fd", "demo-usb", "example"])
+def test_the_other_examples_run_as_services(name):
+    """Those that need more say so themselves: canwire-usb@, an LCM server, files."""
+    text = (EXAMPLES.parents[2] / f"canwire/{name}.yaml").read_text()
+    bus = re.search(r"^bus: *\{ *name: ([^,]+)|^bus:\n +name: (\S+)", text, re.MULTILINE)
+    bus = bus[1] or bus[2]
+    (CONFIGS / f"{name}.yaml").write_text(text)
+    systemctl("enable", "--now", f"canwired@{name}")
+    try:
+        wait_until(lambda: json.loads(run("canwire", "status", bus, "--json"))["bus"]["bits"] > 0,
+                   "the bus")
+        systemctl("reload", f"canwired@{name}")
+    finally:
+        clean(name)
+
+
 @pytest.mark.parametrize("files, buses", [
     ([EXAMPLES / f"rig{bus}.yaml" for bus in ("", "-body", "-chassis")], ("body", "chassis")),
     (sorted(Path("/usr/local/share/canwire/rig").glob("*.yaml")) or
