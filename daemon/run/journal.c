@@ -769,5 +769,6 @@ void journal_sink(const journal *j, sink_list *out)
                            .good = writing && j->found == SPOOL_AS_IT_WAS,
                            .written = j->number - journal_lost(j),
                            .lost = journal_lost(j),
+                           .bytes = spool_bytes(j->spool),
                            .gaps = j->gaps});
 }

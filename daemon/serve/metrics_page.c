@@ -61,7 +61,7 @@
     X(NOW, uint64_t, good, TIMES, USUAL, NONE, NOWHERE, "1: its state is good")                    \
     X(ONE, uint64_t, written, TIMES, USUAL, NONE, NOWHERE, "something was written there")          \
     X(ONE, uint64_t, lost, TIMES, USUAL, NONE, NOWHERE, "something was not written there")         \
-    X(ONE, uint64_t, bytes, BYTES, USUAL, NONE, NOWHERE, "of a recording")                         \
+    X(ONE, uint64_t, bytes, BYTES, USUAL, NONE, NOWHERE, "of a recording or a journal")                       \
     X(ONE, uint64_t, gaps, TIMES, USUAL, NONE, NOWHERE, "a journal has lost something")
 
 #define METRICS_SINK_STATE(X)                                                                      \
@@ -422,9 +422,10 @@ static void print_name(char out[NAME_BYTES], const char *prefix, const cw_stat *
 static void write_head(metrics_page *page, const char *name, const cw_stat *c)
 {
     const char *unit = units[c->unit].name;
-    const bool says_unit = c->unit != CW_UNIT_TIMES || !is_gauge(c);
     const char *end = is_gauge(c) || page->openmetrics ? "" : "_total";
     const char *said = units[c->unit].digits > 0 ? unit : cw_unit_name(c->unit);
+    const bool says_unit = (c->unit != CW_UNIT_TIMES || !is_gauge(c)) &&
+                           strncmp(c->sentence, said, strlen(said)) != 0;
     buffer_print(&page->text, "# HELP %s%s %s%s%s\n", name, end,
                  says_unit ? said : "", says_unit ? " " : "", c->sentence);
     buffer_print(&page->text, "# TYPE %s%s %s\n", name, end, is_gauge(c) ? "gauge" : "counter");

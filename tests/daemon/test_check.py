@@ -257,6 +257,16 @@ def test_losses_of_late(bus, words, expected):
     assert (", a frames dropped, queue full, the bus fell behind |" in line) == (expected != OK)
 
 
+@pytest.mark.parametrize("words, expected", [
+    ((), WARNING), (("--sinks", "critical"), CRITICAL), (("--sinks", "ok"), OK)])
+def test_a_journal_with_a_gap(bus, words, expected):
+    sink = {"kind": "journal", "name": "j", "state": "writing", "good": True, "gaps": 1}
+    reply = {"ok": True, "status": status_of([], sinks=[sink, sink | {"name": "whole", "gaps": 0}])}
+    status, line = check_answer(bus, reply, *words)
+    assert status == expected and "whole" not in line
+    assert (", journal j has 1 gap |" in line) == (expected != OK)
+
+
 def test_a_bus_that_loses_frames_and_time(bus):
     bus.start("  - { name: much, queue: 1, traffic: [ { send: 7FF#11, every: 20us } ] }\n")
     wait_until(lambda: ", much frames dropped, queue full" in bus.check()[1], "the loss")
@@ -295,8 +305,8 @@ def test_an_answer_without_the_status_is_unknown(bus):
 
 
 @pytest.mark.parametrize("words", [
-    ("--load", "70"), ("--load", "x,1"), ("--load", "1,101"), ("--load", "0.01,1"), ("--state", "off,none"),
-    ("--sinks", "bad"), ("--nonsense",), ("a", "b")])
+    ("--load", "70"), ("--load", "x,1"), ("--load", "1,101"), ("--load", "0.01,1"),
+    ("--state", "off,none"), ("--sinks", "bad"), ("--nonsense",), ("a", "b")])
 def test_wrong_usage_is_unknown_and_no_state_of_a_bus(bus, words):
     status, line = bus.check(*words)
     assert (status, line) == (UNKNOWN, "")

@@ -185,6 +185,10 @@ def test_states_rules_and_sinks_have_labels(bus):
                               ("verdict.xml", "expect-report", "judging")):
         assert value("canwire_sink_state", bus="day", kind=kind, name=name, state=state) == 1
     assert value("canwire_sink_lost_total", bus="day", kind="journal", name="day.journal") == 0
+    wait_until(lambda: any(key == "canwire_sink_bytes_total" and count > 0 and
+                           ("kind", "journal") in labels
+                           for (key, labels), count in samples(ask(b.at).body).items()), "bytes")
+    assert not re.search(r"^# HELP \S+ (\S+) \1 ", ask(b.at).body, re.MULTILINE)
     assert value("canwire_expectations_judged", bus="day") == 1
     assert value("canwire_expectations_failed", bus="day") == 0
     b.stop()

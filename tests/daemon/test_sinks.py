@@ -90,6 +90,7 @@ def test_each_sink_is_named_with_its_state(bus):
         assert lcm["lost"] > 0 and lcm["why"] == "Connection refused"
         assert sinks["record", "a.log"]["good"] and sinks["record", "a.log"]["written"] > 0
         assert sinks["journal", "day.journal"]["state"] == "writing"
+        wait_until(lambda: running.sinks()["journal", "day.journal"]["bytes"] > 0, "its bytes")
         text = running.canwire("status", "./day.sock")
         assert f"\nlcm {url}: failing: Connection refused messages 0 lost " in text
         assert "\nrecord a.log: recording entries " in text

@@ -41,7 +41,7 @@ static json_t *sink_json(const sink_info *s)
     put_text(object, "why", s->why);
     put_count(object, "written", s->written);
     put_count(object, "lost", s->lost);
-    if (s->kind == SINK_RECORD)
+    if (s->kind == SINK_RECORD || s->kind == SINK_JOURNAL)
         put_count(object, "bytes", s->bytes);
     if (s->kind == SINK_JOURNAL)
         put_count(object, "gaps", s->gaps);

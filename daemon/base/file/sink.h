@@ -31,7 +31,7 @@ typedef struct sink_info {
     bool good;
     uint64_t written; /* entries, lines, messages */
     uint64_t lost;    /* ... that were not written */
-    uint64_t bytes;   /* of a recording */
+    uint64_t bytes;   /* of a recording or a journal, in its files */
     uint64_t gaps;    /* of a journal */
 } sink_info;
 

@@ -55,6 +55,7 @@ struct spool {
     bool look; /* at the file, to be done */
     bool has_head;
     spool_found found;
+    uint64_t bytes;    /* written, into all files */
     uint64_t left_out; /* records of which the file lacked the head */
     bool ending;
     bool ended;
@@ -536,11 +537,14 @@ static int work(spool *s)
     (void)pthread_mutex_unlock(&s->lock);
     size_t taken = fill_batch(s, used, &batch, &cut);
     const bool headless = s->headless;
+    const uint64_t before = s->written;
     int error = headless ? 0 : write_batch(s, &whole, batch);
+    const uint64_t more = s->written - before;
     if (error == 0 && cut && !s->stream)
         error = cut_here(s, files);
     (void)pthread_mutex_lock(&s->lock);
     s->kept += whole.records;
+    s->bytes += more;
     if (whole.records > 0)
         s->kept_stamp = whole.stamp;
     if (error != 0)
@@ -734,6 +738,14 @@ bool spool_has_resumed(spool *s)
     bool proven = s->proven && s->error == 0;
     (void)pthread_mutex_unlock(&s->lock);
     return proven;
+}
+
+uint64_t spool_bytes(spool *s)
+{
+    (void)pthread_mutex_lock(&s->lock);
+    const uint64_t bytes = s->bytes;
+    (void)pthread_mutex_unlock(&s->lock);
+    return bytes;
 }
 
 uint64_t spool_kept(spool *s)

@@ -91,6 +91,9 @@ bool spool_has_resumed(spool *s);
 /* Returns the number of records in the file, if it is never cut. */
 uint64_t spool_kept(spool *s);
 
+/* Returns the bytes that records take in its files, as packed. */
+uint64_t spool_bytes(spool *s);
+
 /* spool_stamp() sets the stamp of all later records; it is 0 before. spool_kept_stamp() returns the
  * stamp of the last record in the file. */
 void spool_stamp(spool *s, uint64_t stamp);

@@ -160,15 +160,23 @@ static void status_check_check_node(check *c, const json_t *node)
     check_link(c, node, "tunnel", get_any_text(json_object_get(node, "tunnel"), "state"));
 }
 
-/* Checks a recording or a publication, unless they are not of interest. */
+/* Checks a recording or a publication, unless they are not of interest. A journal with a gap cannot
+ * be played again across it. */
 static void check_sink(check *c, const json_t *sink)
 {
-    if (c->limits.sinks == CHECK_OK || json_is_true(json_object_get(sink, "good")))
+    const uint64_t gaps = get_count(sink, "gaps");
+    const bool good = json_is_true(json_object_get(sink, "good"));
+    if (c->limits.sinks == CHECK_OK || (good && gaps == 0))
         return;
+    raise_to(c, c->limits.sinks);
+    if (good) {
+        buffer_print(&c->text, ", %s %s has %s", get_any_text(sink, "kind"),
+                     get_any_text(sink, "name"), counted(gaps, "gap").text);
+        return;
+    }
     const char *why = get_any_text(sink, "why");
     buffer_print(&c->text, ", %s %s %s%s%s", get_any_text(sink, "kind"),
                  get_any_text(sink, "name"), get_any_text(sink, "state"), *why ? ": " : "", why);
-    raise_to(c, c->limits.sinks);
 }
 
 /* Checks what has happened to the frames of a node, or to the time of the bus. */
