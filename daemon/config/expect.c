@@ -4,12 +4,14 @@
  *
  * Each expectation has one key for its subject, and perhaps conditions.
  */
+#include "base/text/number.h"
 #include "base/text/yamlfile.h"
 #include "config/parts.h"
 #include "config/source.h"
 #include "config/values.h"
 
 #include <assert.h>
+#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -218,9 +220,28 @@ static void read_limits(schema *self, const schema_key *key, yaml_node_t *value,
 }
 
 /* Reads a number, or a map with min, max or both. */
+/* Complains of limits that are written as 0..20. Returns false for another text. */
+static bool complain_of_range(schema *self, const schema_key *key, yaml_node_t *value)
+{
+    const char *at =
+        value->type == YAML_SCALAR_NODE ? (const char *)value->data.scalar.value : "";
+    uint64_t min, max;
+    if (!text_take_uint(&min, &at, UINT64_MAX) || strncmp(at, "..", 2) != 0)
+        return false;
+    at += 2;
+    if (!text_take_uint(&max, &at, UINT64_MAX) || *at != '\0')
+        return false;
+    schema_complain(self, value, "%s: expected a number or limits: { min: %" PRIu64 ", max: %" PRIu64
+                    " }, not '%" PRIu64 "..%" PRIu64 "'", key->name, min, max, min, max);
+    return true;
+}
+
 static void read_count(schema *self, const schema_key *key, yaml_node_t *value, void *object)
 {
     cfg_expect *e = object;
+
+    if (complain_of_range(self, key, value))
+        return;
 
     if (value->type == YAML_MAPPING_NODE) {
         read_limits(self, key, value, count_keys, e);

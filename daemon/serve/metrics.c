@@ -10,10 +10,10 @@
 
 #include "base/file/pathsocket.h"
 #include "base/log.h"
-#include "base/text/counted.h"
 #include "base/text/jsonput.h"
 #include "config/node/address.h"
 #include "port/listen.h"
+#include "serve/acceptor.h"
 #include "serve/metrics_request.h"
 
 #include <assert.h>
@@ -24,9 +24,7 @@
 #include <unistd.h>
 
 #define BACKLOG 64
-#define ACCEPTS_MAX 16u    /* in one wake-up */
 #define TICK_S 1.0         /* between looks at the time of connections */
-#define CALM_S 10.0        /* without a pause, until a lack is over */
 #define TURN_MAX_S 0.001   /* of a page, before the bus goes on */
 #define SEND_BYTES 65536   /* of an answer, in the kernel */
 #define REST_BYTES 16384u  /* of what nobody reads, in one wake-up ... */
@@ -86,10 +84,8 @@ struct metrics {
     plan next;
     plan earlier; /* the one that was prepared before it */
     bool moved;   /* ... whose place `next` has now */
-    ev_io acceptor;
+    acceptor acceptor;
     ev_timer tick;
-    unsigned pauses; /* of accepting, in the present lack of descriptors or memory; 0: none */
-    ev_tstamp paused; /* the last of them */
     ev_prepare turn;
     ev_idle busy;
     bool making;
@@ -240,8 +236,9 @@ static client *find_place(metrics *m)
 }
 
 /* Gives a place to a program. Its time begins now, so that one that says nothing goes. */
-static void take_client(metrics *m, int fd)
+static void take_client(void *user, int fd)
 {
+    metrics *m = user;
     const int room = SEND_BYTES;
     client *c = find_place(m);
     (void)setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &room, sizeof room);
@@ -255,56 +252,14 @@ static void take_client(metrics *m, int fd)
     ev_timer_start(m->loop, &m->tick);
 }
 
-/* Accepts no more before the next tick. The first one of a lack is told, and its end. */
-static void pause_accepting(metrics *m, const char *why)
-{
-    if (m->pauses++ == 0)
-        log_warning("metrics %s: no connection can be accepted: %s", m->place.name, why);
-    m->paused = ev_now(m->loop);
-    ev_io_stop(m->loop, &m->acceptor);
-    ev_timer_start(m->loop, &m->tick);
-}
-
-/* Accepts connections. Without descriptors or memory it waits. */
-static void on_connection(struct ev_loop *loop, ev_io *io, int events)
-{
-    (void)loop;
-    metrics *m = io->data;
-    if (events & EV_ERROR) {
-        pause_accepting(m, "the socket cannot be watched");
-        return;
-    }
-    for (unsigned i = 0; i < ACCEPTS_MAX; i++) {
-        const int fd = accept4(io->fd, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
-        if (fd >= 0) {
-            take_client(m, fd);
-        } else if (errno == EAGAIN) {
-            return;
-        } else if (errno != EINTR && errno != ECONNABORTED) {
-            pause_accepting(m, strerror(errno));
-            return;
-        }
-    }
-}
-
-/* Accepts connections where that was stopped, if there is a place that listens. */
+/* Accepts connections, if there is a place that listens. */
 static void listen_again(metrics *m)
 {
     if (m->place.name && !m->place.deaf)
-        ev_io_start(m->loop, &m->acceptor);
+        acceptor_listen(&m->acceptor, m->place.socket.fd, m->place.name);
 }
 
-/* Tells that a lack is over. While it lasts, connections that wait bring on a pause each tick. */
-static void end_lack(metrics *m)
-{
-    if (m->pauses == 0 || ev_now(m->loop) - m->paused < CALM_S)
-        return;
-    log_info("metrics: connections are accepted again, after %s",
-             counted(m->pauses, "pause").text);
-    m->pauses = 0;
-}
-
-/* Ends connections that last too long, and accepts again. */
+/* Ends connections that last too long. */
 static void on_tick(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)events;
@@ -314,9 +269,7 @@ static void on_tick(struct ev_loop *loop, ev_timer *timer, int events)
         if (c->phase != PHASE_FREE && ev_now(loop) - c->began > METRICS_LIMIT_S)
             end_client(c, c->phase != PHASE_ENDS);
     }
-    listen_again(m);
-    end_lack(m);
-    if (m->own.clients == 0 && m->pauses == 0)
+    if (m->own.clients == 0)
         ev_timer_stop(loop, timer);
 }
 
@@ -456,7 +409,7 @@ static int listen_over(metrics *m, const net_address *address, const char *wante
         return fd;
     const bool now = deafen(&m->place, wanted), next = deafen(&m->next.place, wanted);
     if (now)
-        ev_io_stop(m->loop, &m->acceptor);
+        acceptor_stop(&m->acceptor);
     int error = EADDRINUSE;
     if (now || next) {
         fd = port_listen_at(address);
@@ -545,11 +498,10 @@ static void rename_place(metrics *m)
 void metrics_change(metrics *m)
 {
     if (m->next.any && !m->next.same) {
-        ev_io_stop(m->loop, &m->acceptor);
+        acceptor_stop(&m->acceptor);
         close_place(&m->place);
         m->place = m->next.place;
         m->next.place = (endpoint)ENDPOINT_NONE;
-        ev_io_set(&m->acceptor, m->place.socket.fd, EV_READ);
         listen_again(m);
     } else if (m->next.any) {
         rename_place(m);
@@ -569,11 +521,10 @@ metrics *metrics_new(struct ev_loop *loop, metrics_fill *fill, void *user)
                    .next.place = ENDPOINT_NONE, .earlier.place = ENDPOINT_NONE};
     for (size_t i = 0; i < METRICS_CLIENTS_MAX; i++)
         m->clients[i] = (client){.metrics = m, .fd = -1};
-    ev_init(&m->acceptor, on_connection);
+    acceptor_init(&m->acceptor, loop, "metrics", take_client, m);
     ev_timer_init(&m->tick, on_tick, TICK_S, TICK_S);
     ev_prepare_init(&m->turn, on_part);
     ev_idle_init(&m->busy, on_idle);
-    m->acceptor.data = m;
     m->tick.data = m;
     m->turn.data = m;
     m->busy.data = m;
@@ -600,7 +551,7 @@ void metrics_free(metrics *m)
     for (size_t i = 0; i < METRICS_CLIENTS_MAX; i++)
         if (m->clients[i].phase != PHASE_FREE)
             end_client(&m->clients[i], false);
-    ev_io_stop(m->loop, &m->acceptor);
+    acceptor_end(&m->acceptor);
     ev_timer_stop(m->loop, &m->tick);
     ev_prepare_stop(m->loop, &m->turn);
     ev_idle_stop(m->loop, &m->busy);

@@ -12,6 +12,7 @@
 #include "base/text/buffer.h"
 #include "base/log.h"
 #include "base/file/pathsocket.h"
+#include "serve/acceptor.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -23,10 +24,8 @@
 #include <unistd.h>
 
 #define BACKLOG 64
-#define ACCEPTS_MAX 16    /* in one wake-up */
 #define READ_BYTES 65536u /* in one wake-up */
 #define TURN_MAX_S 0.002
-#define PAUSE_S 1.0        /* after accept() failed without resources */
 #define LOG_LINES_PER_S 10 /* about clients, which must not fill the log */
 #define FAREWELL_MS 500    /* for all clients to read pending output, at the end */
 
@@ -54,8 +53,7 @@ struct server {
     const server_calls *calls;
     void *user;
     pathsocket socket;
-    ev_io acceptor;
-    ev_timer pause;
+    acceptor acceptor;
     ev_prepare turn;
     ev_idle busy;
     unsigned first; /* client whose turn comes first */
@@ -430,8 +428,9 @@ static bool get_peer(struct ucred *peer, int fd)
 
 /* Admits a client when there is a place for its user; one of the same user may have to go. Others
  * are told. */
-static void admit(server *s, int fd)
+static void admit(void *user, int fd)
 {
+    server *s = user;
     struct ucred peer;
     bool known = get_peer(&peer, fd);
     if (known && !may_come(s, peer.uid))
@@ -451,55 +450,14 @@ static void admit(server *s, int fd)
     server_refuse(s, fd);
 }
 
-/* Pauses accepting: without resources the socket would stay readable and the loop spin. */
-static void pause_accepting(server *s, const char *why)
-{
-    if (may_log(s))
-        log_warning("control: a client has to wait: %s", why);
-    ev_io_stop(s->loop, &s->acceptor);
-    ev_timer_set(&s->pause, PAUSE_S, 0.0);
-    ev_timer_start(s->loop, &s->pause);
-}
-
-/* Accepts clients, some at a time, so that a flood of them does not stop the bus. */
-static void on_client(struct ev_loop *loop, ev_io *io, int events)
-{
-    (void)loop;
-    server *s = io->data;
-    if (events & EV_ERROR) {
-        pause_accepting(s, "the socket cannot be watched");
-        return;
-    }
-    for (unsigned i = 0; i < ACCEPTS_MAX; i++) {
-        int fd = accept4(s->socket.fd, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
-        if (fd >= 0) {
-            admit(s, fd);
-        } else if (errno != EINTR && errno != ECONNABORTED) {
-            if (errno != EAGAIN)
-                pause_accepting(s, strerror(errno));
-            return;
-        }
-    }
-}
-
-static void on_pause_over(struct ev_loop *loop, ev_timer *timer, int events)
-{
-    (void)events;
-    server *s = timer->data;
-    ev_io_start(loop, &s->acceptor);
-}
-
 /* ---- Start and stop -------------------------------------------------------------------------- */
 
 /* Prepares the watchers of the server's own socket and of its turns. */
 static void prepare_watchers(server *s)
 {
-    ev_io_init(&s->acceptor, on_client, s->socket.fd, EV_READ);
-    ev_init(&s->pause, on_pause_over);
+    acceptor_init(&s->acceptor, s->loop, "control", admit, s);
     ev_prepare_init(&s->turn, on_turn);
     ev_idle_init(&s->busy, on_busy);
-    s->acceptor.data = s;
-    s->pause.data = s;
     s->turn.data = s;
 }
 
@@ -535,7 +493,7 @@ server *server_start(struct ev_loop *loop, const char *path, const char *where, 
         server_stop(s);
         return NULL;
     }
-    ev_io_start(loop, &s->acceptor);
+    acceptor_listen(&s->acceptor, s->socket.fd, s->socket.path);
     return s;
 }
 
@@ -589,8 +547,7 @@ void server_stop(server *s)
     for (unsigned i = 0; i < SERVER_CLIENTS_MAX; i++)
         if (s->clients[i].fd >= 0)
             close_client(&s->clients[i]);
-    ev_io_stop(s->loop, &s->acceptor);
-    ev_timer_stop(s->loop, &s->pause);
+    acceptor_end(&s->acceptor);
     ev_prepare_stop(s->loop, &s->turn);
     ev_idle_stop(s->loop, &s->busy);
     pathsocket_close(&s->socket);

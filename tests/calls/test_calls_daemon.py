@@ -153,7 +153,7 @@ class Run:
         poll.register(client, select.POLLIN)
         deadline = time.monotonic() + PATIENCE_S
         while not poll.poll(50) and time.monotonic() < deadline:
-            if "a client has to wait" in (self.folder / "stderr").read_text():
+            if "no connection can be accepted" in (self.folder / "stderr").read_text():
                 self.calls.order(False)
 
     def ask_for(self, what):

@@ -235,7 +235,7 @@ class Run:
             poll = select.poll()
             poll.register(client, select.POLLIN)
             while not poll.poll(50):
-                if "a client has to wait" in self.daemon.stderr():
+                if "no connection can be accepted" in self.daemon.stderr():
                     self.lift()
             return client.makefile("rb").readline()
 
