@@ -15,6 +15,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,7 +26,7 @@
 #define FORMAT_KEY "canwire-rules"
 #define FORMAT 1
 #define DATE_BYTES 32
-#define TROUBLE_BYTES (3 * KEPT_NOTE_BYTES) /* of notes about a crash, a file, and refusals */
+#define TROUBLE_BYTES (4 * KEPT_NOTE_BYTES) /* of notes about crashes, a file, and refusals */
 #define WHY_BYTES 200
 
 struct kept {
@@ -43,6 +44,10 @@ struct kept {
     json_t *passing;  /* names of the others */
     json_t *lost;     /* names, or NULL */
     char crashed[DATE_BYTES];
+    kept_tally judges;   /* now: a crash would lose it */
+    kept_tally unjudged; /* by crashes since the last end in order */
+    char unjudged_at[DATE_BYTES];
+    char verdicts[KEPT_NOTE_BYTES]; /* what is said of these, or "" */
     char note[KEPT_NOTE_BYTES];
     char unread[KEPT_NOTE_BYTES]; /* why those of an earlier file are not injected, or "" */
     char trouble[TROUBLE_BYTES];  /* see kept_trouble() */
@@ -50,6 +55,18 @@ struct kept {
 };
 
 /* ---- The file -------------------------------------------------------------------------------- */
+
+/* Puts numbers of expectations, unless there are none. */
+static void put_tally(json_t *state, const char *key, const kept_tally *tally, const char *crashed)
+{
+    if (tally->expectations == 0)
+        return;
+    json_t *object = json_object();
+    put_count(object, "expectations", tally->expectations);
+    put_count(object, "failed", tally->failed);
+    put_text(object, "crashed", crashed);
+    put(state, key, object);
+}
 
 /* Returns what the file is to have. Losses by a crash stay in it until somebody has taken note. */
 static json_t *state_of(const kept *k)
@@ -65,6 +82,8 @@ static json_t *state_of(const kept *k)
     }
     if (*k->unread && !k->forgets)
         put_text(state, "unread", k->unread);
+    put_tally(state, "judges", &k->judges, NULL);
+    put_tally(state, "unjudged", &k->unjudged, k->unjudged_at);
     return state;
 }
 
@@ -85,10 +104,16 @@ static uint64_t put_state(kept *k, bool empty)
     return text ? statefile_put(k->file, text) : 0;
 }
 
-/* Without rules that are to be remembered there is no file. */
+/* Returns true for expectations that a crash would lose, or has lost. */
+static bool has_verdicts(const kept *k)
+{
+    return k->judges.expectations + k->unjudged.expectations > 0;
+}
+
+/* Without anything that is to be remembered there is no file. */
 uint64_t kept_save(kept *k)
 {
-    const bool losses = (k->lost || *k->unread) && !k->forgets;
+    const bool losses = ((k->lost || *k->unread) && !k->forgets) || has_verdicts(k);
     const bool empty = json_array_size(k->entries) + json_array_size(k->passing) == 0 && !losses;
     if (empty && !k->there)
         return 0;
@@ -195,12 +220,46 @@ static void print_note(kept *k)
                            json_string_value(json_array_get(k->lost, i)));
 }
 
+static void print_date(char out[DATE_BYTES], const struct stat *file)
+{
+    struct tm date;
+    (void)strftime(out, DATE_BYTES, "%Y-%m-%d %H:%M:%S",
+                   localtime_r(&file->st_mtim.tv_sec, &date));
+}
+
+static kept_tally get_tally(const json_t *state, const char *key)
+{
+    const json_t *object = json_object_get(state, key);
+    return (kept_tally){.expectations = get_count(object, "expectations"),
+                        .failed = get_count(object, "failed")};
+}
+
+/* Notes the verdicts that this crash has lost, and earlier ones. */
+static void note_verdicts(kept *k, const json_t *state, const struct stat *file)
+{
+    const kept_tally now = get_tally(state, "judges"), before = get_tally(state, "unjudged");
+    k->unjudged = (kept_tally){.expectations = now.expectations + before.expectations,
+                               .failed = now.failed + before.failed};
+    if (k->unjudged.expectations == 0)
+        return;
+    if (now.expectations > 0)
+        print_date(k->unjudged_at, file);
+    else
+        (void)snprintf(k->unjudged_at, sizeof k->unjudged_at, "%s",
+                       get_any_text(json_object_get(state, "unjudged"), "crashed"));
+    (void)snprintf(k->verdicts, sizeof k->verdicts,
+                   "%s %s lost with the crash at %s, %" PRIu64 " of them failed",
+                   counted(k->unjudged.expectations, "verdict").text,
+                   k->unjudged.expectations == 1 ? "was" : "were", k->unjudged_at,
+                   k->unjudged.failed);
+    log_warning("%s", k->verdicts);
+}
+
 /* Notes what this crash has lost, and earlier ones after which nobody has been here. */
 static void note_crash(kept *k, const json_t *state, const struct stat *file)
 {
     json_t *passing = json_object_get(state, "passing");
     const char *crashed = get_text(state, "crashed");
-    struct tm date;
     json_t *lost = json_array();
     (void)json_array_extend(lost, json_object_get(state, "lost"));
     (void)json_array_extend(lost, passing);
@@ -209,8 +268,7 @@ static void note_crash(kept *k, const json_t *state, const struct stat *file)
         return;
     }
     if (json_array_size(passing) > 0 || !crashed)
-        (void)strftime(k->crashed, sizeof k->crashed, "%Y-%m-%d %H:%M:%S",
-                       localtime_r(&file->st_mtim.tv_sec, &date));
+        print_date(k->crashed, file);
     else
         (void)snprintf(k->crashed, sizeof k->crashed, "%s", crashed);
     k->lost = lost;
@@ -251,6 +309,7 @@ static void kept_read_file(kept *k)
         json_decref(k->entries);
         k->entries = json_incref(json_object_get(state, "kept"));
         note_crash(k, state, &file);
+        note_verdicts(k, state, &file);
         note_unread(k, state);
         (void)kept_save(k);
     }
@@ -474,9 +533,17 @@ kept *kept_open(struct ev_loop *loop, const char *control, const char *bus, kept
     return NULL;
 }
 
+void kept_judges(kept *k, kept_tally now)
+{
+    if (k->judges.expectations == now.expectations && k->judges.failed == now.failed)
+        return;
+    k->judges = now;
+    (void)kept_save(k);
+}
+
 void kept_live(kept *k)
 {
-    if (json_array_size(k->passing) > 0)
+    if (json_array_size(k->passing) > 0 || k->judges.expectations > 0)
         statefile_touch(k->file);
 }
 
@@ -484,6 +551,9 @@ const char *kept_trouble(kept *k)
 {
     size_t used = chars_print(k->trouble, sizeof k->trouble, 0, "%s%s%s", k->note,
                               *k->note && *k->unread ? "; " : "", k->unread);
+    if (*k->verdicts)
+        used = chars_print(k->trouble, sizeof k->trouble, used, "%s%s", used > 0 ? "; " : "",
+                           k->verdicts);
     for (size_t i = 0; i < json_array_size(k->entries); i++) {
         const json_t *entry = json_array_get(k->entries, i);
         if (json_is_true(json_object_get(entry, "refused")))
@@ -513,6 +583,9 @@ void kept_put(const kept *k, json_t *status)
     put(status, "kept_rules", array);
     if (*k->unread)
         put_text(status, "unread_rules", k->unread);
+    put_tally(status, "lost_verdicts", &k->unjudged, k->unjudged_at);
+    if (*k->verdicts)
+        put_text(json_object_get(status, "lost_verdicts"), "note", k->verdicts);
     if (!k->lost)
         return;
     json_t *lost = json_object();
@@ -526,8 +599,9 @@ void kept_close(kept *k)
 {
     if (!k)
         return;
-    if (json_array_size(k->passing) > 0 || k->lost || *k->unread) {
+    if (json_array_size(k->passing) > 0 || k->lost || *k->unread || has_verdicts(k)) {
         forget_losses(k);
+        k->judges = k->unjudged = (kept_tally){.expectations = 0};
         (void)json_array_clear(k->passing);
         (void)kept_save(k);
     }

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * kept.h - remembers injected rules beyond the end of the process.
+ * kept.h - remembers injected rules beyond the end of the process, and that it has judged.
  *
  * The next start injects those again that are to be kept. Of the others it says which a crash has
- * lost.
+ * lost, and how many verdicts.
  *
  * The file is PATH.rules beside the control socket at PATH, and is replaced as a whole. So a crash
  * leaves either the old or the new one. Its time is that of the last second in which the process
@@ -64,15 +64,25 @@ void kept_clear_all(kept *k, json_t *refused);
  * begin. */
 uint64_t kept_save(kept *k);
 
+/* Numbers of expectations: those that are judged, and those of them that have failed. */
+typedef struct kept_tally {
+    uint64_t expectations;
+    uint64_t failed;
+} kept_tally;
+
+/* Notes how the verdicts stand: a crash would lose them. It may be called again and again. */
+void kept_judges(kept *k, kept_tally now);
+
 /* Says in the time of the file that the process lives; call it about once a second. */
 void kept_live(kept *k);
 
 /* Returns "2 injected rules were lost with the crash at T: a, b", or "". It also has the file that
  * was of no use, and the texts that the bus refuses. It is there up to the next call. The first two
- * stay, also over further crashes, until rules are injected or cleared or canwired is stopped. */
+ * stay, also over further crashes, until rules are injected or cleared or canwired is stopped. It
+ * has lost verdicts, too, until canwired is stopped. */
 const char *kept_trouble(kept *k);
 
-/* Puts `kept_rules`, `lost_rules` and `unread_rules` of canwire-control(7). */
+/* Puts `kept_rules`, `lost_rules`, `unread_rules` and `lost_verdicts` of canwire-control(7). */
 void kept_put(const kept *k, json_t *status);
 
 /* Ends without a crash. NULL is allowed. */

@@ -414,6 +414,13 @@ static void print_trouble(char out[SERVICE_TROUBLE_BYTES], const service *s, con
                           counted(verdicts_failed(s->verdicts), "expectation").text);
 }
 
+/* Notes beyond a crash how many verdicts it would lose. */
+static void note_verdicts(service *s)
+{
+    kept_judges(s->kept, (kept_tally){.expectations = verdicts_count(s->verdicts),
+                                      .failed = verdicts_failed(s->verdicts)});
+}
+
 void service_update(service *s, service_status *out)
 {
     report beyond;
@@ -429,8 +436,10 @@ void service_update(service *s, service_status *out)
     print_trouble(out->trouble, s, &beyond);
     out->refused = s->refused;
     out->rules = s->kept ? kept_trouble(s->kept) : "";
-    if (s->kept)
+    if (s->kept) {
+        note_verdicts(s);
         kept_live(s->kept);
+    }
     out->sinks = own_sinks(s);
     (void)log_enter(NULL);
 }

@@ -8,6 +8,7 @@ programs.
 
 import contextlib
 import importlib.util
+import json
 import re
 import signal
 import struct
@@ -287,6 +288,46 @@ def test_a_reload_to_another_report_removes_the_old_one(bus, tmp_path):
     wait_until(lambda: not (tmp_path / "other.xml").exists(), "its removal")
     running.end(MET)
     assert read_report(tmp_path / "other.xml") == ("day", {"calm": None})
+
+
+# ---- A crash -------------------------------------------------------------------------------------
+
+CRASHED = r"with the crash at \d{4}-\d\d-\d\d \d\d:\d\d:\d\d"
+
+
+def test_verdicts_that_a_crash_has_lost_are_told(bus, tmp_path):
+    running, rules = bus(expect(FEW, CALM)), tmp_path / "day.sock.rules"
+
+    def crash():
+        running.manager.close()
+        running.process.kill()
+        running.process.wait()
+        (tmp_path / "manager").unlink()
+        return bus(expect(FEW, CALM))
+
+    def wait_noted(failed):
+        wait_until(lambda: rules.exists() and
+                   json.loads(rules.read_text())["judges"]["failed"] == failed, "a note")
+
+    running.wait_failed("few")
+    wait_noted(1)
+    running = crash()
+    lost = re.compile(f"2 verdicts were lost {CRASHED}, 1 of them failed")
+    assert re.search(f"warning: {lost.pattern}\n", running.log.read_text())
+    assert lost.search(running.line("verdicts were lost"))
+    assert re.search(f"^{lost.pattern}$", running.canwire("status", "./day.sock"), re.M)
+    told = running.json()["lost_verdicts"]
+    assert (told["expectations"], told["failed"]) == (2, 1) and lost.fullmatch(told["note"])
+    assert lost.search(canwire("status", "--check", "./day.sock", status=1, cwd=tmp_path).stdout)
+    running.wait_failed("few")
+    wait_noted(1)
+    running = crash()
+    assert re.search(f"4 verdicts were lost {CRASHED}, 2 of them failed", running.log.read_text())
+    running.wait_failed("few")
+    (tmp_path / "manager").unlink()
+    running.end(FAILED)
+    assert not rules.exists()
+    assert "lost_verdicts" not in bus(expect(CALM)).json()
 
 
 # ---- Reports that cannot be ----------------------------------------------------------------------

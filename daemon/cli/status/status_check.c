@@ -190,25 +190,26 @@ static void check_lately(check *c, const json_t *one)
     raise_to(c, c->limits.losses);
 }
 
-/* Warns of rules that are not in force though somebody wanted them, and of a refused reload. */
+/* Warns of something, unless the text is "". */
+static void warn_of(check *c, const char *what, const char *text)
+{
+    if (!*text)
+        return;
+    buffer_print(&c->text, ", %s%s", what, text);
+    raise_to(c, CHECK_WARNING);
+}
+
+/* Warns of rules that are not in force though somebody wanted them, of verdicts that a crash has
+ * lost, and of a refused reload. */
 static void check_rules(check *c, const json_t *status)
 {
     const char *lost = get_any_text(json_object_get(status, "lost_rules"), "note");
-    const char *unread = get_any_text(status, "unread_rules");
-    const char *refused = get_any_text(status, "reload_refused");
+    const char *verdicts = get_any_text(json_object_get(status, "lost_verdicts"), "note");
     const json_t *kept = json_object_get(status, "kept_rules");
-    if (*lost) {
-        buffer_print(&c->text, ", %s", lost);
-        raise_to(c, CHECK_WARNING);
-    }
-    if (*unread) {
-        buffer_print(&c->text, ", %s", unread);
-        raise_to(c, CHECK_WARNING);
-    }
-    if (*refused) {
-        buffer_print(&c->text, ", reload refused: %s", refused);
-        raise_to(c, CHECK_WARNING);
-    }
+    warn_of(c, "", lost);
+    warn_of(c, "", get_any_text(status, "unread_rules"));
+    warn_of(c, "", verdicts);
+    warn_of(c, "reload refused: ", get_any_text(status, "reload_refused"));
     for (size_t i = 0; i < json_array_size(kept); i++) {
         const json_t *one = json_array_get(kept, i);
         if (!json_is_true(json_object_get(one, "refused")))

@@ -589,6 +589,13 @@ static void print_kept(FILE *out, const json_t *kept)
     }
 }
 
+/* Prints a line, unless the note is "". */
+static void print_note(FILE *out, const char *what, const char *note)
+{
+    if (*note)
+        fprintf(out, "%s%s\n", what, note);
+}
+
 void status_print(FILE *out, const json_t *status)
 {
     const json_t *sinks = json_object_get(status, "sinks");
@@ -603,15 +610,10 @@ void status_print(FILE *out, const json_t *status)
     print_expectations(out, json_object_get(status, "expectations"),
                        get_count(status, "expectations_left_out"));
     print_metrics(out, status);
-    const char *lost = text(json_object_get(status, "lost_rules"), "note");
-    const char *unread = text(status, "unread_rules");
-    const char *refused = text(status, "reload_refused");
-    if (*lost)
-        fprintf(out, "%s\n", lost);
-    if (*unread)
-        fprintf(out, "%s\n", unread);
-    if (*refused)
-        fprintf(out, "reload refused: %s\n", refused);
+    print_note(out, "", text(json_object_get(status, "lost_rules"), "note"));
+    print_note(out, "", text(status, "unread_rules"));
+    print_note(out, "", text(json_object_get(status, "lost_verdicts"), "note"));
+    print_note(out, "reload refused: ", text(status, "reload_refused"));
     print_kept(out, json_object_get(status, "kept_rules"));
     gateways_print(out, json_object_get(status, "gateways"));
 }
