@@ -10,6 +10,7 @@
 #include "base/text/jsonput.h"
 #include "base/text/memo.h"
 #include "base/text/plain.h"
+#include "base/thread.h"
 #include "base/unit.h"
 #include "base/version.h"
 #include "config/files.h"
@@ -18,6 +19,7 @@
 #include "run/journal.h"
 #include "run/journal_keep.h"
 #include "serve/notify.h"
+#include "serve/recordings.h"
 #include "serve/service.h"
 #include "serve/start.h"
 #include "serve/watchdog.h"
@@ -49,6 +51,7 @@ typedef struct process {
     ev_signal interrupt;
     ev_signal hangup;
     ev_timer status;
+    ev_timer told; /* of the host; it never runs */
     ev_async nudge; /* see check_nudges() */
     unsigned seconds; /* seconds without it */
     int ready;        /* for background_ready(), or -1 */
@@ -150,7 +153,7 @@ static size_t add_bus(char line[STATUS_BYTES], size_t used, const cfg *config,
                        *status->refused ? REFUSED : "", status->refused);
 }
 
-/* Tells systemd how the buses are, and puts a mark into the journal each second. */
+/* Tells systemd how the buses are. */
 static void report_status(process *p)
 {
     char line[STATUS_BYTES] = "", journals[SINKS_BYTES] = "";
@@ -158,21 +161,41 @@ static void report_status(process *p)
     service_status status = {.refused = ""};
     sink_list shared = {.count = 0};
     for (size_t i = 0; i < p->host.count; i++) {
-        service_update(p->host.buses[i], &status);
+        service_tell(p->host.buses[i], &status);
         used = add_bus(line, used, service_config(p->host.buses[i]), &status,
                        p->host.count);
     }
-    log_gateways(p);
-    /* in virtual time a mark each second would make no run like the other */
-    const bool marks = service_config(p->host.buses[0])->pacing != CFG_PACING_VIRTUAL;
-    if (p->host.journal && marks)
-        journal_mark(p->host.journal, engine_inputs(service_engine(p->host.buses[0])));
     if (p->host.journal)
         journal_sink(p->host.journal, &shared);
     (void)sinks_print(journals, sizeof journals, &shared);
     const bool refused = !p->host.rig && *status.refused;
     notify_status(p->host.notifier, "%s%s%s%s", line, journals, refused ? REFUSED : "",
                   refused ? status.refused : "");
+}
+
+/* Does the work of each second: also a mark in the journal. */
+static void update_all(process *p)
+{
+    for (size_t i = 0; i < p->host.count; i++)
+        service_update(p->host.buses[i]);
+    log_gateways(p);
+    /* in virtual time a mark each second would make no run like the other */
+    const bool marks = service_config(p->host.buses[0])->pacing != CFG_PACING_VIRTUAL;
+    if (p->host.journal && marks)
+        journal_mark(p->host.journal, engine_inputs(service_engine(p->host.buses[0])));
+    report_status(p);
+}
+
+/* A reload is over: systemd knows the state before that. */
+static void on_told(struct ev_loop *loop, ev_timer *timer, int events)
+{
+    (void)loop;
+    (void)events;
+    process *p = timer->data;
+    report_status(p);
+    if (p->host.owes_ready)
+        notify_ready(p->host.notifier);
+    p->host.owes_ready = false;
 }
 
 /* Ends canwired when signals cannot arrive. Signals and reports of other threads use a pipe of
@@ -203,7 +226,7 @@ static void on_status(struct ev_loop *loop, ev_timer *timer, int events)
 {
     (void)loop;
     (void)events;
-    report_status(timer->data);
+    update_all(timer->data);
     check_nudges(timer->data);
 }
 
@@ -351,6 +374,9 @@ static void log_start(const process *p)
 static bool daemon_run(process *p, const options *o)
 {
     engine *engines[RIG_BUSES_MAX];
+    ev_init(&p->told, on_told);
+    p->told.data = p;
+    p->host.told = &p->told;
     start_signals(p);
     if (!daemon_start(p, o))
         return false;
@@ -362,7 +388,7 @@ static bool daemon_run(process *p, const options *o)
     p->activated = -1;
     start_watchers(p);
     log_start(p);
-    report_status(p);
+    update_all(p);
     notify_ready(p->host.notifier);
     watchdog_start(&p->watchdog, p->host.loop, engines, p->host.count, p->host.notifier);
     if (!engines_have_failed(p)) { /* ev_break() has no effect on a loop that has not started */
@@ -388,8 +414,13 @@ static void daemon_end(process *p)
 {
     host *h = &p->host;
     h->stopping = true;
+    const struct timespec until = thread_in_seconds(RECORDINGS_PATIENCE_S);
     for (size_t i = 0; i < h->count; i++)
-        service_stop(h->buses[i]);
+        service_finish(h->buses[i]);
+    for (size_t i = 0; i < h->count; i++)
+        service_stop(h->buses[i], &until);
+    if (h->told)
+        ev_timer_stop(h->loop, h->told);
     if (h->journal)
         journal_stop(h->journal, engine_inputs(service_engine(h->buses[0])));
     engine_free(p->single);

@@ -17,11 +17,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The time at the end for a slow disk, for all recordings together. With CLOSE_S of journal.c,
- * GIVE_UP_S of publish.c and PATIENCE_S of verdicts.c it is less than TimeoutStopSec of
- * canwired@.service. */
-#define PATIENCE_S 4
-
 typedef struct entry {
     struct entry *next; /* of the entries that are ending */
     cfg_record what;    /* the file is a copy */
@@ -194,7 +189,7 @@ static void note_error(const recordings *all, entry *e)
         log_not_begun(all, e);
     }
     add_stats(&e->before, &stats);
-    (void)recorder_close(e->recorder, PATIENCE_S);
+    (void)recorder_close(e->recorder, RECORDINGS_PATIENCE_S);
     e->recorder = NULL;
 }
 
@@ -211,7 +206,7 @@ static void reap_ending(recordings *all)
         }
         if (recorder_error(e->recorder) != 0)
             note_error(all, e);
-        (void)recorder_close(e->recorder, PATIENCE_S);
+        (void)recorder_close(e->recorder, RECORDINGS_PATIENCE_S);
         *link = e->next;
         free_entry(e);
     }
@@ -297,7 +292,8 @@ recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_b
     }
     if (good)
         return all;
-    recordings_stop(all);
+    const struct timespec until = thread_in_seconds(RECORDINGS_PATIENCE_S);
+    recordings_stop(all, &until);
     return NULL;
 }
 
@@ -372,27 +368,31 @@ static void stop(entry *e, const struct timespec *until)
     int error = recorder_error(e->recorder);
     log_lost(e);
     if (!recorder_close(e->recorder, 0) && !written)
-        log_error("record %s: not all of it could be written in %d s", e->what.file, PATIENCE_S);
+        log_error("record %s: not all of it could be written in %d s", e->what.file, RECORDINGS_PATIENCE_S);
     else if (error != 0)
         log_error("record %s: stopped: %s", e->what.file, spool_explain(error));
 }
 
-void recordings_stop(recordings *all)
+void recordings_finish(recordings *all)
+{
+    for (size_t i = 0; all && i < all->count; i++)
+        if (all->entries[i]->recorder)
+            recorder_end(all->entries[i]->recorder);
+}
+
+void recordings_stop(recordings *all, const struct timespec *until)
 {
     if (!all)
         return;
-    for (size_t i = 0; i < all->count; i++) /* ends all first, so that none waits for another */
-        if (all->entries[i]->recorder)
-            recorder_end(all->entries[i]->recorder);
-    const struct timespec until = thread_in_seconds(PATIENCE_S);
+    recordings_finish(all);
     for (size_t i = 0; i < all->count; i++) {
-        stop(all->entries[i], &until);
+        stop(all->entries[i], until);
         free_entry(all->entries[i]);
     }
     while (all->ending) {
         entry *e = all->ending;
         all->ending = e->next;
-        stop(e, &until);
+        stop(e, until);
         free_entry(e);
     }
     ev_async_stop(all->loop, &all->wakeup);

@@ -10,6 +10,7 @@
 
 #include <ev.h>
 #include <jansson.h>
+#include <time.h>
 
 typedef struct recordings recordings;
 
@@ -22,8 +23,18 @@ typedef void recordings_reported(void *user, const char *file, const char *why);
 recordings *recordings_start(struct ev_loop *loop, const cfg *config, const cw_bus *bus,
                              recordings_reported *reported, void *user);
 
-/* Waits a few seconds for pending writes. NULL is allowed. */
-void recordings_stop(recordings *all);
+/* The time at the end for a slow disk, for the recordings and reports of all buses together. With
+ * CLOSE_S of journal.c and GIVE_UP_S of publish.c it is less than TimeoutStopSec of
+ * canwired@.service. */
+#define RECORDINGS_PATIENCE_S 4
+
+/* Ends the recordings without waiting, so that none waits for another. They take no more events.
+ * NULL is allowed. */
+void recordings_finish(recordings *all);
+
+/* Finishes them, and waits up to that moment (thread.h) for what is still to be written. NULL is
+ * allowed. */
+void recordings_stop(recordings *all, const struct timespec *until);
 
 /* Take each event with its time in nanoseconds since 1970, and each bit, if they are wanted. */
 void recordings_event(recordings *all, const cw_event *event, uint64_t time_ns);

@@ -121,6 +121,7 @@ static bool is_reloading(const host *h)
 static void on_reading(void *user)
 {
     const service *s = user;
+    s->host->owes_ready = false;
     notify_reloading(s->host->notifier);
 }
 
@@ -155,12 +156,14 @@ static void note_refusal(service *s, const char *why)
     (void)snprintf(s->refused, sizeof s->refused, "%.*s", (int)strcspn(why, "\n"), why);
 }
 
-/* Ends a refusal after all its messages: a program that waits for the end finds them in the
- * journal. */
-static void end_refusal(service *s)
+/* Tells the service manager the state, and that no reload is under way any more. */
+static void end_reload(const service *s)
 {
-    if (!is_reloading(s->host) && !s->host->stopping)
-        notify_ready(s->host->notifier);
+    host *h = s->host;
+    if (h->stopping)
+        return;
+    h->owes_ready = h->owes_ready || !is_reloading(h);
+    ev_feed_event(h->loop, h->told, EV_TIMER);
 }
 
 /* Logs a refusal. That canwired is stopping is not an error, and is logged once. */
@@ -189,8 +192,8 @@ static void on_round(void *user, uint64_t round, char *errors)
         control_reloaded(s->control, round, errors);
     if (errors && s->hangups[round % 2] == round)
         log_refusal(s, errors);
-    if (errors)
-        end_refusal(s);
+    if (errors) /* after all its messages: who waits for the end finds them in the journal */
+        end_reload(s);
 }
 
 static const reloader_calls reload_calls = {
@@ -213,7 +216,7 @@ void service_hang_up(service *s)
         char *text = memo_text(&errors) ? errors.text : none;
         note_refusal(s, text);
         log_refusal(s, text);
-        end_refusal(s);
+        end_reload(s);
     }
     s->hangups[round % 2] = round;
     memo_end(&errors);
@@ -227,7 +230,7 @@ static uint64_t on_reload_request(void *user, FILE *errors)
     uint64_t round = ask_for_reload(s, errors);
     if (round == 0) {
         note_refusal(s, "it cannot be begun");
-        end_refusal(s);
+        end_reload(s);
     }
     return round;
 }
@@ -264,8 +267,7 @@ static void on_change(void *user, const uint8_t from[CW_NODES_MAX])
     }
     if (s->kept) /* not here, inside the engine's turn, but before any request */
         ev_feed_event(s->host->loop, &s->again, EV_TIMER);
-    if (!is_reloading(s->host))
-        notify_ready(s->host->notifier);
+    end_reload(s);
 }
 
 static void apply_kept(service *s)
@@ -421,7 +423,7 @@ static void note_verdicts(service *s)
                                       .failed = verdicts_failed(s->verdicts)});
 }
 
-void service_update(service *s, service_status *out)
+void service_update(service *s)
 {
     report beyond;
     engine_update(s->engine);
@@ -432,16 +434,22 @@ void service_update(service *s, service_status *out)
     recordings_update(s->recordings, engine_bus(s->engine));
     verdicts_update(s->verdicts, engine_bus(s->engine));
     observe_bits(s);
-    cw_bus_get_stats(engine_bus(s->engine), &out->bus);
-    print_trouble(out->trouble, s, &beyond);
-    out->refused = s->refused;
-    out->rules = s->kept ? kept_trouble(s->kept) : "";
     if (s->kept) {
         note_verdicts(s);
         kept_live(s->kept);
     }
-    out->sinks = own_sinks(s);
     (void)log_enter(NULL);
+}
+
+void service_tell(service *s, service_status *out)
+{
+    report beyond;
+    engine_report(s->engine, &beyond);
+    cw_bus_get_stats(engine_bus(s->engine), &out->bus);
+    print_trouble(out->trouble, s, &beyond);
+    out->refused = s->refused;
+    out->rules = s->kept ? kept_trouble(s->kept) : "";
+    out->sinks = own_sinks(s);
 }
 
 /* ---- Start and end --------------------------------------------------------------------------- */
@@ -633,7 +641,12 @@ void service_report_end(service *s)
     (void)log_enter(NULL);
 }
 
-void service_stop(service *s)
+void service_finish(service *s)
+{
+    recordings_finish(s->recordings);
+}
+
+void service_stop(service *s, const struct timespec *until)
 {
     enter(s);
     reloader_free(s->reloader);
@@ -646,9 +659,9 @@ void service_stop(service *s)
     s->kept = NULL;
     metrics_free(s->metrics);
     s->metrics = NULL;
-    recordings_stop(s->recordings);
+    recordings_stop(s->recordings, until);
     s->recordings = NULL;
-    s->host->report_missing = !verdicts_stop(s->verdicts) || s->host->report_missing;
+    s->host->report_missing = !verdicts_stop(s->verdicts, until) || s->host->report_missing;
     s->verdicts = NULL;
     (void)log_enter(NULL);
 }

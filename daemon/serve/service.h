@@ -29,6 +29,8 @@ typedef struct host {
     bool report_missing;     /* that could not be written */
     bool stopping;
     bool stopping_reported; /* to senders of SIGHUP */
+    ev_timer *told;  /* an event for it tells the state to the service manager at once ... */
+    bool owes_ready; /* ... and then that a reload is over */
 } host;
 
 /* Makes the service of a bus, which it takes over. Returns NULL after logging the reason; the
@@ -49,7 +51,10 @@ engine *service_engine(const service *s);
 /* Requests a reload for SIGHUP; there are two rounds at most, see reloader.h. */
 void service_hang_up(service *s);
 
-/* Does the work of each second, and fills in the bus's part of the status. */
+/* Does the work of each second. */
+void service_update(service *s);
+
+/* Fills in the bus's part of the status. */
 typedef struct service_status {
     cw_bus_stats bus;
     char trouble[SERVICE_TROUBLE_BYTES]; /* ", engine bus-off" and so on, or empty */
@@ -57,13 +62,17 @@ typedef struct service_status {
     const char *refused;                 /* the reason of a reload, or empty */
     sink_list sinks;                         /* of the bus: all but the journal */
 } service_status;
-void service_update(service *s, service_status *out);
+void service_tell(service *s, service_status *out);
 
 /* Reports the end of the bus, and judges it. */
 void service_report_end(service *s);
 
-/* Ends control socket and recordings. The engine still exists. */
-void service_stop(service *s);
+/* Ends the recordings without waiting for a disk: first those of all buses. */
+void service_finish(service *s);
+
+/* Ends the control socket and all else but LCM, and waits up to that moment (thread.h) for the disk.
+ * The engine still exists. */
+void service_stop(service *s, const struct timespec *until);
 
 /* Ends LCM and frees the service with its configuration. NULL is allowed. */
 void service_free(service *s);

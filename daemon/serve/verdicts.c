@@ -12,8 +12,8 @@
 #include "base/text/jsonput.h"
 #include "base/text/memo.h"
 #include "base/text/number.h"
-#include "base/thread.h"
 #include "base/unit.h"
+#include "serve/recordings.h"
 #include "sim/expect.h"
 
 #include <errno.h>
@@ -22,7 +22,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#define PATIENCE_S 1 /* at the end, for a slow disk; see PATIENCE_S of recordings.c */
 #define MOMENT_BYTES 400
 #define ONE_BYTES 1000u             /* of an expectation in a status, without them */
 #define STATUS_BYTES (256u * 1024u) /* of the texts in a status, which must fit into a reply */
@@ -498,15 +497,15 @@ void verdicts_conclude(verdicts *v, const cw_bus *bus)
 }
 
 /* Waits for the report. Returns false after logging why it is not there. */
-static bool end_report(verdicts *v)
+static bool end_report(verdicts *v, const struct timespec *until)
 {
     if (!v->report)
         return !v->unwritten;
-    const struct timespec until = thread_in_seconds(PATIENCE_S);
-    const bool ended = spool_wait(v->report, &until);
+    const bool ended = spool_wait(v->report, until);
     const int error = spool_error(v->report);
     if (!ended)
-        log_error("expect-report %s: it could not be written in %d s", v->file, PATIENCE_S);
+        log_error("expect-report %s: it could not be written in %d s", v->file,
+                  RECORDINGS_PATIENCE_S);
     else if (error != 0 || v->unwritten)
         log_error("expect-report %s: %s%s", v->file,
                   error != 0 ? spool_explain(error) : "there is no room for it",
@@ -517,12 +516,12 @@ static bool end_report(verdicts *v)
     return ended && error == 0 && !v->unwritten;
 }
 
-bool verdicts_stop(verdicts *v)
+bool verdicts_stop(verdicts *v, const struct timespec *until)
 {
     if (!v)
         return true;
     const char *before = log_enter(v->label);
-    const bool good = end_report(v);
+    const bool good = end_report(v, until);
     (void)log_enter(before);
     lookout_end(v->watch);
     expect_free(v->judge);

@@ -11,6 +11,7 @@
 #include "config/config.h"
 
 #include <jansson.h>
+#include <time.h>
 
 #define VERDICTS_GONE_MAX 1000u /* failed expectations that reloads have taken away */
 
@@ -67,8 +68,8 @@ void verdicts_sink(const verdicts *v, sink_list *out);
 /* Judges by the end of the run, logs, and begins to write the report. */
 void verdicts_conclude(verdicts *v, const cw_bus *bus);
 
-/* Waits for the report, a second at most, and frees the verdicts. Returns false, after logging why,
- * when it could not be written. NULL is allowed. */
-bool verdicts_stop(verdicts *v);
+/* Waits up to that moment (thread.h) for the report, and frees the verdicts. Returns false, after
+ * logging why, when it could not be written. NULL is allowed. */
+bool verdicts_stop(verdicts *v, const struct timespec *until);
 
 #endif

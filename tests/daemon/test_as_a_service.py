@@ -244,6 +244,15 @@ class Service:
                 return told
         raise AssertionError(f"the last status is {told}")
 
+    def told_until_ready(self):
+        """Returns what the service manager was told in a reload, behind its begin."""
+        while not self.manager.recv(4096).startswith(b"RELOADING=1"):  # whole: a datagram
+            pass
+        told = [self.manager.recv(4096).decode()]  # whole: a datagram
+        while told[-1] != "READY=1":
+            told.append(self.manager.recv(4096).decode())  # whole: a datagram
+        return told
+
     def stop(self):
         stop_canwired(self.process, self.log)
         self.manager.close()
@@ -264,6 +273,17 @@ def fixture_service(tmp_path):
 
 IN_RUN = GOOD + "control: run/day.sock\n"
 REFUSED = "; reload refused: "
+
+
+def test_the_state_after_a_reload_is_told_before_its_end(service):
+    one = service(IN_RUN)
+    for text, state, status in ((IN_RUN.replace("{ name: b }", "{ name: b }, { name: c }"),
+                                 "day: 3 nodes at ", 0),
+                                (BAD, REFUSED, 1), (IN_RUN, "day: 2 nodes at ", 0)):
+        one.write(text)
+        one.reload(status=status)
+        last = [line for line in one.told_until_ready() if line.startswith("STATUS=")][-1]
+        assert state in last and (REFUSED in last) == (status == 1)
 
 
 @pytest.mark.parametrize("text, why", [

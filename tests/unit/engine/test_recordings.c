@@ -6,6 +6,7 @@
  * which then has no time to pass.
  */
 #include "cases.h"
+#include "base/thread.h"
 #include "serve/recordings.h"
 
 #include <errno.h>
@@ -97,9 +98,14 @@ static char node_name[] = "engine";
 static char files[RECORDS][sizeof folder + 8];
 static cfg_node nodes[] = {{.name = node_name}};
 static cfg_record records[RECORDS];
-static const cfg config = {
-    .bitrate_bps = 500000, .node_count = 1, .nodes = nodes, .record_count = RECORDS,
-    .records = records};
+
+/* The buses of a rig: the first recording waits for the last one, which is of the other bus. */
+static const cfg configs[] = {
+    {.bitrate_bps = 500000, .node_count = 1, .nodes = nodes, .record_count = RECORDS - 1,
+     .records = records},
+    {.bitrate_bps = 500000, .node_count = 1, .nodes = nodes, .record_count = 1,
+     .records = &records[RECORDS - 1]}};
+#define BUSES (sizeof configs / sizeof configs[0])
 
 static int set_up(void **state)
 {
@@ -127,14 +133,21 @@ static int remove_all(void **state)
     return 0;
 }
 
-/* Begins all recordings, with an event in each. */
-static recordings *begin(struct ev_loop *loop)
+/* Begins all recordings, with an event in each, and ends them as canwired does. */
+static void begin_and_stop(struct ev_loop *loop)
 {
     const cw_event sent = {.kind = CW_EVENT_TX, .nodes = 1, .frame = {.id = 0x123}};
-    recordings *all = recordings_start(loop, &config, NULL, NULL, NULL);
-    assert_non_null(all);
-    recordings_event(all, &sent, 1);
-    return all;
+    recordings *all[BUSES];
+    for (unsigned i = 0; i < BUSES; i++) {
+        all[i] = recordings_start(loop, &configs[i], NULL, NULL, NULL);
+        assert_non_null(all[i]);
+        recordings_event(all[i], &sent, 1);
+    }
+    const struct timespec until = thread_in_seconds(RECORDINGS_PATIENCE_S);
+    for (unsigned i = 0; i < BUSES; i++)
+        recordings_finish(all[i]);
+    for (unsigned i = 0; i < BUSES; i++)
+        recordings_stop(all[i], &until);
 }
 
 #define IN_FOLDER(test) TEST_WITH(test, set_up, remove_all)
@@ -142,7 +155,7 @@ static recordings *begin(struct ev_loop *loop)
 IN_FOLDER(all_end_before_one_is_waited_for)
 {
     struct ev_loop *loop = ev_loop_new(0);
-    recordings_stop(begin(loop));
+    begin_and_stop(loop);
     assert_int_equal(waits.timeouts, 0);
     for (unsigned i = 0; i < RECORDS; i++) {
         char line[64] = "";
@@ -159,7 +172,7 @@ IN_FOLDER(a_disk_that_hangs_is_waited_for_once_and_not_for_each)
 {
     struct ev_loop *loop = ev_loop_new(0);
     disk.hangs = true; /* and the threads with it: they are left behind */
-    recordings_stop(begin(loop));
+    begin_and_stop(loop);
     assert_int_equal(waits.timeouts, RECORDS);
     for (unsigned i = 1; i < waits.count; i++)
         assert_memory_equal(&waits.until[i], &waits.until[0], sizeof waits.until[0]);
