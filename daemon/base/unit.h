@@ -26,13 +26,13 @@ int unit_failure(void);
  * find the same, such as a file system that is read-only, the configuration is bad. */
 void unit_blame(int number);
 
-/* Ends the start: what fails later is not blamed on the configuration. What unit_failed() has kept
- * is over. */
+/* Ends the start: what fails later is not blamed on the configuration. It ends the reason
+ * that unit_failed() has kept. */
 void unit_started(void);
 
-/* Keeps the reason of a failure after which systemd starts the service again, for ExecStartPre= of
- * the unit: systemd forgets the text of the status then. A folder that cannot be written to is no
- * error, as the log has the reason. */
+/* Keeps the reason of a failure after which systemd starts the service again. ExecStartPre= of the
+ * unit says it, since systemd forgets the text of the status. A folder that cannot be written to is
+ * no error, as the log has the reason. */
 void unit_failed(const char *why);
 
 /* Returns the folder around a path that the service does not see or has of its own. NULL: none, or

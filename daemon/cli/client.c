@@ -51,8 +51,8 @@ static bool passed_over;   /* ... and the last one was such */
 static int64_t all_until;  /* the end of asking several buses at once; 0: of one */
 static int failure;        /* errno of the last bus that could not be asked */
 static char silent[NAMES_BYTES]; /* sockets whose buses have not even said their names ... */
-static char closed[NAMES_BYTES]; /* ... and those for other users, at the last look for a name ... */
-static char configured[NAMES_BYTES]; /* ... and those whose configuration or rig has that name */
+static char closed[NAMES_BYTES]; /* ... and those for other users, at the last look for a name */
+static char configured[NAMES_BYTES]; /* those whose configuration or rig has that name */
 
 void client_set_teller(void (*tell)(const char *text))
 {
@@ -281,8 +281,8 @@ static json_t *peek(const char *path)
     return status;
 }
 
-/* Returns true for the file of a bus or of its rig, by its name with or without an end, or by a
- * path to it. */
+/* Returns true for the file of a bus or of its rig. The name may be without its end, or be a path
+ * to it. */
 static bool is_file_of(const json_t *status, const char *key, const char *name)
 {
     char *file = client_file_of(status, key);

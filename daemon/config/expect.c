@@ -231,8 +231,10 @@ static bool complain_of_range(schema *self, const schema_key *key, yaml_node_t *
     at += 2;
     if (!text_take_uint(&max, &at, UINT64_MAX) || *at != '\0')
         return false;
-    schema_complain(self, value, "%s: expected a number or limits: { min: %" PRIu64 ", max: %" PRIu64
-                    " }, not '%" PRIu64 "..%" PRIu64 "'", key->name, min, max, min, max);
+    schema_complain(self, value,
+                    "%s: expected a number or limits: { min: %" PRIu64 ", max: %" PRIu64 " }, "
+                    "not '%" PRIu64 "..%" PRIu64 "'",
+                    key->name, min, max, min, max);
     return true;
 }
 

@@ -19,7 +19,8 @@ typedef struct programs_calls {
     void (*changed)(void *user);
 } programs_calls;
 
-/* Listens at a path; where: the FILE:LINE:COLUMN that asks for it. Returns NULL after logging the reason. */
+/* Listens at a path; where: the FILE:LINE:COLUMN that asks for it. Returns NULL after logging the
+ * reason. */
 programs *programs_open(struct ev_loop *loop, const char *path, const char *where,
                         const programs_calls *calls, void *user);
 

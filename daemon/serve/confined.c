@@ -3,7 +3,7 @@
  * confined.c - what a bus asks for that the unit of the service keeps from it, without an error.
  *
  * Files in a private /tmp are made and never found, and packets that IPAddressDeny= drops look like
- * a network that is slow. What the unit allows is not asked for: packets tell.
+ * a network that is slow. Packets tell if the unit allows a network.
  */
 #include "serve/start.h"
 
@@ -55,7 +55,7 @@ static void warn_of_files(const cfg *config)
 
 /* ---- Hosts ----------------------------------------------------------------------------------- */
 
-/* What is known of the networks that the unit keeps the service from. */
+/* The networks that the unit keeps the service from, as far as that is known. */
 typedef struct networks {
     bool shut; /* all of them */
     char own[NETWORK_BYTES]; /* one that this host is in and that is shut, or "" */

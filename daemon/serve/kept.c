@@ -47,7 +47,7 @@ struct kept {
     kept_tally judges;   /* now: a crash would lose it */
     kept_tally unjudged; /* by crashes since the last end in order */
     char unjudged_at[DATE_BYTES];
-    char verdicts[KEPT_NOTE_BYTES]; /* what is said of these, or "" */
+    char verdicts[KEPT_NOTE_BYTES]; /* the text about these, or "" */
     char note[KEPT_NOTE_BYTES];
     char unread[KEPT_NOTE_BYTES]; /* why those of an earlier file are not injected, or "" */
     char trouble[TROUBLE_BYTES];  /* see kept_trouble() */

@@ -61,7 +61,7 @@
     X(NOW, uint64_t, good, TIMES, USUAL, NONE, NOWHERE, "1: its state is good")                    \
     X(ONE, uint64_t, written, TIMES, USUAL, NONE, NOWHERE, "something was written there")          \
     X(ONE, uint64_t, lost, TIMES, USUAL, NONE, NOWHERE, "something was not written there")         \
-    X(ONE, uint64_t, bytes, BYTES, USUAL, NONE, NOWHERE, "of a recording or a journal")                       \
+    X(ONE, uint64_t, bytes, BYTES, USUAL, NONE, NOWHERE, "of a recording or a journal")            \
     X(ONE, uint64_t, gaps, TIMES, USUAL, NONE, NOWHERE, "a journal has lost something")
 
 #define METRICS_SINK_STATE(X)                                                                      \

@@ -368,7 +368,8 @@ static void stop(entry *e, const struct timespec *until)
     int error = recorder_error(e->recorder);
     log_lost(e);
     if (!recorder_close(e->recorder, 0) && !written)
-        log_error("record %s: not all of it could be written in %d s", e->what.file, RECORDINGS_PATIENCE_S);
+        log_error("record %s: not all of it could be written in %d s", e->what.file,
+                  RECORDINGS_PATIENCE_S);
     else if (error != 0)
         log_error("record %s: stopped: %s", e->what.file, spool_explain(error));
 }

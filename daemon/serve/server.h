@@ -41,9 +41,9 @@ typedef struct server_calls {
 } server_calls;
 
 /* Listens at path, with mode 0660 and the group `canwire` if it exists. A socket at which no
- * program listens is replaced. where: the FILE:LINE:COLUMN that asks for it. inherited: a socket that listens already, at this path or, with path
- * NULL, at any; -1: none. `calls` and `user` must live longer. Returns NULL after logging the
- * reason. */
+ * program listens is replaced. where: the FILE:LINE:COLUMN that asks for it. inherited: a socket
+ * that listens already, at this path or, with path NULL, at any; -1: none. `calls` and `user` must
+ * live longer. Returns NULL after logging the reason. */
 server *server_start(struct ev_loop *loop, const char *path, const char *where, int inherited,
                      const server_calls *calls, void *user);
 

@@ -70,8 +70,8 @@ void service_report_end(service *s);
 /* Ends the recordings without waiting for a disk: first those of all buses. */
 void service_finish(service *s);
 
-/* Ends the control socket and all else but LCM, and waits up to that moment (thread.h) for the disk.
- * The engine still exists. */
+/* Ends the control socket and all else but LCM, and waits up to that moment (thread.h) for the
+ * disk. The engine still exists. */
 void service_stop(service *s, const struct timespec *until);
 
 /* Ends LCM and frees the service with its configuration. NULL is allowed. */

@@ -198,7 +198,7 @@ def test_what_the_unit_lets_through_is_not_warned_of(tmp_path):
     """Nothing drops packets here, and there is no network yet."""
     text = ("bus: { name: day, bitrate: 500000 }\nnodes:\n"
             "  - { name: a, port: 'tcp:0.0.0.0:20000' }\n"
-            "  - { name: b, port: 'cannelloni:udp,listen=0.0.0.0:20001,peer=198.51.100.7:20001' }\n")
+            "  - { name: b, port: 'cannelloni:udp,listen=0.0.0.0:20001,peer=192.0.2.7:20001' }\n")
     lo = "ip link set lo up && exec \"$@\""
     with running(tmp_path / "a", text, "day", "unshare", "--net", "--map-root-user", "sh", "-c", lo,
                  "sh") as (log, _):

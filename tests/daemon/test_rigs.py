@@ -100,7 +100,8 @@ def test_the_name_of_a_rig_is_told_from_that_of_a_bus(rig, tmp_path, monkeypatch
     r = rig()
     for name in "rig", "rig.yaml", "./rig.yaml":
         assert r.run("status", name, status=1).stderr == (
-            f"canwire: bus {name}: that is a configuration; its buses in {tmp_path}: body, safety\n")
+            f"canwire: bus {name}: that is a configuration; its buses in {tmp_path}: body, "
+            "safety\n")
     assert r.run("status", "body").stdout.startswith("body: ")
     r.stop()
 

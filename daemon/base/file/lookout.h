@@ -13,9 +13,9 @@ typedef struct lookout lookout;
  * memory or a thread. */
 lookout *lookout_start(const char *file, int error);
 
-/* Returns what the last look has found: 0 for a file that could be written, or the errno, for
- * spool_explain(); ETIMEDOUT while the disk does not answer. To be called about once a second: some
- * of the calls let the thread look again. NULL is allowed. */
+/* Returns 0 when the last look found that the file could be written, or the errno, for
+ * spool_explain(). It is ETIMEDOUT while the disk does not answer. To be called about once a
+ * second: some of the calls let the thread look again. NULL is allowed. */
 int lookout_look(lookout *l);
 
 /* Ends it, without waiting for the disk. NULL is allowed. */

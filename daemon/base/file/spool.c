@@ -237,8 +237,8 @@ static int fill_and_close(int fd, size_t size)
     return close(fd) == 0 || error != 0 ? error : errno;
 }
 
-/* Makes a file of that size, which has no name and is gone at once; a file system without such files
- * tells if it may be written to. Returns 0 or an errno. */
+/* Makes a file of that size, which has no name and is gone at once. A file system without such
+ * files tells if it may be written to. Returns 0 or an errno. */
 static int try_to_make(const folder *in, size_t size)
 {
     struct statvfs there;

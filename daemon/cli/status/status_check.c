@@ -72,8 +72,9 @@ bool check_take_load(void *out, const char *option, const char *text)
         return status_check_refuse(option, text,
                                    "a limit for WARNING that is at most the one for CRITICAL, such "
                                    "as 70,90");
-    return good || status_check_refuse(option, text, "two percentages up to 100 in steps of 0.1, such as 70,90 or "
-                                                       "0.5,90");
+    return good || status_check_refuse(option, text,
+                                       "two percentages up to 100 in steps of 0.1, such as 70,90 "
+                                       "or 0.5,90");
 }
 
 /* Finds the place of a word in a list that goes from good to bad. */
@@ -239,8 +240,8 @@ static void check_expectations(check *c, const json_t *all)
     raise_to(c, CHECK_WARNING);
 }
 
-/* Adds "powertrain_load=". When that is there, the name of the socket follows that of the bus: two
- * units may have buses of one name, and no two values one label. */
+/* Adds "powertrain_load=", as no two values may have one label. When that is there, since two units
+ * have buses of one name, the name of the socket follows that of the bus. */
 static void add_label(check *c, const char *bus, const char *socket)
 {
     char label[LABEL_BYTES];

@@ -55,8 +55,8 @@ void check_tell(check *c, check_level level, const char *text);
 /* failed_units.c: adds the failed units of the bus `name`, or of all with NULL, each of which is
  * critical. So is one that systemd tries again, since its bus does not run. absent: no bus runs;
  * then it also says that none has failed: somebody has stopped them. Without an answer of systemd
- * that is unknown. Nothing is added where systemd does not run, and for buses of another folder than
- * that of the service. */
+ * that is unknown. Nothing is added where systemd does not run, and for buses of another folder
+ * than that of the service. */
 void check_failed_units(check *c, const char *name, bool absent);
 
 /* Prints the line and returns the exit status. */
