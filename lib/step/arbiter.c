@@ -10,6 +10,7 @@
 #include "format/head.h"
 
 #include <assert.h>
+#include <string.h>
 
 /* ---- The tournament -------------------------------------------------------------------------- */
 
@@ -82,15 +83,15 @@ void cw_arbiter_update(cw_bus *bus)
 void cw_assert_arbiter(const cw_bus *bus)
 {
     const cw_arbiter *a = &bus->arbiter;
-    unsigned hashes[CW_ARBITER_HASHES] = {0};
+    uint8_t hashes[CW_ARBITER_HASHES] = {0};
     for (unsigned i = 0; i < bus->node_count; i++) {
         assert(a->stale >> i & 1u || a->entries[a->leaves + i] == entry_of(bus, i));
         hashes[a->entries[a->leaves + i] & HASH_MASK]++;
     }
     for (unsigned place = 0; place < a->leaves; place++)
         assert(a->entries[place] == play_match(a, place));
-    for (unsigned hash = 0; hash < CW_ARBITER_HASHES; hash++)
-        assert(a->hashes[hash] == hashes[hash]);
+    /* In one call, since this is half of the work of a program with sanitizers otherwise. */
+    assert(memcmp(a->hashes, hashes, sizeof hashes) == 0);
 }
 
 /* ---- The winner ------------------------------------------------------------------------------ */
