@@ -250,6 +250,7 @@ def test_hypothesis_prints_the_smallest_scenario_as_yaml(done):
     assert '"node":"engine","event":"state","state":"bus-off"' in again
 
 
+@pytest.mark.deep
 def test_scenarios_shrink_to_what_matters():
     def destroyed(scenario):
         with scenario.run("100ms", listen=False) as bus:
