@@ -7,10 +7,12 @@
 #include <assert.h>
 #include <string.h>
 
-/* An entry outside of the inbox. */
+#define WORD sizeof(uint64_t)
+
+/* An entry outside of the inbox: whole words, as in it, also where a uint64_t has less alignment. */
 typedef union entry_room {
     cw_inbox_entry entry;
-    unsigned char bytes[sizeof(cw_inbox_entry) + sizeof(cw_frame)];
+    unsigned char bytes[(sizeof(cw_inbox_entry) + sizeof(cw_frame) + WORD - 1) / WORD * WORD];
 } entry_room;
 
 /* The bytes that each entry has. */

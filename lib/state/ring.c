@@ -47,10 +47,11 @@ static cw_event *event_at(const cw_event_ring *ring, unsigned i)
     return cw_ring_at(ring, place < ring->capacity ? place : place - ring->capacity);
 }
 
-/* Copies an event, in the form that the bus keeps it in. */
+/* Copies an event, in the form that the bus keeps it in. On 32 bits an entry may end behind an
+ * event, since it is aligned for 64. */
 static void copy(const cw_event_ring *ring, cw_event *to, const cw_event *from)
 {
-    memcpy(to, from, ring->event_size);
+    memcpy(to, from, (size_t)cw_least(ring->event_size, sizeof *to));
 }
 
 static cw_event *newest_event(cw_event_ring *ring)
@@ -275,8 +276,7 @@ bool cw_bus_poll(cw_bus *bus, cw_event *event)
     const cw_event_ring *ring = &bus->ring;
     if (ring->count == 0)
         return false;
-    /* on 32 bits an entry may end behind an event, since it is aligned for 64 */
-    memcpy(event, event_at(ring, 0), (size_t)cw_least(ring->event_size, sizeof *event));
+    copy(ring, event, event_at(ring, 0));
     cw_bus_take(bus, 1);
     return true;
 }
