@@ -17,9 +17,10 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests/kernel"))
+sys.path[:0] = [str(ROOT / "tests/kernel"), str(ROOT / "tests/support")]
 
 from canbits import CLASSIC, ERROR, EXTENDED, FD, REMOTE, Frame  # noqa: E402
+from compiled import compiled  # noqa: E402
 from conftest import MULTICAST_ROUTE, ip  # noqa: E402
 from schedule import INTERFACES, PORTS, UNIX, base_config  # noqa: E402
 
@@ -89,18 +90,12 @@ class Rig:
             self.create(name)
         self.write_config(base_config())
         self.heap_file = self.folder / "heap"
-        environment = dict(os.environ, **SANITIZERS, LD_PRELOAD=str(self.build_heap()),
+        environment = dict(os.environ, **SANITIZERS, LD_PRELOAD=str(compiled("heap.so")),
                            HEAP=str(self.heap_file))
         with self.errors.open("w") as errors:
             self.process = subprocess.Popen([program, "-c", self.config], stderr=errors,
                                             env=environment)
         self.client = None
-
-    def build_heap(self):
-        library = self.folder / "heap.so"
-        subprocess.run(["cc", "-shared", "-fPIC", "-o", library, ROOT / "tests/soak/heap.c"],
-                       check=True)
-        return library
 
     def connect(self):
         """Opens the connection that always exists, as soon as there is a socket."""

@@ -15,8 +15,10 @@ SOURCES = {  # and its options
     "suspended_clock.so": ("tests/kernel/suspended_clock.c", *LIBRARY),
     "late_end.so": ("tests/preload/late_end.c", *LIBRARY),
     "late_listen.so": ("tests/preload/late_listen.c", *LIBRARY),
+    "heap.so": ("tests/soak/heap.c", *LIBRARY),
     "signal_at_wait.so": ("tests/preload/signal_at_wait.c", *LIBRARY, *HEADERS),
     "small-ecu": ("tests/tool/small_ecu.c",),
+    "sudo": ("tests/support/sudo.c",),
     "socketcan-calls": ("tests/preload/calls.c", "-pthread"),
 }
 
