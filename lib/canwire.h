@@ -1318,6 +1318,8 @@ typedef struct cw_event {
     union {
         uint32_t hit;           /* FAULT: 1 for the first hit of the rule */
         uint32_t pending;       /* IMPROPER: the lowest pending identifier, as cw_frame_can_id() */
+        uint32_t can_id;        /* ERROR: of the frame it belongs to, as cw_frame_can_id(). At a
+                                   receiver in the arbitration it is that of the winner */
         int32_t phase_error_tq; /* SYNC: of the edge, in quanta (T5); 0 of a hard one */
     };
     union {
@@ -1336,7 +1338,9 @@ typedef struct cw_event {
     bool hard;      /* SYNC: a hard synchronisation (T4), otherwise a resynchronisation (T5) */
     uint64_t from;  /* RX, TX: the sender; several when their frames were the same on the wire; 0: a
                        node that cw_bus_take_over() has left behind. IMPROPER: where the lower
-                       identifier was pending */
+                       identifier was pending. ERROR: the nodes that send the frame it belongs to,
+                       or have just been stopped; 0: it belongs to no frame of a node, as in an
+                       overload frame, in bits of a rule, and behind a pulse taken for a SOF */
     uint64_t handed_in; /* RX, TX: tick at which the (first) sender's host handed it in; CW_NEVER:
                            the sender has left the bus before the receivers had the frame */
     union {

@@ -326,6 +326,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     cw_lengths *lengths = carve_room(a, 1, sizeof *lengths);
     cw_restart_times *restarts = carve(a, c->node_count, sizeof *restarts);
     cw_start *starts = carve(a, c->node_count, sizeof *starts);
+    cw_error_frame *error_frames = carve(a, c->node_count, sizeof *error_frames);
     cw_sleep *sleeps = cw_is_lean(c) ? NULL : carve(a, c->node_count, sizeof *sleeps);
     const size_t entry_size = cw_inbox_entry_size(has_fd(c));
     const size_t event_size = cw_ring_event_size(has_fd(c));
@@ -337,11 +338,13 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
         memset(bus, 0, sizeof *bus);
         memset(nodes, 0, c->node_count * sizeof *nodes);
         memset(starts, 0, c->node_count * sizeof *starts);
+        memset(error_frames, 0, c->node_count * sizeof *error_frames);
         cw_lengths_clear(lengths);
         bus->lengths = lengths;
         bus->nodes = nodes;
         bus->restarts = restarts;
         bus->starts = starts;
+        bus->error_frames = error_frames;
         bus->sleeps = sleeps;
         bus->lean = cw_is_lean(c);
         bus->fd = has_fd(c);

@@ -167,6 +167,7 @@ static void note_stopped(cw_bus *bus, unsigned i, const cw_bus_node *old)
         return;
     cw_note_stopped(bus, i, cw_mac_place(&old->mac));
     start->handed_in = cw_queue_at(&old->queue, old->offered_slot)->handed_in;
+    start->can_id = cw_frame_can_id(cw_queue_at(&old->queue, old->offered_slot)->frame);
 }
 
 /* Takes state and counters of the old node, and settings of the new one. */
@@ -294,12 +295,14 @@ static void take_over_buffers(cw_bus *bus, const cw_bus *old, const uint8_t *fro
 static void take_over_starts(cw_bus *bus, const cw_bus *old, const uint8_t *from,
                              const uint8_t *to)
 {
-    for (unsigned i = 0; i < bus->node_count; i++)
-        if (from[i] != CW_NO_NODE)
-            bus->starts[i] = (cw_start){.tick = old->starts[from[i]].tick,
-                                        .stopped = old->starts[from[i]].stopped,
-                                        .handed_in = old->starts[from[i]].handed_in,
-                                        .ready = renumber(old->starts[from[i]].ready, to)};
+    for (unsigned i = 0; i < bus->node_count; i++) {
+        if (from[i] == CW_NO_NODE)
+            continue;
+        bus->starts[i] = old->starts[from[i]];
+        bus->starts[i].ready = renumber(old->starts[from[i]].ready, to);
+        bus->error_frames[i] = old->error_frames[from[i]];
+        bus->error_frames[i].from = renumber(old->error_frames[from[i]].from, to);
+    }
 }
 
 /* The new bus must be fresh, have the same rate and room for what waits. No two nodes may come from

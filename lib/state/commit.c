@@ -6,8 +6,6 @@
 
 #include "mac/confinement.h"
 
-#define PASSIVE_BITS 16u /* see sends_now() */
-
 void cw_count_clean_bits_now(cw_bus *bus)
 {
     bus->stats.bits += bus->clean_bits;
@@ -76,6 +74,7 @@ void cw_commit_rx_tx(cw_bus *bus, const cw_rx_tx *pair)
     count_sent(bus, n, slot, slot->wire_bits, pair->ended);
     bus->starts[i].stopped = pair->ended;
     bus->starts[i].handed_in = slot->handed_in;
+    bus->starts[i].end = CW_END_SENT;
     cw_remove_sent(bus, i);
     if (n->mac.confinement.tec == 0)
         return;
@@ -118,6 +117,7 @@ static void report_error(cw_bus *bus, unsigned i, const cw_error *error, bool fa
     cw_event *e = cw_push_node_event(bus, CW_EVENT_ERROR, i);
     e->error = *error;
     e->fast = fast;
+    cw_find_error_frame(bus, i, e);
     if (fast && bus->timed.rates)
         bus->timed.rates[i].stats.errors[error->type]++;
     bus->nodes[i].stats.errors[error->type]++;
@@ -147,70 +147,6 @@ static bool is_corrupted(const cw_bus *bus, const cw_frame *frame)
     return sent;
 }
 
-/* Returns true when an error of its own has ended a transmission, and its event is still to
- * come. */
-static bool stops_now(const cw_bus *bus, unsigned i)
-{
-    const cw_mac_report *r = bus->timed.active ? &bus->timed.nodes[i].report : NULL;
-    return r && (r->what & CW_REPORT_ERROR) && r->error.role == CW_ROLE_TRANSMITTER;
-}
-
-/* Returns true for a sender of the frame whose last but one bit has come. An error may have stopped
- * it in this very bit. The node may then have left the bus (R10), or a rule or its host may have
- * taken it away. Behind a passive flag, or none, its frame goes on, too, when it would have been
- * recessive anyway. That is in up to 5 bits of the CRC, its delimiter, 3 bits of
- * acknowledgement, and 6 of EOF. With an older end the node has left the frame to other senders,
- * in the arbitration, or is still at a frame before. */
-static bool sends_now(const cw_bus *bus, unsigned i)
-{
-    const cw_mac *m = &bus->nodes[i].mac;
-    const uint64_t stopped = bus->starts[i].stopped;
-    if (m->role == CW_ROLE_RECEIVER || (m->modes & CW_MODE_LOOPBACK))
-        return false;
-    if (stopped == 0)
-        return m->role == CW_ROLE_TRANSMITTER || stops_now(bus, i);
-    return cw_mac_is_sending(m) ||
-           cw_now(bus) - stopped < cw_rate_ticks(cw_wire_rate(&bus->time), PASSIVE_BITS);
-}
-
-/* Returns the senders of the frame that a node has just received. They are on its wire. */
-static uint64_t find_senders(const cw_bus *bus, unsigned receiver)
-{
-    uint64_t self = cw_node_bit(receiver);
-    uint64_t nodes = 0;
-    if (bus->frame_step.active)
-        return cw_node_bit(bus->frame_step.node);
-    if (bus->nodes[receiver].mac.modes & CW_MODE_LOOPBACK)
-        return self;
-    for (unsigned i = 0; i < bus->node_count; i++)
-        if (sends_now(bus, i))
-            nodes |= cw_node_bit(i);
-    nodes |= bus->rules.raw & ~bus->rules.cut;
-    for (unsigned g = 0; g < bus->group_count; g++)
-        if (bus->groups[g] & self)
-            nodes &= bus->groups[g];
-    return nodes;
-}
-
-/* Returns the tick of the frame that a node sends, or has just sent. */
-static uint64_t handed_in_of(const cw_bus *bus, unsigned i)
-{
-    const cw_start *start = &bus->starts[i];
-    const bool over = start->stopped != 0 && !bus->frame_step.active;
-    return over ? start->handed_in : offered_slot(&bus->nodes[i])->handed_in;
-}
-
-/* Finds who has sent the frame, and when the first sender's host handed it in. */
-static cw_frame_origin find_origin(const cw_bus *bus, unsigned receiver)
-{
-    cw_frame_origin origin = {.from = find_senders(bus, receiver), .handed_in = CW_NEVER};
-    if (origin.from & bus->rules.raw)
-        origin.handed_in = cw_now(bus); /* no host has handed it in */
-    for (uint64_t rest = origin.from & ~bus->rules.raw; rest; rest &= rest - 1)
-        origin.handed_in = cw_least(origin.handed_in, handed_in_of(bus, cw_lowest_node(rest)));
-    return origin;
-}
-
 void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
 {
     cw_bus_node *n = &bus->nodes[i];
@@ -220,7 +156,7 @@ void cw_receive(cw_bus *bus, unsigned i, const cw_frame *received)
         n->stats.undetected_errors++;
         bus->stats.undetected_errors++;
     }
-    const cw_frame_origin origin = find_origin(bus, i);
+    const cw_frame_origin origin = cw_find_origin(bus, i);
     if (bus->tt)
         cw_tt_received(bus, i, &frame, origin.from);
     if (!cw_buffers_accept(bus, i, &frame))
@@ -244,12 +180,12 @@ bool cw_commit_reception(cw_bus *bus)
     const cw_frame *frame = cw_mac_received(&bus->common);
     if (cw_host_side_acts(bus) || bus->group_count > 1 || bus->rules.raw)
         return false;
-    uint64_t senders = find_senders(bus, cw_lowest_node(bus->followers));
+    uint64_t senders = cw_find_senders(bus, cw_lowest_node(bus->followers));
     if (senders == 0 || (senders & (senders - 1)) || is_corrupted(bus, frame))
         return false;
     const unsigned sender = cw_lowest_node(senders);
     cw_event *e = cw_receive_together(bus, sender, bus->followers, cw_frame_length(frame));
-    e->handed_in = handed_in_of(bus, sender);
+    e->handed_in = cw_handed_in_of(bus, sender);
     cw_frame_copy(&e->frame, frame);
     return true;
 }

@@ -4,19 +4,23 @@
  */
 #include "state/state.h"
 
-#define LONG_AGO 1u
-
 void cw_note_end(cw_bus *bus, unsigned i, uint64_t tick)
 {
     const cw_bus_node *n = &bus->nodes[i];
-    bus->starts[i].stopped = tick;
-    bus->starts[i].handed_in = cw_queue_at(&n->queue, n->offered_slot)->handed_in;
+    const cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
+    cw_start *start = &bus->starts[i];
+    start->stopped = tick;
+    start->handed_in = slot->handed_in;
+    start->can_id = cw_frame_can_id(slot->frame);
+    start->end = CW_END_SENT;
 }
 
 void cw_note_stopped(cw_bus *bus, unsigned i, cw_place place)
 {
-    if (bus->starts[i].stopped == 0)
-        cw_note_end(bus, i, place.field < CW_FIELD_CRC ? LONG_AGO : cw_now(bus));
+    if (bus->starts[i].stopped != 0)
+        return;
+    cw_note_end(bus, i, cw_now(bus));
+    bus->starts[i].end = place.field < CW_FIELD_CRC ? CW_END_EARLY : CW_END_LATE;
 }
 
 void cw_note_left(cw_bus *bus, unsigned i)

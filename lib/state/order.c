@@ -41,8 +41,7 @@ static bool could_send(const cw_mac *m)
     return !waits[m->phase] && !will_suspend && !(m->modes & silent);
 }
 
-/* Returns the nodes on the same wire as this one. */
-static uint64_t nodes_on_wire_of(const cw_bus *bus, unsigned i)
+uint64_t cw_nodes_on_wire_of(const cw_bus *bus, unsigned i)
 {
     unsigned g = 0;
     while (g + 1 < bus->group_count && !(bus->groups[g] >> i & 1u))
@@ -53,7 +52,7 @@ static uint64_t nodes_on_wire_of(const cw_bus *bus, unsigned i)
 void cw_order_begin(cw_bus *bus, unsigned i, uint64_t tick)
 {
     uint64_t ready = 0;
-    for (uint64_t rest = bus->waiting & nodes_on_wire_of(bus, i); rest; rest &= rest - 1)
+    for (uint64_t rest = bus->waiting & cw_nodes_on_wire_of(bus, i); rest; rest &= rest - 1)
         if (could_send(cw_mac_of(bus, cw_lowest_node(rest))))
             ready |= rest & (~rest + 1);
     bus->starts[i] = (cw_start){.tick = tick, .ready = ready};

@@ -65,13 +65,28 @@ typedef struct cw_sleep {
     cw_sleep_stats stats;  /* without the present sleep */
 } cw_sleep;
 
+/* The end of a transmission, by what has ended it. */
+typedef enum cw_end {
+    CW_END_SENT = 0,
+    CW_END_LATE, /* an error, a rule or the host, from the CRC on */
+    CW_END_EARLY, /* ... before it */
+} cw_end;
+
 /* The start of a transmission, for the order of arbitration; see order.c. */
 typedef struct cw_start {
     uint64_t tick;  /* of its SOF */
     uint64_t ready; /* nodes with frames that could have taken part in the arbitration */
-    uint64_t stopped; /* tick of its end or of what has ended it, 1 for before the CRC; 0: none */
-    uint64_t handed_in; /* tick of its frame, when `stopped` is set */
+    uint64_t stopped; /* tick of its end or of what has ended it; 0: none */
+    uint64_t handed_in; /* when `stopped` is set: tick of its frame ... */
+    uint32_t can_id;    /* ... and its identifier, unless it has been sent */
+    uint8_t end;        /* ... and what has ended it, a cw_end */
 } cw_start;
+
+/* The frame that the last error of a node belongs to, as in its event. */
+typedef struct cw_error_frame {
+    uint64_t from;
+    uint32_t can_id;
+} cw_error_frame;
 
 typedef struct cw_inbox_entry {
     uint64_t at_tick;
@@ -254,6 +269,7 @@ struct cw_bus {
     cw_bus_node *nodes;
     cw_restart_times *restarts; /* one for each node */
     cw_start *starts;        /* likewise: of the last transmission */
+    cw_error_frame *error_frames; /* likewise */
     cw_sleep *sleeps;        /* likewise; NULL on a lean bus */
     cw_buffers *buffers;     /* ... or NULL: no node has filters, buffers or mailboxes */
     uint64_t replying;       /* nodes with replies of mailboxes in their queues */
@@ -686,7 +702,25 @@ cw_event *cw_push_drop(cw_bus *bus, unsigned node, cw_side side, const cw_frame 
 /* Adds a frame for a host; joins the newest event when that is the same frame for earlier nodes. */
 void cw_push_rx(cw_bus *bus, unsigned node, const cw_frame *frame, const cw_frame_origin *origin);
 
+/* ---- origin.c -------------------------------------------------------------------------------- */
+
+/* Returns the senders of the frame that a node has just received. They are on its wire. */
+uint64_t cw_find_senders(const cw_bus *bus, unsigned receiver);
+
+/* Returns the tick at which the host handed in the frame that a node sends, or has just sent. */
+uint64_t cw_handed_in_of(const cw_bus *bus, unsigned node);
+
+/* Finds who has sent that frame, and when the first sender's host handed it in. */
+cw_frame_origin cw_find_origin(const cw_bus *bus, unsigned receiver);
+
+/* Sets the frame that an error belongs to, `from` and `can_id` of its event. An error in an error
+ * flag or behind it belongs to the frame of the node's error before. */
+void cw_find_error_frame(cw_bus *bus, unsigned node, cw_event *event);
+
 /* ---- order.c --------------------------------------------------------------------------------- */
+
+/* Returns the nodes on the same wire as this one, itself included. */
+uint64_t cw_nodes_on_wire_of(const cw_bus *bus, unsigned node);
 
 /* Notes that a node begins to transmit, with a SOF that began at a tick. */
 void cw_order_begin(cw_bus *bus, unsigned node, uint64_t tick);

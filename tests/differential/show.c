@@ -47,6 +47,8 @@ void diff_write_event(FILE *out, const cw_event *e)
         write_frame_short(out, &e->frame);
     if (e->kind == CW_EVENT_RX || e->kind == CW_EVENT_TX)
         fprintf(out, " from %" PRIx64 " handed in %" PRIu64, e->from, e->handed_in);
+    if (e->kind == CW_EVENT_ERROR)
+        fprintf(out, " of %" PRIx32 " from %" PRIx64, e->can_id, e->from);
     if (e->kind == CW_EVENT_LINK)
         fputs(e->up ? " up" : " down", out);
     fputc('\n', out);
