@@ -139,8 +139,17 @@ CANWIRE_SIM_API int canwire_sim_run(canwire_sim *sim, int64_t until, const char 
                                     int frame_at);
 
 /* Returns a time before which no node receives a frame, when none is handed in. CANWIRE_SIM_NEVER:
- * none will come. */
+ * none will come. It is a bound that costs little, and may be in the middle of a bit: a loop that
+ * runs to it may stand still. canwire_sim_next_event() has the very time. */
 CANWIRE_SIM_API int64_t canwire_sim_next(const canwire_sim *sim);
+
+/* Looks for the next event of these kinds behind canwire_sim_now(), when nothing is handed in. They
+ * are kinds that are kept, as in canwire_sim_keep_events(). Returns 1 with its time in *at. Returns
+ * 0 when none comes up to *at. That is `until`, or an earlier time at which the traffic of a file
+ * or a gateway may hand in a frame. Look again when time has come there. Nothing happens by it.
+ * CANWIRE_SIM_INVALID: there are no such events, or they are not kept. */
+CANWIRE_SIM_API int canwire_sim_next_event(canwire_sim *sim, const char *kinds, int64_t until,
+                                           int64_t *at);
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
@@ -267,6 +276,9 @@ typedef struct canwire_sim_columns {
     uint8_t *flags;    /* ... */
     uint8_t *length;   /* ... */
     uint8_t *raw_dlc;  /* ... */
+    uint32_t *error_id; /* of an error: the can_id of the frame it belongs to, at a receiver in the
+                           arbitration that of the winner. CANWIRE_SIM_NO_FRAME: it belongs to no
+                           frame of a node, as in overload frames and behind a pulse */
     uint8_t *data;     /* data_size bytes in each row; zeros follow those of the frame */
     int32_t data_size; /* 1..64 */
 } canwire_sim_columns;

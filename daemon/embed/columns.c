@@ -61,6 +61,7 @@ typedef struct row {
     uint16_t tec;
     uint16_t rec;
     canwire_sim_frame frame;
+    uint32_t error_id;
 } row;
 
 /* Sets what an error frame tells: detail, field and marks as words and bits of canwire-sim.h. */
@@ -77,6 +78,8 @@ static void set_row_error(row *r, const cw_event *event)
                          (error->flag == CW_FLAG_PASSIVE ? CANWIRE_SIM_MARK_PASSIVE : 0));
     r->tec = event->tec;
     r->rec = event->rec;
+    if (event->from)
+        r->error_id = event->can_id; /* cw_frame_can_id() has the flags of linux/can.h */
 }
 
 /* Sets what only some kinds of events have, but for the rule. */
@@ -148,6 +151,7 @@ static void put_row(const canwire_sim_columns *c, int64_t n, const row *r, int n
     PUT(flags, r->frame.flags);
     PUT(length, r->frame.length);
     PUT(raw_dlc, r->frame.raw_dlc);
+    PUT(error_id, r->error_id);
     if (c->data)
         memcpy(c->data + n * c->data_size, r->frame.data, (size_t)c->data_size);
 }
@@ -208,7 +212,8 @@ static bool put_event(const canwire_sim_columns *c, int64_t n, rule_list *rules,
     row r = {.t = (int64_t)text_ticks_ns(event->tick),
              .bus = (int16_t)b->index,
              .event = (uint8_t)(WORD_EVENT + event->kind),
-             .frame.can_id = CANWIRE_SIM_NO_FRAME};
+             .frame.can_id = CANWIRE_SIM_NO_FRAME,
+             .error_id = CANWIRE_SIM_NO_FRAME};
     set_row_details(&r, event);
     if (event->kind == CW_EVENT_FAULT && !find_name(rules, &r.rule, embed_rule_of(kept)))
         return false;

@@ -69,6 +69,8 @@ typedef struct embed_bus {
     embed_node *nodes;
     embed_judge *judges; /* a list */
     losses lost;
+    void *ahead; /* room to look ahead, see canwire_sim_next_event() */
+    size_t ahead_size;
 } embed_bus;
 
 struct canwire_sim {
@@ -112,11 +114,17 @@ void embed_keep(embed_bus *bus, const cw_event *event);
  * next one is kept. */
 const embed_kept *embed_next_kept(const canwire_sim *sim, embed_bus **bus);
 
+/* Returns the event of a bus behind another one, NULL for its first one, or NULL. */
+const embed_kept *embed_kept_after(const embed_bus *bus, const embed_kept *kept);
+
 /* Takes the event that embed_next_kept() has returned. */
 void embed_take_kept(embed_bus *bus);
 
 /* Returns the name of the rule of a CW_EVENT_FAULT. */
 const char *embed_rule_of(const embed_kept *kept);
+
+/* Reads "all", "none" or kinds of events with commas. Returns false after noting an error. */
+bool embed_read_kinds(canwire_sim *sim, uint32_t *kinds, const char *text);
 
 /* Sets the kinds of events that a bus has to tell about. */
 void embed_choose_events(embed_bus *bus);

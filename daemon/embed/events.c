@@ -26,10 +26,12 @@ static int events_find_kind(const char *word, size_t length)
     return -1;
 }
 
-/* Reads a list of kinds. Returns false after noting an error. */
-static bool read_kinds(canwire_sim *sim, uint32_t *kinds, const char *text)
+bool embed_read_kinds(canwire_sim *sim, uint32_t *kinds, const char *text)
 {
-    *kinds = 0;
+    const bool all = strcmp(text, "all") == 0;
+    *kinds = all ? CW_EVENTS_USUAL : 0;
+    if (all || strcmp(text, "none") == 0)
+        return true;
     while (*text) {
         const size_t length = strcspn(text, ",");
         const int kind = events_find_kind(text, length);
@@ -49,9 +51,7 @@ static bool read_kinds(canwire_sim *sim, uint32_t *kinds, const char *text)
 int canwire_sim_keep_events(canwire_sim *sim, const char *text)
 {
     uint32_t kinds = 0;
-    if (strcmp(text, "all") == 0)
-        kinds = CW_EVENTS_USUAL;
-    else if (strcmp(text, "none") != 0 && !read_kinds(sim, &kinds, text))
+    if (!embed_read_kinds(sim, &kinds, text))
         return CANWIRE_SIM_INVALID;
     sim->kinds = kinds;
     for (size_t i = 0; i < sim->count; i++)
@@ -132,6 +132,14 @@ void embed_keep(embed_bus *b, const cw_event *event)
 static const embed_kept *kept_at(const embed_events *e, size_t at)
 {
     return (const embed_kept *)(const void *)(e->bytes + at);
+}
+
+const embed_kept *embed_kept_after(const embed_bus *b, const embed_kept *kept)
+{
+    const embed_events *e = &b->events;
+    const size_t at = kept ? (size_t)((const unsigned char *)kept - e->bytes) + kept->size
+                           : e->first;
+    return at < e->end ? kept_at(e, at) : NULL;
 }
 
 const embed_kept *embed_next_kept(const canwire_sim *sim, embed_bus **bus)

@@ -80,6 +80,7 @@ static void close_bus(embed_bus *b)
     for (size_t i = 0; b->nodes && i < b->config->node_count; i++)
         free(b->nodes[i].frames);
     free(b->events.bytes);
+    free(b->ahead);
     free(b->nodes);
     free(b->times);
     live_free(b->live);

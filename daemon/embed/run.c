@@ -300,7 +300,7 @@ int canwire_sim_run(canwire_sim *sim, int64_t until, const char *event, int fram
     else if (tick == CW_NEVER)
         status = run_finish(sim);
     else
-        status = tick > sim->reached ? go_to(sim, tick) : outcome(sim, CANWIRE_SIM_AT_TIME);
+        status = tick >= sim->reached ? go_to(sim, tick) : outcome(sim, CANWIRE_SIM_AT_TIME);
     sim_go_in_steps(&sim->buses[0].run, false);
     if (event)
         await_nothing(sim);

@@ -735,6 +735,12 @@ void sim_release_before(sim_run *s, uint64_t end)
     release_before(s, end, end);
 }
 
+void sim_do_due(sim_run *s, uint64_t tick)
+{
+    if (!sim_run_is_over(s) && cw_bus_tick_after(s->bus, 1) > tick)
+        advance_bus(s, tick);
+}
+
 bool sim_owes_events(const sim_run *s, uint64_t tick)
 {
     return !sim_run_is_over(s) && cw_bus_now(s->bus) < tick &&

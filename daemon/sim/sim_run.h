@@ -131,6 +131,9 @@ void sim_pause(sim_run *s);
 /* Returns true when nodes may end bits of their own before the bus does. */
 bool sim_has_own_bits(const sim_run *run);
 
+/* Does what is due at a tick that lies in the next bit, such as to drop a frame, and tells it. */
+void sim_do_due(sim_run *run, uint64_t tick);
+
 /* Returns true when the bit that has begun at a tick may have events up to there. */
 bool sim_owes_events(const sim_run *s, uint64_t tick);
 

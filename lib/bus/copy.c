@@ -81,9 +81,10 @@ uint64_t cw_bus_next_event(cw_bus *bus, void *copy, uint32_t kinds, uint64_t unt
     cw_bus_copy(bus, copy);
     (void)take_all(bus);
     cw_bus_set_events(bus, kinds);
-    while (status != CW_OK && first == CW_NEVER) {
+    /* nodes with bits of their own may have earlier events in the next step */
+    while (status != CW_OK && (first == CW_NEVER || cw_bus_now(bus) < first)) {
         status = cw_bus_advance_some(bus, until, 1); /* a step of the engine */
-        first = take_all(bus);
+        first = cw_least(first, take_all(bus));
     }
     cw_bus_restore(bus, copy);
     return first;

@@ -5,8 +5,8 @@ Bus is a bus in virtual time in this process. Importing this module loads no sha
 first bus does.
 """
 
-from .bus import (Bus, BusInfo, ConfigError, Error, ExpectationError, Node, NodeStatus, Stop,
-                  Time)
+from .bus import (Ahead, Bus, BusInfo, ConfigError, Error, ExpectationError, Node, NodeStatus,
+                  Stop, Time)
 from .campaigns import CampaignError, CampaignResult, campaign
 from .columns import Columns
 from .frame import Frame
@@ -14,6 +14,6 @@ from .rows import row
 from .scenario import Scenario
 from .virtualtime import Deadlock, VirtualTime
 
-__all__ = ["Bus", "BusInfo", "CampaignError", "CampaignResult", "Columns", "ConfigError",
+__all__ = ["Ahead", "Bus", "BusInfo", "CampaignError", "CampaignResult", "Columns", "ConfigError",
            "Deadlock", "Error", "ExpectationError", "Frame", "Node", "NodeStatus", "Scenario",
            "Stop", "Time", "VirtualTime", "campaign", "row"]

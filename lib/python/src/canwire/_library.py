@@ -71,7 +71,7 @@ class CNode(Structure):
 #: The columns of events with the format of their members, see struct.
 COLUMNS = {"t": "q", "bus": "h", "node": "h", "event": "B", "detail": "B", "field": "B",
            "marks": "B", "number": "I", "rule": "H", "tec": "H", "rec": "H", "can_id": "I",
-           "flags": "B", "length": "B", "raw_dlc": "B", "data": "B"}
+           "flags": "B", "length": "B", "raw_dlc": "B", "error_id": "I", "data": "B"}
 
 
 class CColumns(Structure):
@@ -105,6 +105,7 @@ FUNCTIONS = {
     "now": (c_int64, c_void_p),
     "run": (c_int, c_void_p, c_int64, c_char_p, c_int),
     "next": (c_int64, c_void_p),
+    "next_event": (c_int, c_void_p, c_char_p, c_int64, POINTER(c_int64)),
     "send": (c_int, c_void_p, c_int, POINTER(CFrame), c_int64),
     "offer": (c_int, c_void_p, c_int, POINTER(CFrame), c_int64),
     "wait": (c_int, c_void_p, c_int, c_int64, c_int64, POINTER(CWaited)),

@@ -62,6 +62,13 @@ class Stop(Enum):
     END = _library.AT_END  #: all traffic is done, or there was none for 10 s of bus time
 
 
+class Ahead(NamedTuple):
+    """The next event, see Bus.next_event()."""
+
+    comes: bool  #: an event comes at that time; otherwise none comes up to it
+    t_ns: int
+
+
 class NodeStatus(NamedTuple):
     """A node now, and what it has counted since time 0."""
 
@@ -425,6 +432,20 @@ class Bus:
         if frame_at is not None and self._has(node):
             return Stop.FRAME
         return Stop(self._run_by_hand(end, event, node))
+
+    def next_event(self, kinds: str = "all", until: Time | None = None) -> Ahead:
+        """Looks for the next event of kinds that are kept, when nothing is handed in. Nothing
+        happens by it.
+
+        Returns Ahead(True, t_ns) with its time. Ahead(False, t_ns) says that none comes up to that
+        time. This is `until`, or an earlier time at which the traffic of the file or a gateway may
+        hand in a frame. Then look again when time has come there.
+        """
+        end = _library.NEVER if until is None else self._time_ns(until)
+        at = ctypes.c_int64()
+        comes = self._check(self._library.next_event(self._sim, kinds.encode(), end,
+                                                     ctypes.byref(at)))
+        return Ahead(bool(comes), at.value)
 
     def _run_by_hand(self, end: int, event: str | None, node: int) -> int:
         """Lets time go on for a program, and tells those that have a clock of their own."""

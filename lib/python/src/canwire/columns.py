@@ -30,7 +30,7 @@ class Columns(Mapping[str, memoryview]):
     #: the data rate. An active or a passive error flag follows.
     TX, STUFF, DATA_RATE = _library.MARK_TX, _library.MARK_STUFF, _library.MARK_DATA
     ACTIVE, PASSIVE = _library.MARK_ACTIVE, _library.MARK_PASSIVE
-    #: In the column can_id of an event without a frame.
+    #: In the column can_id of an event without a frame, and in error_id.
     NO_FRAME = _library.NO_FRAME
 
     def __init__(self, arrays: dict[str, memoryview], words: Sequence[str], rules: Sequence[str],
@@ -84,9 +84,9 @@ class Columns(Mapping[str, memoryview]):
             table[name] = pandas.Categorical.from_codes(codes[table[name]], categories)
         if "t" in table:
             table["t"] = arrays["t"] / 1e9
-        if "can_id" in table:
-            none = arrays["can_id"] == _library.NO_FRAME
-            table["can_id"] = pandas.arrays.IntegerArray(arrays["can_id"].copy(), none)
+        for name in {"can_id", "error_id"} & table.keys():
+            none = arrays[name] == _library.NO_FRAME
+            table[name] = pandas.arrays.IntegerArray(arrays[name].copy(), none)
         if "data" in table:
             table["data"] = _data(arrays)
         return pandas.DataFrame(table)
