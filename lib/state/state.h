@@ -603,7 +603,10 @@ void cw_tt_look(cw_bus *bus);
 void cw_tt_see_sof_at(cw_bus *bus, unsigned node, cw_span moment);
 void cw_tt_see_eof_at(cw_bus *bus, unsigned node, cw_span moment);
 
-/* Ends the slot of such a node when that is over at a moment, at which a bit of it begins. */
+/* Returns true when such a node has a slot that is over at a moment, at which a bit of it begins. */
+bool cw_tt_closes_by(const cw_bus *bus, unsigned node, cw_span moment);
+
+/* Ends that slot then. */
 void cw_tt_close_at(cw_bus *bus, unsigned node, cw_span moment);
 
 /* Lets the clock of a node go on at the rate of its new bit timing, from an instant on. */

@@ -202,13 +202,23 @@ static void close_slot(cw_bus *bus, unsigned i)
                  cw_now(bus))->trigger = cw_queue_at(&n->queue, slot)->trigger;
 }
 
+/* Returns the tick in which a moment of a bus off the grid lies, or which it is. */
+static uint64_t tick_of(const cw_bus *bus, cw_span moment)
+{
+    return bus->timed.epoch + (uint64_t)(moment + CW_TICK - 1) / CW_TICK;
+}
+
+bool cw_tt_closes_by(const cw_bus *bus, unsigned i, cw_span moment)
+{
+    return bus->tt[i].deadline <= tick_of(bus, moment);
+}
+
 void cw_tt_close_at(cw_bus *bus, unsigned i, cw_span moment)
 {
     const uint64_t now = cw_now(bus);
-    const uint64_t tick = bus->timed.epoch + (uint64_t)(moment + CW_TICK - 1) / CW_TICK;
-    if (bus->tt[i].deadline > tick)
+    if (!cw_tt_closes_by(bus, i, moment))
         return;
-    cw_wire_go_to(&bus->time, tick);
+    cw_wire_go_to(&bus->time, tick_of(bus, moment));
     close_slot(bus, i);
     cw_wire_go_to(&bus->time, now);
 }

@@ -81,11 +81,12 @@ static void end_steadiness(cw_bus *bus)
 
 /* Returns true when a node has nothing to do at the start of its next bit. It keeps its level, and
  * cannot begin to send a frame that comes meanwhile. Such a node drives the bit beforehand. */
-static bool goes_ahead(cw_bus *bus, unsigned i)
+static bool goes_ahead(cw_bus *bus, unsigned i, cw_span end)
 {
     const cw_timed_node *n = node_at(bus, i);
     return !n->retimed && cw_mac_drives_on(&bus->nodes[i].mac, n->driven) &&
-           !cw_timed_compares_late(bus, i) && !cw_timed_changes_rate(bus, i);
+           !cw_timed_compares_late(bus, i) && !cw_timed_changes_rate(bus, i) &&
+           !(bus->tt && cw_tt_closes_by(bus, i, end));
 }
 
 /* Plans the next bit of a node that has nothing to report at the end of this one. calm: see
@@ -93,7 +94,7 @@ static bool goes_ahead(cw_bus *bus, unsigned i)
 static void plan_next(cw_bus *bus, unsigned i, cw_span end, bool calm)
 {
     cw_timed_node *n = node_at(bus, i);
-    n->ahead = calm && goes_ahead(bus, i);
+    n->ahead = calm && goes_ahead(bus, i, end);
     if (n->ahead)
         cw_agenda_put(&bus->timed.agenda, i, CW_LOOKS,
                       end + n->to_sample);

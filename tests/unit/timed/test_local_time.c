@@ -233,6 +233,30 @@ TEST(a_frame_that_cannot_begin_in_its_slot_is_given_up)
     assert_true(cw_node_stats_balance(&s));
 }
 
+/* ... at the end of a bit of its own. A node with nothing to do there would go ahead to its next
+ * sample point. */
+TEST(a_slot_ends_at_one_tick_whoever_asks_for_synchronisations)
+{
+    const cw_time_trigger of_slave[] = {trigger(1000, 20, 0x300)};
+    const cw_frame other = {.id = 0x123, .dlc = 8};
+    uint64_t ticks[2];
+    for (unsigned asks = 0; asks < 2; asks++) {
+        RIG *r = rig_new(3);
+        give_schedule(r, MASTER, of_master, 2);
+        give_schedule(r, 1, of_slave, 1);
+        r->nodes[1].timing.bit = (cw_bit_timing){.quantum = cw_quantum(8000000, 1, 1000),
+                                                 .prop_seg = 7, .phase_seg1 = 4, .phase_seg2 = 4,
+                                                 .sjw = 4};
+        rig_start(r);
+        cw_bus_set_events(r->bus, CW_EVENTS_USUAL | (asks ? 1u << CW_EVENT_SYNC : 0));
+        rig_send(r, 2, &other, ((CYCLE * US + SAMPLE) / US + 990) * US);
+        rig_run_bits(r, 2 * CYCLE_BITS);
+        ticks[asks] = nth(r, CW_EVENT_DROP, 1, 0)->tick;
+    }
+    assert_int_equal(ticks[0], ticks[1]);
+    assert_int_not_equal(ticks[0] % BIT, 0);
+}
+
 /* Two nodes share a window: one loses arbitration, and does not try again (L1). */
 TEST(a_frame_that_loses_in_its_slot_is_given_up)
 {
