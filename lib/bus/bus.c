@@ -90,9 +90,25 @@ static bool goes_another_way(cw_bus *bus, uint64_t tick)
     return false;
 }
 
+/* Takes a bit that ends early, since a frame begins then. Returns false when the next one does
+ * not. */
+static bool starts_at_tick(cw_bus *bus)
+{
+    const uint64_t usual = cw_wire_tick(&bus->time, 1);
+    const uint64_t end = cw_start_in_bit(bus, usual);
+    if (end == usual)
+        return false;
+    bus->time.short_by = (uint32_t)(usual - end);
+    bus->early_ticks += bus->time.short_by;
+    step_bit(bus);
+    return true;
+}
+
 /* Goes on by some bits, at least one. */
 static void bus_go_on(cw_bus *bus, uint64_t tick)
 {
+    if (bus->start_at_tick && starts_at_tick(bus))
+        return;
     if (bus->outlook.plain == 0 && goes_another_way(bus, tick))
         return;
     if (cw_frame_step_go(bus, tick)) {

@@ -412,9 +412,11 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     bus->node_due = CW_NEVER;
     bus->groups[0] = UINT64_MAX;
     bus->group_count = 1;
+    bus->start_at_tick = config->start_at_tick;
     bus->wanted = CW_EVENTS_USUAL;
     bus->frame_step.after_ack = CW_AFTER_ACK_BITS; /* other ones only on a bus with FD */
-    cw_load_init(&bus->load, cw_wire_rate(&bus->time), bus->timed.rates);
+    cw_load_init(&bus->load, cw_wire_rate(&bus->time),
+                 bus->timed.rates || config->start_at_tick);
     cw_arbiter_init(&bus->arbiter, config->node_count);
     for (unsigned i = 0; i < config->node_count; i++)
         init_node(bus, i, &config->nodes[i]);

@@ -32,7 +32,7 @@ static uint64_t time_so_far(const cw_bus *bus, uint64_t *busy)
 {
     const uint64_t unit = bus->load.unit, saved = bus->timed.short_ticks;
     *busy = cw_busy_bits_so_far(bus) * unit - saved;
-    return cw_bits_so_far(bus) * unit - saved;
+    return cw_bits_so_far(bus) * unit - saved - bus->early_ticks;
 }
 
 /* A controller off the bus cannot tell, so the wire itself is asked. */

@@ -352,6 +352,7 @@ cw_status cw_bus_take_over(cw_bus *bus, cw_bus *old, const uint8_t *from)
     if (bus->load.unit == old->load.unit)
         bus->load = old->load;
     bus->timed.short_ticks = old->timed.short_ticks;
+    bus->early_ticks = bus->start_at_tick ? old->early_ticks : 0;
     bus->stats = old->stats;
     bus->error_flag = old->error_flag;
     bus->overload_flag = old->overload_flag;

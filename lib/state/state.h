@@ -261,6 +261,8 @@ struct cw_bus {
     bool wire; /* level of the last bit, all wires together */
     bool stepping; /* nothing is skipped, nothing shared */
     bool watching; /* nothing is skipped */
+    bool start_at_tick; /* see cw_bus_config */
+    uint64_t early_ticks; /* by which bits before such frames so far were shorter */
     bool lean; /* no memory for clocks, delays and sleep: see `keeps_setup` of cw_bus_config */
     bool pending; /* pending: a rule or a setting has changed something at a controller */
     cw_event unwanted_event; /* written to when the kind is not wanted */

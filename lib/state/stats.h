@@ -14,7 +14,7 @@ void cw_delay_add(cw_delay *delay, uint64_t ticks);
 #define CW_LOAD_SLICES 10
 
 typedef struct cw_load {
-    uint32_t unit;        /* of a bit: 1, or its ticks where some bits are shorter (D10) */
+    uint32_t unit;        /* of a bit: 1, or its ticks where some bits are shorter */
     uint64_t slice_bits;  /* units of one slice, at least 1 */
     uint64_t bits;        /* units seen */
     uint64_t slice_left;   /* units that the present slice still takes */

@@ -220,7 +220,7 @@ static void gather(cw_bus *bus, const bit_reports *reports)
 /* The bit is over: time goes on, and recessive bits in a row are counted. */
 static void end_bit(cw_bus *bus)
 {
-    cw_wire_pass(&bus->time, 1);
+    cw_wire_end_bit(&bus->time);
     bus->stats.bits++;
     bus->recessive_bits = bus->wire ? bus->recessive_bits + 1 : 0;
 }

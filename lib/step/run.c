@@ -42,12 +42,13 @@ static uint64_t steady_bits(const cw_bus *bus, bool level)
     return bits > 0 && can_start(bus) ? 0 : bits;
 }
 
-/* A frame that comes within a bit changes nothing before the next bit, unless rules look at it. */
+/* A frame that comes within a bit changes nothing before the next bit, unless rules look at it, or
+ * the bit ends with it. */
 static uint64_t bits_up_to_inbox(const cw_bus *bus)
 {
     uint64_t tick = cw_inbox_first(bus);
-    return cw_host_side_acts(bus) ? cw_wire_bits_before(&bus->time, tick)
-                                  : cw_wire_bits_until(&bus->time, tick);
+    return cw_host_side_acts(bus) || bus->start_at_tick ? cw_wire_bits_before(&bus->time, tick)
+                                                        : cw_wire_bits_until(&bus->time, tick);
 }
 
 uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)

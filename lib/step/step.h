@@ -139,6 +139,10 @@ static inline uint64_t cw_frame_step_tick(const cw_bus *bus, unsigned n)
     return cw_wire_tick(&bus->time, (uint64_t)n - step->at);
 }
 
+/* Returns the tick at which a frame begins in the next bit, which would end at `end`, or `end`
+ * without one. Such a frame comes while all nodes rest on the grid, and no rule acts on bits. */
+uint64_t cw_start_in_bit(const cw_bus *bus, uint64_t end);
+
 /* Returns the tick at which the next bit ends, where some node has a data rate. */
 uint64_t cw_short_bit_end(const cw_bus *bus);
 
@@ -146,13 +150,15 @@ uint64_t cw_short_bit_end(const cw_bus *bus);
  * on how it came there. */
 static inline uint64_t cw_next_bit_end(const cw_bus *bus)
 {
-    return bus->timed.rates ? cw_short_bit_end(bus) : cw_wire_tick(&bus->time, 1);
+    const uint64_t end = bus->timed.rates ? cw_short_bit_end(bus) : cw_wire_tick(&bus->time, 1);
+    return bus->start_at_tick ? cw_start_in_bit(bus, end) : end;
 }
 
 static inline bool cw_next_bit_fits(const cw_bus *bus, uint64_t tick)
 {
     return cw_wire_fits_bit(&bus->time, tick) ||
-           (bus->timed.rates && tick > cw_now(bus) && cw_short_bit_end(bus) <= tick);
+           ((bus->timed.rates || bus->start_at_tick) && tick > cw_now(bus) &&
+            cw_next_bit_end(bus) <= tick);
 }
 
 /* Continues the frame step that is under way, or begins one with the next frame. It goes as far as

@@ -447,6 +447,7 @@ static void random_plan(generator *g, diff_plan *plan)
     plan->config.seed = diff_draw(r);
     plan->config.inbox = (uint16_t)diff_magnitude(r, 64, 4096);
     plan->config.events = (uint16_t)diff_magnitude(r, 64, 8192);
+    plan->config.start_at_tick = plan->config.seed % 6 == 0;
     if (g->style->small) {
         plan->config.inbox = (uint16_t)diff_magnitude(r, 1, 64);
         plan->config.events = 0;

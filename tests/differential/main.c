@@ -113,6 +113,8 @@ static void generate(diff_scenario *s, const options *o, uint64_t seed)
 {
     diff_generate(s, seed);
     s->own_clocks = o->flags & OWN_CLOCKS;
+    for (unsigned i = 0; i < s->plan_count && s->own_clocks; i++)
+        s->plans[i].config.start_at_tick = false; /* it is for a bus on the grid */
 }
 
 /* Runs the child: exit status 1 when a scenario differs. */

@@ -411,6 +411,7 @@ static void write_plan(FILE *out, const diff_plan *plan, unsigned number)
     write_number(out, "seed", c->seed);
     write_number(out, "rule_count", c->rule_count);
     write_number(out, "rule_room", c->rule_room);
+    write_number(out, "start_at_tick", c->start_at_tick);
     fprintf(out, "\n  .nodes = nodes_%u", number);
     if (c->rule_count)
         fprintf(out, ", .rules = rules_%u", number);

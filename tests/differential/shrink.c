@@ -102,7 +102,7 @@ static bool simplify(shrinking *k, const simplification *by)
 static unsigned whole_places(const diff_scenario *s)
 {
     (void)s;
-    return 6;
+    return 7;
 }
 
 static bool simplify_whole(diff_scenario *s, unsigned place)
@@ -119,6 +119,8 @@ static bool simplify_whole(diff_scenario *s, unsigned place)
     for (unsigned i = 0; i < s->plan_count; i++) {
         if (place == 1)
             s->plans[i].config.events = 8192;
+        if (place == 6)
+            s->plans[i].config.start_at_tick = false;
         if (place == 0)
             s->plans[i].config.inbox = 1024;
     }
