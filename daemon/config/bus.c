@@ -26,6 +26,12 @@ static const schema_choice terminations[] = {
     {.name = NULL},
 };
 
+static const schema_choice starts[] = {
+    {.name = "bit", .value = CFG_START_BIT},
+    {.name = "tick", .value = CFG_START_TICK},
+    {.name = NULL},
+};
+
 static const schema_key line_keys[] = {
     {.name = "delay", .read = read_line_delay, .offset = offsetof(cfg, line_ps_per_m),
      .required = true,
@@ -65,6 +71,10 @@ const schema_key cfg_bus_keys[] = {
      .preset = "both",
      .help = "The terminators that are there. With `one`, or `none`, every node has one round "
              "trip along the line, or three, more of ringing."},
+    {.name = "start", .read = schema_read_choice, .offset = offsetof(cfg, start), .arg = starts,
+     .preset = "bit",
+     .help = "A frame for a bus at rest waits for the next bit. With `tick` it begins when it is "
+             "handed in, and the bits of all nodes with it."},
     {.name = NULL},
 };
 
@@ -85,6 +95,35 @@ void cfg_read_bus(schema *self, const schema_key *key, yaml_node_t *value, void 
     if (point)
         schema_complain(self, point, "dsample-point: the bus has no dbitrate, so it has no data "
                         "phase of its own");
+}
+
+/* Returns true when the bits of a node are those of another one and of the bus, and no edge is
+ * late. */
+static bool has_common_bits(const cfg *config, const cfg_node *node, const cfg_node *other)
+{
+    const cw_node_timing *t = &node->time.timing;
+    const cw_bit_timing *a = &t->bit, *b = &other->time.timing.bit;
+    const cw_span bit = (cw_span)cw_rate_ticks(config->rate, 1) * CW_TICK;
+    const bool same = a->quantum == b->quantum && a->prop_seg == b->prop_seg &&
+                      a->phase_seg1 == b->phase_seg1 && a->phase_seg2 == b->phase_seg2 &&
+                      a->sjw == b->sjw && a->triple_sampling == b->triple_sampling;
+    return same && (a->quantum == 0 || a->quantum * cw_bit_timing_quanta(a) == bit) &&
+           t->tx_delay[0] == 0 && t->tx_delay[1] == 0 && t->rx_delay[0] == 0 &&
+           t->rx_delay[1] == 0 && t->place == 0 && t->stub == 0 && t->ringing == 0;
+}
+
+void cfg_check_start(schema *self, const yaml_node_t *bus)
+{
+    const cfg *config = cfg_of(self);
+
+    for (size_t i = 0; config->start == CFG_START_TICK && i < config->node_count; i++) {
+        if (has_common_bits(config, &config->nodes[i], &config->nodes[0]))
+            continue;
+        schema_complain(self, schema_find(self, bus, "start"),
+                        "start: 'tick' needs nodes with the same bits; %s has a clock, segments or "
+                        "delays of its own", config->nodes[i].name);
+        return;
+    }
 }
 
 /* The name is a part of a socket's path and of channels, so it has the letters of names of

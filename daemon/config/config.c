@@ -167,6 +167,7 @@ void cfg_bus_config(cw_bus_config *out, cw_node_config *nodes, const cfg *config
         .rule_count = (uint16_t)config->rule_count,
         .rule_room = (uint16_t)config->reply_count,
         .marks = cfg_has_clocks(config),
+        .start_at_tick = config->start == CFG_START_TICK,
         .nodes = nodes,
         .rules = config->rules,
         .protection_count = config->protection_count,

@@ -229,6 +229,12 @@ typedef enum cfg_termination {
     CFG_TERMINATION_NONE
 } cfg_termination;
 
+/* The first tick at which a frame for a bus at rest can begin. */
+typedef enum cfg_start {
+    CFG_START_BIT = 0, /* that of the next bit */
+    CFG_START_TICK     /* its own */
+} cfg_start;
+
 typedef enum cfg_pacing {
     CFG_PACING_PRECISE = 0,
     CFG_PACING_TICK,
@@ -355,6 +361,7 @@ typedef struct cfg {
     uint16_t dsample_permille;
     bool fd_non_iso;           /* FD frames have the format from before ISO 11898-1:2015 */
     uint64_t line_ps_per_m;    /* delay of a metre of line; default 5000 */
+    cfg_start start;
     cfg_termination termination; /* of which the ringing of the nodes has been made */
     uint64_t seed;
     size_t node_count;

@@ -254,6 +254,8 @@ static void load_read_root(schema *self, yaml_node_t *root, bool *is_profile, wa
         cfg_complete_virtual(self, root, walk->config);
     if (self->errors->errors == 0 && !*is_profile)
         cfg_check_limits(self, schema_find(self, root, "nodes"), false);
+    if (self->errors->errors == 0 && !*is_profile)
+        cfg_check_start(self, schema_find(self, root, "bus"));
 }
 
 /* Returns true when a configuration has all parts that its users rely on. */

@@ -25,6 +25,10 @@ schema_reader cfg_read_metrics;  /* metrics.c */
 /* Sets what the keys of the bus leave out. */
 void cfg_bus_presets(schema *self, cfg *config);
 
+/* Complains when frames are to begin at their ticks, and bits of nodes differ. The nodes are
+ * complete. */
+void cfg_check_start(schema *self, const yaml_node_t *bus);
+
 /* Gives a bus in virtual time what its keys do not say. All keys of the file have been read. */
 void cfg_complete_virtual(schema *self, yaml_node_t *root, cfg *config);
 

@@ -9,7 +9,7 @@
 
 #include <stdlib.h>
 
-/* Returns the tick of the first event of these kinds that has come already and is not known yet: a
+/* Returns the tick of the first event of these kinds that has come already and is not known yet. A
  * bit may have ended later than the time of a run. CW_NEVER without one. */
 static uint64_t first_kept(const embed_bus *b, uint32_t kinds)
 {
