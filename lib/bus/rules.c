@@ -153,5 +153,8 @@ cw_status cw_rule_get_stats(const cw_bus *bus, unsigned rule, cw_rule_stats *sta
     if (!cw_rules_has(&bus->rules, rule))
         return CW_INVALID;
     *stats = cw_rules_get_stats(&bus->rules, rule);
+    const unsigned ahead = cw_match_ahead(bus, rule);
+    stats->matches -= ahead;
+    stats->misses -= ahead;
     return CW_OK;
 }

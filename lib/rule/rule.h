@@ -404,6 +404,12 @@ static inline void cw_rules_forget_frame(cw_rule_set *set, unsigned node)
     set->known &= ~cw_node_bit(node) | set->always_known;
 }
 
+/* Returns true when the next frames of these nodes have been compared with the rules. */
+static inline bool cw_rules_know(const cw_rule_set *set, uint64_t nodes)
+{
+    return !set->stale && (nodes & ~set->known) == 0;
+}
+
 /* Returns those of some nodes whose next frame has not been compared with the rules yet. */
 uint64_t cw_rules_unknown(cw_rule_set *set, uint64_t nodes);
 
@@ -500,6 +506,13 @@ static inline bool cw_rules_count_off(cw_rule_set *set, unsigned node)
     s->to_pass--;
     s->matches++;
     return true;
+}
+
+/* Takes that back. */
+static inline void cw_rules_count_back(cw_rule_set *set, unsigned rule)
+{
+    set->rules[rule].to_pass++;
+    set->rules[rule].matches--;
 }
 
 /* Returns the CW_DEVIATES_* with which a frame is sent. source: as in cw_rules_count_queued(), not

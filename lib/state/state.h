@@ -205,6 +205,7 @@ typedef struct cw_frame_step {
     uint64_t listeners;
     uint64_t contenders;  /* nodes that began to transmit */
     uint64_t watched;     /* of these, those whose bits rules look at before the step ends */
+    uint16_t counted;     /* the rule whose match has been counted at SOF, or CW_NO_RULE */
     uint64_t undecided;   /* of these, those that have not lost yet and will */
     uint64_t hidden;      /* of these, those whose losses have been counted at SOF */
     uint64_t pinned;      /* of these, those whose offered slot has the frame that they began with;

@@ -160,7 +160,7 @@ static bool rules_let_pass(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
     if (step->look.bit != CW_NO_LOOK && !step->look.exact) {
-        if (cw_rules_count_off(&bus->rules, step->node) || cw_frame_step_consume_look(bus))
+        if (cw_frame_step_consume_look(bus))
             step->look.bit = CW_NO_LOOK;
         return step->look.bit == CW_NO_LOOK;
     }

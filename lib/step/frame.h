@@ -59,8 +59,16 @@ static inline const cw_frame *cw_next_frame(const cw_bus *bus, unsigned node)
     return cw_queue_at(q, cw_queue_first(q))->frame;
 }
 
+/* Compares the next frames of some nodes with the rules, where that has not been done. */
+void cw_watch_frames(cw_bus *bus, uint64_t nodes);
+
 /* Returns the subset of nodes for whose next frame a rule waits, see cw_rules_watched(). */
-uint64_t cw_find_watched(cw_bus *bus, uint64_t nodes, unsigned winner);
+static inline uint64_t cw_find_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
+{
+    if (!cw_rules_know(&bus->rules, nodes))
+        cw_watch_frames(bus, nodes);
+    return cw_rules_watched(&bus->rules, nodes, winner);
+}
 
 /* Returns true when a rule may act at or before the SOF of the next frames of watched nodes. */
 bool cw_rules_act_first(const cw_bus *bus, uint64_t nodes);

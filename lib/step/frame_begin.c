@@ -119,6 +119,7 @@ void cw_frame_step_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     step->listeners = bus->outlook.listeners;
     step->contenders = contenders;
     step->undecided = 0;
+    step->counted = CW_NO_RULE;
 }
 
 /* Lets all contenders begin to transmit; rules look at the frames of watched nodes. */
@@ -238,14 +239,28 @@ static bool rules_need_bits(cw_bus *bus, uint64_t watched)
     return watched && (at_work || cw_rules_act_first(bus, watched));
 }
 
+/* Counts the match of the only rule that looks at the frame, when it passes over it. Then no rule
+ * looks at the bits. */
+static void count_in_advance(cw_bus *bus)
+{
+    cw_frame_step *step = &bus->frame_step;
+    if (step->watched != cw_node_bit(step->node) || step->hit ||
+        !cw_rules_count_off(&bus->rules, step->node))
+        return;
+    step->counted = bus->rules.watcher[step->node];
+    step->watched = 0;
+}
+
 /* Begins a step with a frame that does not pass at once. */
 static void begin_step(cw_bus *bus, unsigned winner, uint64_t contenders, bool plain)
 {
-    const uint64_t self = cw_node_bit(winner), watched = bus->frame_step.watched;
-    const bool losses_seen = contenders != self && cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
+    const bool losses_seen = contenders != cw_node_bit(winner) &&
+                             cw_wants_event(bus, CW_EVENT_ARBITRATION_LOST);
     const bool improper = !plain && (bus->waiting & ~bus->outlook.orderly) &&
                           wins_improperly(bus, winner);
     cw_frame_step_prepare(bus, winner, contenders);
+    count_in_advance(bus);
+    const uint64_t self = cw_node_bit(winner), watched = bus->frame_step.watched;
     const bool rough = watched == self && !bus->frame_step.hit &&
                        cw_rules_stop_roughly(&bus->rules, winner);
     choose_frame(bus, (watched && !rough) || losses_seen || improper || bus->frame_step.at_work);

@@ -100,6 +100,8 @@ void cw_wake_controllers(cw_bus *bus)
     cw_clean_resume(bus);
     if (!step->active)
         return;
+    if (step->counted != CW_NO_RULE && cw_match_ahead(bus, step->counted))
+        cw_rules_count_back(&bus->rules, step->counted);
     step->active = false;
     cw_losses_show(bus);
     if (step->at > 0)

@@ -4,15 +4,16 @@
  */
 #include "step/frame.h"
 
+#include "format/bits.h"
+
 /* ---- Frames that wait ------------------------------------------------------------------------ */
 
-uint64_t cw_find_watched(cw_bus *bus, uint64_t nodes, unsigned winner)
+void cw_watch_frames(cw_bus *bus, uint64_t nodes)
 {
     for (uint64_t rest = cw_rules_unknown(&bus->rules, nodes); rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         cw_rules_watch(&bus->rules, i, cw_next_frame(bus, i));
     }
-    return cw_rules_watched(&bus->rules, nodes, winner);
 }
 
 bool cw_rules_act_first(const cw_bus *bus, uint64_t nodes)
@@ -38,6 +39,16 @@ static cw_frame_view view_loser(const cw_bus *bus, unsigned i)
                            .at = bus->frame_step.at,
                            .length = bus->frame_step.length,
                            .last = bus->frame_step.lost_at[i]};
+}
+
+bool cw_match_ahead(const cw_bus *bus, unsigned rule)
+{
+    const cw_frame_step *step = &bus->frame_step;
+    const cw_rule *r = &bus->rules.rules[rule].rule;
+    unsigned n;
+    cw_bits room;
+    return step->active && step->counted == rule &&
+           cw_bits_find(cw_frame_step_bits(bus, &room), &n, r->field, r->index) && step->at <= n;
 }
 
 cw_look cw_frame_step_next_look(const cw_bus *bus, unsigned from)

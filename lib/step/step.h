@@ -182,6 +182,9 @@ void cw_wake_controllers(cw_bus *bus);
 /* Returns the nodes whose losses have been counted beforehand and still lie ahead. */
 uint64_t cw_losses_ahead(const cw_bus *bus);
 
+/* Returns true when a match of a rule has been counted beforehand and still lies ahead. */
+bool cw_match_ahead(const cw_bus *bus, unsigned rule);
+
 /* Return, in a frame step, the recessive bits up to now and the bits until the next event. */
 uint64_t cw_frame_step_recessive_bits(const cw_bus *bus);
 uint64_t cw_frame_step_horizon(const cw_bus *bus);
