@@ -76,6 +76,20 @@ static bool at_own_place(const cw_rule_set *set, const cw_rule *rule, const cw_m
     return place.field == rule->field && place.index == rule->index;
 }
 
+/* Returns true when the transmitter is at the position in its frame. It walks its own bits, so it
+ * knows all places but the numbers of stuff bits. */
+static bool at_own_bit(const cw_rule *rule, const cw_mac *mac)
+{
+    unsigned n;
+    if (!cw_mac_own_bit(mac, &n))
+        return false;
+    if (rule->field == CW_FIELD_STUFF || rule->field == CW_FIELD_BIT)
+        return cw_bits_is_at(cw_mac_tx(mac), n, rule->field, rule->index);
+    const cw_place place = cw_mac_place(mac);
+    const bool stuff = place.stuff && place.field != CW_FIELD_FIXED_STUFF;
+    return !stuff && place.field == rule->field && place.index == rule->index;
+}
+
 /* Returns true in the index-th bit of the first flag of this attempt. */
 static bool in_flag(const cw_flag_watch *flag, unsigned index)
 {
@@ -86,7 +100,6 @@ static bool in_flag(const cw_flag_watch *flag, unsigned index)
  * is bound. */
 static bool is_reached(const cw_rule_set *set, const cw_rule *rule, const cw_mac *mac)
 {
-    unsigned n;
     switch (rule->field) {
     case CW_FIELD_ERROR_FLAG:
         return in_flag(set->bus.error_flag, rule->index);
@@ -123,7 +136,7 @@ static bool is_reached(const cw_rule_set *set, const cw_rule *rule, const cw_mac
     case CW_FIELD_COUNT:
         break;
     }
-    return cw_mac_own_bit(mac, &n) && cw_bits_is_at(cw_mac_tx(mac), n, rule->field, rule->index);
+    return at_own_bit(rule, mac);
 }
 
 /* Returns the nodes that share a wire with this one. */
