@@ -101,6 +101,18 @@ void cw_mac_go_to_point(cw_mac *m, const cw_mac *there)
         m->rx = there->rx;
 }
 
+/* Goes to the DLC of a frame at once, with all that the parts before it tell. Returns the number of
+ * bits before the DLC. */
+static unsigned enter_dlc(cw_mac *m, const cw_frame *frame, unsigned head)
+{
+    cw_frame *rx = cw_mac_rx(m);
+    rx->id = frame->id;
+    rx->flags = frame->flags & (CW_FRAME_EXTENDED | CW_FRAME_REMOTE);
+    m->part = CW_PART_DLC;
+    m->part_bits = CW_DLC_BITS;
+    return head - CW_DLC_BITS;
+}
+
 /* Walks to the u-th bit that is not a stuff bit, a part at a time. The parts before it have their
  * usual effects. */
 static void walk_to(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsigned u)
@@ -108,6 +120,9 @@ static void walk_to(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsig
     const cw_confinement counters = m->confinement;
     cw_mac_report unseen = {.what = 0};
     unsigned length;
+    const unsigned head = cw_frame_is_extended(frame) ? CW_EXTENDED_HEAD_BITS : CW_BASE_HEAD_BITS;
+    if (u >= head)
+        u -= enter_dlc(m, frame, head);
     for (; u >= (length = cw_mac_part_bits(m)); u -= length) {
         const cw_part part = (cw_part)m->part;
         if (part == CW_PART_CRC)
