@@ -56,10 +56,16 @@ static void run_due(cw_bus *bus)
              (nodes && bus->rules.awake_count));
 }
 
-/* Does this when there is something to run at this tick. */
+/* Returns true when there may be something to run at this tick. */
+static inline bool is_due(const cw_bus *bus)
+{
+    return cw_first_due(bus) <= cw_now(bus) || bus->pending || bus->rules.awake_count;
+}
+
+/* Runs it. */
 static void run_all_due(cw_bus *bus)
 {
-    if (cw_first_due(bus) <= cw_now(bus) || bus->pending || bus->rules.awake_count)
+    if (is_due(bus))
         run_due(bus);
 }
 
@@ -104,6 +110,22 @@ static bool starts_at_tick(cw_bus *bus)
     return true;
 }
 
+/* Goes on by equal bits, or by one bit. Other bits follow those of a flag at once, since no frame
+ * can begin there. */
+static void run_or_step(cw_bus *bus, uint64_t tick)
+{
+    unsigned held;
+    do {
+        held = cw_held_bits(bus);
+        const uint64_t bits = cw_run_reach(bus, held, tick);
+        if (bits == 0) {
+            step_bit(bus);
+            return;
+        }
+        cw_run_go(bus, bits, held ? CW_DOMINANT : CW_RECESSIVE);
+    } while (held && !is_due(bus) && cw_ring_has_room(bus) && cw_next_bit_fits(bus, tick));
+}
+
 /* Goes on by some bits, at least one. */
 static void bus_go_on(cw_bus *bus, uint64_t tick)
 {
@@ -116,12 +138,7 @@ static void bus_go_on(cw_bus *bus, uint64_t tick)
             cw_tt_look(bus);
         return;
     }
-    bool level = cw_held_level(bus);
-    uint64_t bits = cw_run_reach(bus, level, tick);
-    if (bits > 0)
-        cw_run_go(bus, bits, level);
-    else
-        step_bit(bus);
+    run_or_step(bus, tick);
 }
 
 /* Goes up to a tick, or stops when work and events reach `enough`; goes at least one bit. */
@@ -212,7 +229,7 @@ uint64_t cw_bus_rests_until(cw_bus *bus, uint64_t tick)
     if (tick <= cw_now(bus) || bus->pending || !cw_bus_idle(bus))
         return cw_now(bus);
     return cw_wire_tick(&bus->time, cw_is_off_grid(bus) ? cw_timed_rest_reach(bus, tick)
-                                                        : cw_run_reach(bus, CW_RECESSIVE, tick));
+                                                        : cw_run_reach(bus, 0, tick));
 }
 
 /* Events at the end of a bit show in that bit, so the last bit is left to be simulated. */
@@ -224,7 +241,7 @@ uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
         return cw_wire_tick(&bus->time, cw_frame_seen_alike(bus, tick));
     if (!cw_view_is_quiet(bus))
         return cw_now(bus);
-    uint64_t bits = cw_run_reach(bus, CW_RECESSIVE, tick);
+    uint64_t bits = cw_run_reach(bus, 0, tick);
     return bits > 1 ? cw_wire_tick(&bus->time, bits - 1) : cw_now(bus);
 }
 

@@ -412,17 +412,6 @@ static bool drive_frame(const cw_mac *m)
     return acknowledges ? CW_DOMINANT : CW_RECESSIVE;
 }
 
-bool cw_mac_in_dominant_flag(const cw_mac *m)
-{
-    return m->phase == CW_MAC_ERROR_ACTIVE || m->phase == CW_MAC_OVERLOAD_FLAG;
-}
-
-/* Returns true when the bus does not see the own level (M11, M15). */
-static bool is_hidden(const cw_mac *m)
-{
-    return m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK);
-}
-
 /* Returns the level that the phase asks for. Outside of frames only flags are dominant. */
 static bool drive_phase(const cw_mac *m)
 {
@@ -433,7 +422,7 @@ static bool drive_phase(const cw_mac *m)
 
 bool cw_mac_level(const cw_mac *m)
 {
-    return is_hidden(m) ? CW_RECESSIVE : drive_phase(m);
+    return cw_mac_is_hidden(m) ? CW_RECESSIVE : drive_phase(m);
 }
 
 /* Returns the level for the bus. The node's own view of it stays in `driven`, for modes that hide
@@ -444,7 +433,7 @@ static bool drive_on(cw_mac *m)
     if (m->fd)
         cw_mac_fd_update_esi(m);
     m->driven = drive_phase(m);
-    return is_hidden(m) ? CW_RECESSIVE : m->driven;
+    return cw_mac_is_hidden(m) ? CW_RECESSIVE : m->driven;
 }
 
 bool cw_mac_drive(cw_mac *m)
@@ -459,9 +448,9 @@ bool cw_mac_drives_on(cw_mac *m, bool level)
     return !cw_mac_can_start(m) && drive_on(m) == level;
 }
 
-bool cw_mac_holds_wire(const cw_mac *m)
+unsigned cw_mac_holds_wire(const cw_mac *m)
 {
-    return cw_mac_in_dominant_flag(m) && !is_hidden(m);
+    return cw_mac_in_dominant_flag(m) && !cw_mac_is_hidden(m) ? CW_FLAG_BITS - m->count : 0;
 }
 
 /* ---- Errors (E1..E9) and overload (O1, O2) --------------------------------------------------- */
@@ -1159,7 +1148,7 @@ static phase_handler *const sample_phase[CW_MAC_PHASE_COUNT] = {
 
 bool cw_mac_visible(const cw_mac *m, bool level)
 {
-    if (!is_hidden(m))
+    if (!cw_mac_is_hidden(m))
         return level;
     return m->driven && (level || (m->modes & CW_MODE_LOOPBACK));
 }

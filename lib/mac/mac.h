@@ -34,9 +34,9 @@ bool cw_mac_is_on_bus(const cw_mac *mac);
  * given up (one-shot); bus-off takes an offer back without a report. */
 bool cw_mac_force_error(cw_mac *mac);
 
-/* Returns a lower limit of the bits in which the controller keeps its level and reports nothing.
- * The wire has the given level in all of them. Returns 0 when the next bit must be simulated, and
- * CW_QUIET_FOREVER for any number of bits. */
+/* Returns a lower limit of the bits in which the controller reports nothing, and keeps its level
+ * but for the end of a flag. The wire has the given level in all of them. Returns 0 when the next
+ * bit must be simulated, and CW_QUIET_FOREVER for any number of bits. */
 uint64_t cw_mac_steady_bits(const cw_mac *mac, bool level);
 
 /* Takes that many bits at once; at most cw_mac_steady_bits(). */
@@ -154,8 +154,9 @@ bool cw_mac_level(const cw_mac *mac);
  * before that. Then it drives it from now on. */
 bool cw_mac_drives_on(cw_mac *mac, bool level);
 
-/* Returns true while the flag of the controller keeps the wire dominant. */
-bool cw_mac_holds_wire(const cw_mac *mac);
+/* Returns the bits in which a flag of the controller keeps the wire dominant, from the next one on;
+ * 0: none does. */
+unsigned cw_mac_holds_wire(const cw_mac *mac);
 
 /* Returns a lower limit of the bits until this controller ends something that a host sees (a frame,
  * a recovery), if no frame comes in. Returns CW_QUIET_FOREVER when the end does not depend on this

@@ -91,7 +91,16 @@ static inline bool cw_mac_sends(const cw_mac *mac)
 }
 
 /* Returns true while the controller sends an active error flag or an overload flag. */
-bool cw_mac_in_dominant_flag(const cw_mac *mac);
+static inline bool cw_mac_in_dominant_flag(const cw_mac *mac)
+{
+    return mac->phase == CW_MAC_ERROR_ACTIVE || mac->phase == CW_MAC_OVERLOAD_FLAG;
+}
+
+/* Returns true when the bus does not see the own level (M11, M15). */
+static inline bool cw_mac_is_hidden(const cw_mac *mac)
+{
+    return mac->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK);
+}
 
 /* Leaves the bus as after cw_mac_init(), until it has been idle for long enough (M10). */
 void cw_mac_integrate(cw_mac *mac);

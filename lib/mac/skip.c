@@ -18,8 +18,8 @@
  * level. */
 static bool sees(const cw_mac *m, bool level)
 {
-    cw_mac now = {.modes = m->modes, .driven = !cw_mac_in_dominant_flag(m)};
-    return cw_mac_visible(&now, level);
+    const cw_mac now = {.modes = m->modes, .driven = !cw_mac_in_dominant_flag(m)};
+    return cw_mac_is_hidden(m) ? cw_mac_visible(&now, level) : level;
 }
 
 /* Returns the equal bits that a passive flag has seen, if bits of this level continue them (E7). */
@@ -53,11 +53,22 @@ static uint64_t steady_frame_bits(const cw_mac *m, bool level)
     return cw_least(cw_mac_part_bits(m) - m->index - 1u, bits_to_stuff_bit(m, level));
 }
 
+#define TOLERATED_BITS 7u /* dominant bits behind a flag that move no counter (R6) */
+
 /* Returns the bits before a dominant bit that moves a counter (R2, R6). */
 static uint64_t tolerated_bits(const cw_mac *m)
 {
     bool first = m->count == 0 && m->phase == CW_MAC_ERROR_WAIT && !cw_mac_is_transmitter(m);
-    return first ? 0 : 7u - m->count % 8u;
+    return first ? 0 : TOLERATED_BITS - m->count % 8u;
+}
+
+/* Returns the same for a controller in a dominant flag. The flags of others may go on behind its
+ * own. One that is hidden sees only its own. */
+static uint64_t bits_of_flags(const cw_mac *m)
+{
+    const bool goes_on = (m->phase == CW_MAC_OVERLOAD_FLAG || cw_mac_is_transmitter(m)) &&
+                         !cw_mac_is_hidden(m);
+    return CW_FLAG_BITS - (uint64_t)m->count + (goes_on ? TOLERATED_BITS : 0);
 }
 
 /* Returns the bits to come, all of them dominant, in which the controller only counts and reports
@@ -76,7 +87,7 @@ static uint64_t steady_dominant_bits(const cw_mac *m)
         return steady_frame_bits(m, CW_DOMINANT);
     case CW_MAC_ERROR_ACTIVE:
     case CW_MAC_OVERLOAD_FLAG:
-        return CW_FLAG_BITS - (uint64_t)m->count;
+        return bits_of_flags(m);
     case CW_MAC_ERROR_PASSIVE:
         return m->ack_deferred ? 0 : CW_FLAG_BITS - (uint64_t)flag_bits(m, CW_DOMINANT);
     case CW_MAC_ERROR_WAIT:
@@ -170,7 +181,18 @@ static void skip_frame_bits(cw_mac *m, unsigned bits, bool level)
         cw_mac_take_bit(m, level);
 }
 
-/* Takes bits of a flag, up to so many in all. */
+/* Takes bits of a dominant flag, and dominant bits behind it. */
+static void skip_dominant_flag(cw_mac *m, unsigned bits)
+{
+    const unsigned count = m->count + bits;
+    m->count = (uint8_t)count;
+    if (count < CW_FLAG_BITS)
+        return;
+    cw_mac_end_flag(m);
+    m->count = (uint8_t)(count - CW_FLAG_BITS);
+}
+
+/* Takes bits of a passive flag, up to so many in all. */
 static void skip_flag(cw_mac *m, unsigned count, bool level)
 {
     m->count = (uint8_t)count;
@@ -261,7 +283,7 @@ void cw_mac_skip(cw_mac *m, uint64_t bits, bool level)
         break;
     case CW_MAC_ERROR_ACTIVE:
     case CW_MAC_OVERLOAD_FLAG:
-        skip_flag(m, m->count + (unsigned)bits, m->last);
+        skip_dominant_flag(m, (unsigned)bits);
         break;
     case CW_MAC_ERROR_WAIT:
     case CW_MAC_OVERLOAD_WAIT:

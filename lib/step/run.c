@@ -5,41 +5,60 @@
  */
 #include "step/step.h"
 
+#include "format/layout.h"
+
 /* ---- Reach ----------------------------------------------------------------------------------- */
 
-/* Returns true when some node has a frame that it may begin to send in the next bit. */
-static bool can_start(const cw_bus *bus)
+/* The flags that hold the wire dominant. */
+typedef struct flags {
+    unsigned least; /* bits to the end of the first one, ... */
+    unsigned most;  /* ... and of the last one */
+    bool error, overload; /* their kinds */
+} flags;
+
+/* Adds the flag of a controller, if there is one. */
+static void add_flag(flags *f, const cw_mac *m)
 {
-    uint64_t own = bus->waiting & ~bus->followers;
-    if (bus->waiting != own && cw_mac_can_start(&bus->common))
-        return true;
-    for (; own; own &= own - 1)
-        if (cw_mac_can_start(&bus->nodes[cw_lowest_node(own)].mac))
-            return true;
-    return false;
+    const unsigned bits = cw_mac_holds_wire(m);
+    if (bits == 0)
+        return;
+    f->least = bits < f->least ? bits : f->least;
+    f->most = bits > f->most ? bits : f->most;
+    f->error = f->error || m->phase == CW_MAC_ERROR_ACTIVE;
+    f->overload = f->overload || m->phase == CW_MAC_OVERLOAD_FLAG;
 }
 
-bool cw_held_level(const cw_bus *bus)
+unsigned cw_held_bits(const cw_bus *bus)
 {
-    bool held = bus->followers && cw_mac_holds_wire(&bus->common);
-    for (uint64_t rest = cw_single_nodes(bus); !held && rest; rest &= rest - 1)
-        held = cw_mac_holds_wire(&bus->nodes[cw_lowest_node(rest)].mac);
-    return held ? CW_DOMINANT : CW_RECESSIVE;
+    flags f = {.least = CW_FLAG_BITS};
+    if (bus->followers)
+        add_flag(&f, &bus->common);
+    for (uint64_t rest = cw_single_nodes(bus); rest; rest &= rest - 1)
+        add_flag(&f, &bus->nodes[cw_lowest_node(rest)].mac);
+    return f.error && f.overload ? f.least : f.most;
 }
 
-/* Returns the bits in which all controllers keep their levels and have nothing to report. */
+/* Returns the bits in which a controller has nothing to report, and which end its flag at most. */
+static uint64_t steady_bits_of(const cw_mac *m, bool level, bool waiting)
+{
+    return waiting && cw_mac_can_start(m) ? 0 : cw_mac_steady_bits(m, level);
+}
+
+/* Returns that for all controllers. */
 static uint64_t steady_bits(const cw_bus *bus, bool level)
 {
     uint64_t bits = CW_QUIET_FOREVER;
     if (bus->group_count > 1 && !level)
         return 0;
     if (bus->followers)
-        bits = cw_mac_steady_bits(&bus->common, level);
-    for (uint64_t rest = cw_single_nodes(bus); bits > 0 && rest; rest &= rest - 1)
-        bits = cw_least(bits, cw_mac_steady_bits(&bus->nodes[cw_lowest_node(rest)].mac, level));
+        bits = steady_bits_of(&bus->common, level, bus->waiting & bus->followers);
+    for (uint64_t rest = cw_single_nodes(bus); bits > 0 && rest; rest &= rest - 1) {
+        const unsigned i = cw_lowest_node(rest);
+        bits = cw_least(bits, steady_bits_of(&bus->nodes[i].mac, level, bus->waiting >> i & 1u));
+    }
     if (bus->dozing && level == CW_DOMINANT)
         bits = cw_least(bits, cw_doze_bits(bus));
-    return bits > 0 && can_start(bus) ? 0 : bits;
+    return bits;
 }
 
 /* A frame that comes within a bit changes nothing before the next bit, unless rules look at it, or
@@ -51,21 +70,33 @@ static uint64_t bits_up_to_inbox(const cw_bus *bus)
                                                         : cw_wire_bits_until(&bus->time, tick);
 }
 
-uint64_t cw_run_reach(cw_bus *bus, bool level, uint64_t tick)
+/* Returns how many of some bits pass up to a tick, and before something is due or comes in. For few
+ * bits it mostly takes no division. */
+static uint64_t bits_that_fit(const cw_bus *bus, uint64_t bits, uint64_t tick)
 {
-    const unsigned touch = cw_rules_touch(&bus->rules);
-    if ((touch & CW_TOUCH_MORE) || (level == CW_DOMINANT && (touch & CW_TOUCH_DOMINANT)))
-        return 0;
-    uint64_t bits = steady_bits(bus, level);
-    if (bits == 0)
-        return 0;
+    if (bits <= CW_FRAME_BITS_MIN) {
+        const uint64_t end = cw_wire_tick(&bus->time, bits);
+        if (end <= tick && end <= cw_first_due(bus))
+            return bits;
+    }
     bits = cw_least(bits, cw_wire_bits_to(&bus->time, tick));
     bits = cw_least(bits, bits_up_to_inbox(bus));
     bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->node_due));
-    bits = cw_least(bits, cw_wire_bits_until(&bus->time, bus->rules.next_due));
-    if (bus->rules.awake_count == 0)
-        return bits;
-    return cw_rules_keep_quiet(&bus->rules, bits, false);
+    return cw_least(bits, cw_wire_bits_until(&bus->time, bus->rules.next_due));
+}
+
+uint64_t cw_run_reach(cw_bus *bus, unsigned held, uint64_t tick)
+{
+    const unsigned touch = cw_rules_touch(&bus->rules);
+    if ((touch & CW_TOUCH_MORE) || (held && (touch & CW_TOUCH_DOMINANT)))
+        return 0;
+    uint64_t bits = steady_bits(bus, held ? CW_DOMINANT : CW_RECESSIVE);
+    if (held)
+        bits = cw_least(bits, held);
+    if (bits == 0)
+        return 0;
+    bits = bits_that_fit(bus, bits, tick);
+    return bus->rules.awake_count ? cw_rules_keep_quiet(&bus->rules, bits, false) : bits;
 }
 
 /* ---- Going ----------------------------------------------------------------------------------- */

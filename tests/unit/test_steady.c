@@ -39,11 +39,11 @@ static void assert_same(const cw_mac *a, const cw_mac *b)
 /* Takes so many bits of a level one by one, all of them steadily; returns their number. */
 static uint64_t take_one_by_one(cw_mac *m, bool level, uint64_t bits)
 {
-    const bool holds = cw_mac_holds_wire(m);
+    const unsigned holds = cw_mac_holds_wire(m);
     cw_mac_report report;
     for (uint64_t n = 0; n < bits; n++) {
         bool driven = cw_mac_drive(m);
-        assert_int_equal(driven, holds ? CW_DOMINANT : CW_RECESSIVE);
+        assert_int_equal(driven, n < holds ? CW_DOMINANT : CW_RECESSIVE);
         cw_mac_sample(m, level, &report);
         assert_int_equal(report.what, 0);
     }
