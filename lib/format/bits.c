@@ -216,7 +216,8 @@ static bool find_fixed(const cw_bits *bits, unsigned *n, unsigned index)
     return *n < bits->length - CW_FD_TAIL_BITS;
 }
 
-bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned index)
+bool cw_bits_find_among(const cw_bits *bits, const cw_stuffing *stuffing, unsigned *n,
+                        cw_field field, unsigned index)
 {
     *n = index;
     if (field == CW_FIELD_BIT)
@@ -231,9 +232,18 @@ bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned ind
     const cw_form form = cw_bits_form(bits);
     if (!find_unstuffed(&u, cw_bits_is_extended(bits), &form, field, index))
         return false;
-    const cw_stuffing stuffing = cw_bits_stuffing(bits);
-    *n = cw_wire_index(&stuffing, u);
+    cw_stuffing found;
+    if (!stuffing) {
+        found = cw_bits_stuffing(bits);
+        stuffing = &found;
+    }
+    *n = cw_wire_index(stuffing, u);
     return true;
+}
+
+bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned index)
+{
+    return cw_bits_find_among(bits, NULL, n, field, index);
 }
 
 bool cw_bits_is_fast(const cw_bits *bits, unsigned n)

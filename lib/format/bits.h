@@ -27,6 +27,10 @@ unsigned cw_wire_index(const cw_stuffing *stuffing, unsigned u);
 /* Finds the wire bit at a position. Returns false when the frame has none. */
 bool cw_bits_find(const cw_bits *bits, unsigned *n, cw_field field, unsigned index);
 
+/* Does the same where the stuff bits of the frame are known; NULL: they are not. */
+bool cw_bits_find_among(const cw_bits *bits, const cw_stuffing *stuffing, unsigned *n,
+                        cw_field field, unsigned index);
+
 /* Does the same without the frame's bits, for fields that do not depend on stuff bits. *n is the
  * bit without stuff bits before it, so at or before the wire bit. */
 bool cw_frame_find(const cw_frame *frame, unsigned *n, cw_field field, unsigned index);

@@ -448,11 +448,6 @@ bool cw_mac_drives_on(cw_mac *m, bool level)
     return !cw_mac_can_start(m) && drive_on(m) == level;
 }
 
-unsigned cw_mac_holds_wire(const cw_mac *m)
-{
-    return cw_mac_in_dominant_flag(m) && !cw_mac_is_hidden(m) ? CW_FLAG_BITS - m->count : 0;
-}
-
 /* ---- Errors (E1..E9) and overload (O1, O2) --------------------------------------------------- */
 
 /* Gives up the frame of an attempt that has failed (M13, L1). */

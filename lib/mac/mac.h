@@ -5,6 +5,7 @@
 #ifndef CANWIRE_MAC_H
 #define CANWIRE_MAC_H
 
+#include "format/bits.h"
 #include "format/frame.h"
 #include "format/parts.h"
 #include "time/rate.h"
@@ -156,7 +157,12 @@ bool cw_mac_drives_on(cw_mac *mac, bool level);
 
 /* Returns the bits in which a flag of the controller keeps the wire dominant, from the next one on;
  * 0: none does. */
-unsigned cw_mac_holds_wire(const cw_mac *mac);
+static inline unsigned cw_mac_holds_wire(const cw_mac *mac)
+{
+    const bool flag = mac->phase == CW_MAC_ERROR_ACTIVE || mac->phase == CW_MAC_OVERLOAD_FLAG;
+    return flag && !(mac->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_LOOPBACK))
+               ? CW_FLAG_BITS - mac->count : 0;
+}
 
 /* Returns a lower limit of the bits until this controller ends something that a host sees (a frame,
  * a recovery), if no frame comes in. Returns CW_QUIET_FOREVER when the end does not depend on this
@@ -178,7 +184,8 @@ void cw_mac_go_to_point(cw_mac *mac, const cw_mac *there);
 
 /* Moves a controller to the point of an idle receiver after n wire bits of a frame without errors,
  * n at least 1. After the frame comes its intermission. The ACK slot was dominant. */
-void cw_mac_go_into_frame(cw_mac *mac, const cw_frame *frame, const cw_bits *bits, unsigned n);
+void cw_mac_go_into_frame(cw_mac *mac, const cw_frame *frame, const cw_bits *bits,
+                          const cw_stuffing *stuffing, unsigned n);
 
 /* Moves an idle controller, or one in the intermission, to the intermission of the next frame. The
  * frame had no errors. That many bits of its intermission have passed. */

@@ -200,7 +200,8 @@ static void replay(cw_mac *m, const cw_bits *bits, unsigned n)
     m->confinement = counters;
 }
 
-void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsigned n)
+void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits,
+                          const cw_stuffing *stuffing, unsigned n)
 {
     cw_mac_begin_frame(m, CW_ROLE_RECEIVER);
     if (n == 0)
@@ -214,13 +215,12 @@ void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits,
         replay(m, bits, n);
         return;
     }
-    const cw_stuffing stuffing = cw_bits_stuffing(bits);
-    const unsigned u = n - cw_bitset_count_upto(stuffing.set, n - 1);
+    const unsigned u = n - cw_bitset_count_upto(stuffing->set, n - 1);
     m->may_join = n == 1;
     m->crc_error = false;
     m->shift = 0;
     walk_to(m, frame, bits, u);
-    shift_in(m, bits, &stuffing, n, u);
+    shift_in(m, bits, stuffing, n, u);
     count_run(m, bits, n);
 }
 

@@ -18,8 +18,10 @@
  * level. */
 static bool sees(const cw_mac *m, bool level)
 {
+    if (!cw_mac_is_hidden(m))
+        return level;
     const cw_mac now = {.modes = m->modes, .driven = !cw_mac_in_dominant_flag(m)};
-    return cw_mac_is_hidden(m) ? cw_mac_visible(&now, level) : level;
+    return cw_mac_visible(&now, level);
 }
 
 /* Returns the equal bits that a passive flag has seen, if bits of this level continue them (E7). */

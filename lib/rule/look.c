@@ -176,7 +176,8 @@ static bool find_bit(const cw_frame_view *view, unsigned *n, const cw_rule *r)
     }
     if (!view->bits)
         return cw_frame_find(view->frame, n, r->field, r->index);
-    return cw_bits_find(view->bits, n, r->field, r->index) && *n <= view->last;
+    return cw_bits_find_among(view->bits, view->stuffing, n, r->field, r->index) &&
+           *n <= view->last;
 }
 
 /* Adds the look of one rule at a transmission, unless it lies before `from` or after one that has
@@ -232,6 +233,8 @@ static bool consume_frame(cw_rule_set *set, const cw_look *look, const cw_frame_
     const cw_rule *r = &set->rules[look->rule].rule;
     uint64_t end = cw_wire_tick(set->bus.time, view->length);
     unsigned n;
+    if (set->rules[look->rule].open)
+        return cw_rule_passes_over(set, look->rule, cw_rules_now(set), cw_rules_bit_end(set));
     if (r->time_begin > cw_rules_now(set) || r->time_end < end)
         return false; /* the result depends on the bit */
     return !cw_frame_find(view->frame, &n, r->field, r->index) ||

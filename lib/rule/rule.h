@@ -24,6 +24,7 @@
 #define CANWIRE_RULE_H
 
 #include "canwire.h"
+#include "format/bits.h"
 #include "format/bitset.h"
 #include "format/frame.h"
 #include "rule/action.h"
@@ -430,6 +431,7 @@ bool cw_rules_act_at_start(const cw_rule_set *set, unsigned node, const cw_frame
 typedef struct cw_frame_view {
     const cw_frame *frame;
     const cw_bits *bits; /* NULL: not encoded */
+    const cw_stuffing *stuffing; /* of the bits, or NULL: not known */
     uint8_t node;        /* the transmitter */
     uint16_t at;         /* bits that have passed */
     uint16_t length;     /* of the frame that wins arbitration, SOF to EOF */

@@ -200,6 +200,7 @@ typedef struct cw_frame_step {
     uint8_t after_ack;    /* of these, behind the bit in which it is acknowledged */
     cw_fast_part fast;    /* the bits at the data rate, if any */
     const cw_bits *bits;  /* NULL: not encoded, see cw_frame_step_bits() */
+    cw_stuffing stuffing; /* of the bits */
     cw_frame frame;       /* the frame of the bits; at the end the queue may have another one in
                              that slot */
     uint64_t listeners;

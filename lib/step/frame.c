@@ -193,7 +193,7 @@ static void find_bits(cw_bus *bus)
     cw_bus_node *n = &bus->nodes[bus->frame_step.node];
     if (!n->mac.offered)
         cw_offer_slot(n, n->offered_slot);
-    bus->frame_step.bits = cw_mac_tx(&n->mac);
+    cw_frame_step_know(&bus->frame_step, cw_mac_tx(&n->mac));
     bus->frame_step.look = cw_frame_step_next_look(bus, 0);
 }
 

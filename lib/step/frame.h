@@ -42,6 +42,13 @@ static inline unsigned cw_frame_step_acknowledged(const cw_frame_step *step)
     return step->length - step->after_ack;
 }
 
+/* Notes the bits of the frame. */
+static inline void cw_frame_step_know(cw_frame_step *step, const cw_bits *bits)
+{
+    step->bits = bits;
+    step->stuffing = cw_bits_stuffing(bits);
+}
+
 /* Returns the bits of the frame on the wire. Encodes them into *room when the step does not have
  * them. */
 static inline const cw_bits *cw_frame_step_bits(const cw_bus *bus, cw_bits *room)
@@ -49,6 +56,16 @@ static inline const cw_bits *cw_frame_step_bits(const cw_bus *bus, cw_bits *room
     if (bus->frame_step.bits)
         return bus->frame_step.bits;
     (void)cw_bits_encode(room, &bus->frame_step.frame);
+    return room;
+}
+
+/* Returns their stuff bits. Finds them into *room when the step does not have them. */
+static inline const cw_stuffing *cw_frame_step_stuffing(const cw_bus *bus, cw_stuffing *room)
+{
+    cw_bits bits;
+    if (bus->frame_step.bits)
+        return &bus->frame_step.stuffing;
+    *room = cw_bits_stuffing(cw_frame_step_bits(bus, &bits));
     return room;
 }
 
@@ -79,8 +96,9 @@ cw_look cw_frame_step_next_look(const cw_bus *bus, unsigned from);
 /* Returns the frame on its way, as rules look at it. */
 static inline cw_frame_view cw_frame_step_view(const cw_frame_step *step)
 {
-    return (cw_frame_view){.frame = &step->frame, .bits = step->bits, .node = step->node,
-                           .at = step->at, .length = step->length, .last = CW_NOT_LOST};
+    return (cw_frame_view){.frame = &step->frame, .bits = step->bits,
+                           .stuffing = &step->stuffing, .node = step->node, .at = step->at,
+                           .length = step->length, .last = CW_NOT_LOST};
 }
 
 /* Decides the look of the step. Returns true when the match is counted and is not a hit. */

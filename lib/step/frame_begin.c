@@ -98,7 +98,10 @@ static void choose_frame(cw_bus *bus, bool bits)
     else
         cw_pin_first(n);
     const cw_queue_slot *slot = cw_queue_at(&n->queue, n->offered_slot);
-    step->bits = bits ? cw_mac_tx(&n->mac) : NULL;
+    if (bits)
+        cw_frame_step_know(step, cw_mac_tx(&n->mac));
+    else
+        step->bits = NULL;
     step->length = slot->wire_bits;
     cw_frame_copy(&step->frame, slot->frame);
 }
@@ -192,9 +195,8 @@ __attribute__((noinline)) static bool wins_improperly(cw_bus *bus, unsigned winn
 static void find_won(cw_frame_step *step)
 {
     const bool extended = cw_frame_is_extended(&step->frame);
-    const cw_stuffing stuffing = cw_bits_stuffing(step->bits);
     const unsigned end = extended ? CW_EXTENDED_ARBITRATION_END : CW_BASE_ARBITRATION_END;
-    step->won_at = (uint8_t)(cw_wire_index(&stuffing, end - 1) + 1u);
+    step->won_at = (uint8_t)(cw_wire_index(&step->stuffing, end - 1) + 1u);
 }
 
 /* Notes the SOF for all that see it, and the start of the slots' frames. */

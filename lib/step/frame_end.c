@@ -20,11 +20,12 @@ typedef struct points {
 static void find_point(cw_mac *m, cw_fd_part *fd, const cw_bus *bus, unsigned protocol)
 {
     cw_bits room;
+    cw_stuffing found;
     const bool knows_fd = (protocol & CW_PROTOCOL_MASK) == CW_FD;
     cw_mac_init(m, 0, CW_REC_MAX);
     (void)cw_mac_set_protocol(m, protocol, knows_fd ? fd : NULL);
     cw_mac_go_into_frame(m, &bus->frame_step.frame, cw_frame_step_bits(bus, &room),
-                         bus->frame_step.at);
+                         cw_frame_step_stuffing(bus, &found), bus->frame_step.at);
 }
 
 /* Returns the point for a controller. */

@@ -79,6 +79,7 @@ static void begin_seen(cw_bus *bus, unsigned i)
     bus->frame_step.fast.to = 0;
     cw_frame_step_prepare(bus, i, cw_node_bit(i));
     bus->frame_step.bits = cw_mac_tx(&n->mac);
+    bus->frame_step.stuffing = bus->frame_seen.stuffing;
     bus->frame_step.length = slot->wire_bits;
     bus->frame_step.at = bus->frame_seen.at;
     bus->frame_step.seen = true;

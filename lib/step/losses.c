@@ -12,15 +12,15 @@
 
 /* The frame on the wire, to which the contenders lose. */
 typedef struct victor {
-    cw_stuffing stuffing;
+    cw_stuffing room;
+    const cw_stuffing *stuffing;
     uint32_t key;
 } victor;
 
 /* Finds what the losers need to know of the frame on the wire. */
 static void find_victor(victor *v, const cw_bus *bus)
 {
-    cw_bits room;
-    v->stuffing = cw_bits_stuffing(cw_frame_step_bits(bus, &room));
+    v->stuffing = cw_frame_step_stuffing(bus, &v->room);
     v->key = cw_arbitration_key(&bus->frame_step.frame);
 }
 
@@ -47,7 +47,7 @@ static void find_loss(cw_bus *bus, unsigned i, const victor *v)
 {
     cw_frame_step *step = &bus->frame_step;
     step->lost_bit[i] = (uint8_t)find_lost_bit(bus, i, v);
-    step->lost_at[i] = (uint8_t)cw_wire_index(&v->stuffing, 1u + step->lost_bit[i]);
+    step->lost_at[i] = (uint8_t)cw_wire_index(v->stuffing, 1u + step->lost_bit[i]);
     if (!(step->pinned >> i & 1u))
         cw_pin_first(&bus->nodes[i]);
     step->pinned |= cw_node_bit(i);
@@ -130,7 +130,7 @@ uint64_t cw_losses_ahead(const cw_bus *bus)
     find_victor(&v, bus);
     for (uint64_t rest = step->hidden; rest; rest &= rest - 1) {
         unsigned bit = find_lost_bit(bus, cw_lowest_node(rest), &v);
-        if (cw_wire_index(&v.stuffing, 1u + bit) >= step->at)
+        if (cw_wire_index(v.stuffing, 1u + bit) >= step->at)
             ahead |= rest & (~rest + 1);
     }
     return ahead;

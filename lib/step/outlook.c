@@ -47,6 +47,16 @@ static void count_node(cw_outlook *outlook, const cw_bus_node *n, bool has_boxes
         outlook->counting |= self;
 }
 
+/* Returns true for an idle node without anything rare. It is in all sets of such nodes, so that it
+ * is not asked for each of them. */
+static inline bool is_usual(const cw_bus_node *n)
+{
+    const cw_mac *m = &n->mac;
+    return m->phase == CW_MAC_IDLE && m->modes == 0 && !m->no_ack && !m->fd &&
+           n->queue.mode == CW_ORDER_PRIORITY && m->overloads_wanted == 0 &&
+           m->reported_state == m->confinement.state;
+}
+
 /* Returns true when frames need nothing that is rare. Rules that come awake and frames that rules
  * hold back are left out, since they change without a call: see cw_frame_step_begin(). */
 static bool lacks_rarities(const cw_bus *bus, const cw_outlook *outlook)
@@ -77,12 +87,22 @@ static uint64_t find_plain(const cw_bus *bus, const cw_outlook *outlook)
 static cw_outlook look_around(const cw_bus *bus)
 {
     cw_outlook outlook = {.valid = true, .calm = true};
+    uint64_t usual = 0, counting = 0;
     for (unsigned i = 0; i < bus->node_count; i++) {
-        const cw_mac *m = &bus->nodes[i].mac;
-        outlook.calm = outlook.calm && is_calm(m);
-        count_node(&outlook, &bus->nodes[i], bus->buffers && bus->buffers[i].boxes,
-                   cw_node_bit(i));
+        const cw_bus_node *n = &bus->nodes[i];
+        if (!bus->buffers && is_usual(n)) {
+            usual |= cw_node_bit(i);
+            counting |= n->mac.confinement.rec > 0 ? cw_node_bit(i) : 0;
+            continue;
+        }
+        outlook.calm = outlook.calm && is_calm(&n->mac);
+        count_node(&outlook, n, bus->buffers && bus->buffers[i].boxes, cw_node_bit(i));
     }
+    outlook.listeners |= usual;
+    outlook.senders |= usual;
+    outlook.orderly |= usual;
+    outlook.acknowledgers |= usual;
+    outlook.counting |= counting;
     outlook.plain = find_plain(bus, &outlook);
     return outlook;
 }

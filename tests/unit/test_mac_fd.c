@@ -183,7 +183,8 @@ TEST(a_sender_between_the_ack_bits_is_acknowledged)
     const cw_bits bits = *cw_mac_tx(&n->mac);
     const unsigned second = at(n, CW_FIELD_ACK_SLOT, 1);
     for (unsigned from = second - 1; from <= second + 1; from++) {
-        cw_mac_go_into_frame(&n->mac, &fd_frame, &bits, from);
+        const cw_stuffing stuffing = cw_bits_stuffing(&bits);
+        cw_mac_go_into_frame(&n->mac, &fd_frame, &bits, &stuffing, from);
         cw_mac_become_transmitter(&n->mac, from);
         n->what = 0;
         for (unsigned i = from; i < bits.length; i++) {

@@ -3,6 +3,7 @@
  * test_point.c - a controller put into the middle of a frame is where a receiver comes by its bits.
  */
 #include "cases.h"
+#include "format/bits.h"
 #include "mac/mac.h"
 
 #define FRAMES 2000
@@ -70,7 +71,8 @@ TEST(a_point_in_a_frame_is_where_its_bits_lead_to)
         for (unsigned n = 1; n <= bits.length + 2u; n++) {
             cw_mac placed = idle_receiver();
             take(&stepped, &bits, n - 1);
-            cw_mac_go_into_frame(&placed, &frame, &bits, n);
+            const cw_stuffing stuffing = cw_bits_stuffing(&bits);
+            cw_mac_go_into_frame(&placed, &frame, &bits, &stuffing, n);
             assert_same_point(&placed, &stepped, &bits, n);
         }
     }

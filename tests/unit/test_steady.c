@@ -4,6 +4,7 @@
  * one. It neither drives nor reports anything new in them.
  */
 #include "cases.h"
+#include "format/bits.h"
 #include "mac/mac.h"
 
 #define WALKS 4000
@@ -234,7 +235,8 @@ TEST(controllers_at_one_point_stay_together)
         begin_fd(&b, &b_part, CW_FD);
         take_bits(&a, &before, before.length + 3u);
         const unsigned n = 1 + (unsigned)draw(&seed) % (bits.length - 1u);
-        cw_mac_go_into_frame(&b, &frame, &bits, n);
+        const cw_stuffing stuffing = cw_bits_stuffing(&bits);
+        cw_mac_go_into_frame(&b, &frame, &bits, &stuffing, n);
         cw_mac_go_to_point(&a, &b);
         for (unsigned k = n; k < bits.length; k++) {
             cw_mac_report report;
