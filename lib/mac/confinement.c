@@ -20,6 +20,13 @@ static void update_state(cw_confinement *c)
         c->state = CW_STATE_ERROR_ACTIVE;
 }
 
+/* Does that when a counter has fallen: from error active no state is better. */
+static inline void improve_state(cw_confinement *c)
+{
+    if (c->state != CW_STATE_ERROR_ACTIVE)
+        update_state(c);
+}
+
 void cw_confinement_set(cw_confinement *c, unsigned tec, unsigned rec)
 {
     c->tec = (uint16_t)tec;
@@ -61,7 +68,7 @@ void cw_confinement_tx_success(cw_confinement *c)
     if (c->frozen || c->tec == 0)
         return;
     c->tec--;
-    update_state(c);
+    improve_state(c);
 }
 
 void cw_confinement_rx_success(cw_confinement *c)
@@ -69,5 +76,5 @@ void cw_confinement_rx_success(cw_confinement *c)
     if (c->frozen || c->rec == 0)
         return;
     c->rec = (uint16_t)(c->rec >= CW_PASSIVE_LIMIT ? REC_AFTER_PASSIVE : c->rec - 1u);
-    update_state(c);
+    improve_state(c);
 }

@@ -145,25 +145,26 @@ static void walk_to(cw_mac *m, const cw_frame *frame, const cw_bits *bits, unsig
         memcpy(cw_mac_rx(m)->data, frame->data, u / 8);
 }
 
-/* Shifts in the bits of the present part. In a part that the CRC covers, also computes the CRC up
- * to there. */
-static void shift_in(cw_mac *m, const cw_bits *bits, const cw_stuffing *stuffing, unsigned n,
-                     unsigned u)
+/* Shifts in the bits of the present part, the last one first. */
+static void shift_in(cw_mac *m, const cw_bits *bits, const cw_stuffing *stuffing, unsigned n)
 {
-    const bool in_crc = cw_mac_part_is(m, CW_PART_IN_CRC);
-    const unsigned first = u - m->index; /* bit of the part */
-    unsigned k = in_crc ? 0 : first;
-    if (!in_crc)
-        m->crc = (uint16_t)bits->crc;
-    for (unsigned wire = in_crc ? 0 : cw_wire_index(stuffing, first); wire < n; wire++) {
-        bool level = cw_bits_level(bits, wire);
-        if (cw_bitset_get(stuffing->set, wire))
+    for (unsigned k = 0; k < m->index; n--) {
+        if (cw_bitset_get(stuffing->set, n - 1))
             continue;
-        if (in_crc)
-            m->crc = cw_crc15_next(m->crc, level);
-        if (k++ >= first)
-            m->shift = m->shift << 1 | level;
+        if (k < 32)
+            m->shift |= (uint32_t)cw_bits_level(bits, n - 1) << k;
+        k++;
     }
+}
+
+/* Finds the CRC after the first n wire bits. */
+static uint16_t find_crc(const cw_bits *bits, const cw_stuffing *stuffing, unsigned n)
+{
+    uint16_t crc = 0;
+    for (unsigned wire = 0; wire < n; wire++)
+        if (!cw_bitset_get(stuffing->set, wire))
+            crc = cw_crc15_next(crc, cw_bits_level(bits, wire));
+    return crc;
 }
 
 /* Counts the equal levels in a row at the end of the first n wire bits, as far as those are
@@ -220,7 +221,9 @@ void cw_mac_go_into_frame(cw_mac *m, const cw_frame *frame, const cw_bits *bits,
     m->crc_error = false;
     m->shift = 0;
     walk_to(m, frame, bits, u);
-    shift_in(m, bits, stuffing, n, u);
+    shift_in(m, bits, stuffing, n);
+    m->crc = cw_mac_part_is(m, CW_PART_IN_CRC) ? find_crc(bits, stuffing, n)
+                                               : (uint16_t)bits->crc;
     count_run(m, bits, n);
 }
 

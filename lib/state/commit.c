@@ -208,22 +208,24 @@ static void commit_asleep(cw_bus *bus, unsigned i, const cw_mac_report *r)
     cw_report_state(bus, i);
 }
 
-void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
+#define BEFORE_ERROR                                                                               \
+    (CW_REPORT_STARTED | CW_REPORT_DROPPED | CW_REPORT_ARBITRATION_LOST | CW_REPORT_ARBITRATION_WON)
+
+/* Commits what comes before the error of a report. The frame that bus-off takes back stays in the
+ * queue; the restart drops it with all others. */
+static void commit_before_error(cw_bus *bus, unsigned i, const cw_mac_report *r)
 {
-    if (bus->asleep >> i & 1u) {
-        commit_asleep(bus, i, r);
-        return;
-    }
-    cw_note_report(bus, i, r);
-    /* the frame that bus-off takes back stays in the queue; the restart drops it with all others */
     if ((r->what & CW_REPORT_DROPPED) && r->why == CW_DROP_ONE_SHOT)
         commit_given_up(bus, i);
     if (r->what & CW_REPORT_ARBITRATION_LOST)
         cw_report_arbitration_lost(bus, i, r->lost_bit);
     if (r->what & CW_REPORT_ARBITRATION_WON)
         cw_order_check(bus, i);
-    if (r->what & CW_REPORT_ERROR)
-        report_error(bus, i, &r->error, r->fast);
+}
+
+/* Commits what comes behind the error. */
+static void commit_rest(cw_bus *bus, unsigned i, const cw_mac_report *r)
+{
     if (r->what & CW_REPORT_TOLERATED)
         cw_push_node_event(bus, CW_EVENT_TOLERATED, i)->error = r->error;
     if (r->what & CW_REPORT_OVERLOAD) {
@@ -240,6 +242,21 @@ void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
     }
     if (r->what & CW_REPORT_SLEEP)
         cw_sleep_settle(bus, i);
+}
+
+void cw_commit_node(cw_bus *bus, unsigned i, const cw_mac_report *r)
+{
+    if (bus->asleep >> i & 1u) {
+        commit_asleep(bus, i, r);
+        return;
+    }
+    cw_note_report(bus, i, r);
+    if (r->what & BEFORE_ERROR)
+        commit_before_error(bus, i, r);
+    if (r->what & CW_REPORT_ERROR)
+        report_error(bus, i, &r->error, r->fast);
+    if (r->what & ~(BEFORE_ERROR | CW_REPORT_ERROR))
+        commit_rest(bus, i, r);
     cw_report_state(bus, i);
 }
 

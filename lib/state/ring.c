@@ -224,13 +224,27 @@ cw_event *cw_push_node_event(cw_bus *bus, cw_event_kind kind, unsigned i)
     return e;
 }
 
+/* Does so for the hit of a rule. */
+static __attribute__((noinline)) void insert_fault(cw_bus *bus, unsigned rule, uint32_t hit,
+                                                   uint64_t tick)
+{
+    const cw_event event = {.kind = CW_EVENT_FAULT, .tick = tick, .rule = (uint16_t)rule,
+                            .hit = hit};
+    (void)ring_insert(bus, &event);
+}
+
 void cw_push_fault(cw_bus *bus, unsigned rule, uint64_t tick)
 {
-    const cw_event event = {.kind = CW_EVENT_FAULT,
-                            .tick = tick,
-                            .rule = (uint16_t)rule,
-                            .hit = (uint32_t)bus->rules.rules[rule].hits};
-    (void)ring_insert(bus, &event);
+    const uint32_t hit = (uint32_t)bus->rules.rules[rule].hits;
+    const bool last = bus->ring.count == 0 || bus->ring.newest_tick < tick;
+    cw_event *added = last && cw_wants_event(bus, CW_EVENT_FAULT)
+                          ? append(bus, CW_EVENT_FAULT, tick, 0) : NULL;
+    if (added) {
+        added->rule = (uint16_t)rule;
+        added->hit = hit;
+    } else {
+        insert_fault(bus, rule, hit, tick);
+    }
     bus->stats.faults++;
 }
 

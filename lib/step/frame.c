@@ -244,6 +244,10 @@ static void frame_go_on(cw_bus *bus, uint64_t tick)
     cw_frame_step_run_moment(bus);
     if (step->at == step->length + CW_INTERMISSION_BITS)
         cw_frame_step_end_slot(bus);
+    else if (step->at == step->look.bit && step->at != frame_end_of(step) &&
+             !cw_frame_step_is_broken(bus) && bus->rules.awake_count == 0 && !bus->pending &&
+             cw_first_due(bus) > cw_now(bus) && cw_next_bit_fits(bus, tick))
+        look_at_stop(bus);
 }
 
 /* A new step has begun when the caller can change something. */

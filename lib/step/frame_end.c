@@ -51,7 +51,7 @@ static void go_to_point(points *p, const cw_bus *bus, cw_mac *m)
 static void resume_sending(cw_bus *bus, unsigned i, points *p)
 {
     cw_bus_node *n = &bus->nodes[i];
-    cw_leave(bus, cw_node_bit(i));
+    bus->followers &= ~cw_node_bit(i);
     n->mac.phase = CW_MAC_IDLE; /* so that the controller takes an offer */
     if (!n->mac.offered && bus->frame_step.at < bus->frame_step.length)
         cw_offer_slot(n, n->offered_slot);
