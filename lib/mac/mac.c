@@ -141,16 +141,9 @@ bool cw_mac_is_sending(const cw_mac *m)
     return cw_mac_sends(m);
 }
 
-/* Returns true when the controller sends no frames of its own (M11, D19). */
-static bool only_receives(const cw_mac *m)
-{
-    return m->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED);
-}
-
 bool cw_mac_can_start(const cw_mac *m)
 {
-    bool free = m->phase == CW_MAC_IDLE || (m->phase == CW_MAC_FRAME && m->may_join);
-    return free && !only_receives(m);
+    return cw_mac_may_start(m);
 }
 
 void cw_mac_encode(cw_mac *m, const cw_frame *frame, unsigned inverted)
@@ -163,7 +156,7 @@ void cw_mac_encode(cw_mac *m, const cw_frame *frame, unsigned inverted)
 
 cw_status cw_mac_offer(cw_mac *m, const cw_frame *frame)
 {
-    if (is_bus_off(m) || cw_mac_is_sending(m) || only_receives(m))
+    if (is_bus_off(m) || cw_mac_is_sending(m) || cw_mac_only_receives(m))
         return CW_REFUSED;
     if (!cw_mac_knows(m, frame))
         return CW_INVALID;

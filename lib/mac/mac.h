@@ -128,6 +128,19 @@ bool cw_mac_compares_late(const cw_mac *mac);
  * sample point, as long as the data phase lasts (D13). */
 void cw_mac_note_late_error(cw_mac *mac, cw_error_type error);
 
+/* Returns true when the controller sends no frames of its own (M11, D19). */
+static inline bool cw_mac_only_receives(const cw_mac *mac)
+{
+    return mac->modes & (CW_MODE_LISTEN_ONLY | CW_MODE_RESTRICTED);
+}
+
+/* Does the same as cw_mac_can_start(). */
+static inline bool cw_mac_may_start(const cw_mac *mac)
+{
+    const bool free = mac->phase == CW_MAC_IDLE || (mac->phase == CW_MAC_FRAME && mac->may_join);
+    return free && !cw_mac_only_receives(mac);
+}
+
 /* Returns the wire bits of the offered frame. */
 static inline const cw_bits *cw_mac_tx(const cw_mac *mac)
 {

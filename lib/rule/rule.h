@@ -510,7 +510,17 @@ static inline bool cw_rules_count_off(cw_rule_set *set, unsigned node)
     return true;
 }
 
-/* Takes that back. */
+/* Returns true when the only rule that waits for the frame of a node is sure to have a hit in it,
+ * if it is sent to its end. */
+static inline bool cw_rules_hit_surely(const cw_rule_set *set, unsigned node)
+{
+    if (!(set->counting >> node & 1u))
+        return false;
+    const cw_rule_state *s = &set->rules[set->watcher[node]];
+    return s->to_pass == 0 && s->rule.probability == UINT64_MAX;
+}
+
+/* Takes back what cw_rules_count_off() has counted. */
 static inline void cw_rules_count_back(cw_rule_set *set, unsigned rule)
 {
     set->rules[rule].to_pass++;

@@ -79,8 +79,10 @@ void cw_commit_rx_tx(cw_bus *bus, const cw_rx_tx *pair)
     if (n->mac.confinement.tec == 0)
         return;
     cw_confinement_tx_success(&n->mac.confinement);
-    n->mac.reported_state = n->mac.confinement.state;
     pair->tx->tec = n->mac.confinement.tec;
+    if (n->mac.reported_state == n->mac.confinement.state)
+        return;
+    n->mac.reported_state = n->mac.confinement.state;
     cw_report_state(bus, i);
 }
 

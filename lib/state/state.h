@@ -191,6 +191,7 @@ typedef struct cw_frame_step {
     bool active;
     bool at_work;         /* rules act on the levels of its bits */
     bool hit;             /* a rule may hit a bit of the frame, so the step needs all its bits */
+    bool sure;            /* ... and the only look at one is a hit */
     bool seen;            /* traces look at its bits, see step/frame_seen.c */
     uint8_t node;         /* the transmitter */
     uint8_t tail;         /* last bits, up to the intermission, that pass one by one */

@@ -79,14 +79,14 @@ static void note_start(cw_bus *bus, unsigned i)
 static uint64_t drive_all(cw_bus *bus)
 {
     uint64_t levels = UINT64_MAX;
-    if (bus->followers && cw_mac_can_start(&bus->common))
+    if (bus->followers && cw_mac_may_start(&bus->common))
         cw_leave(bus, bus->waiting);
     if (bus->followers && cw_mac_drive(&bus->common) == CW_DOMINANT)
         levels &= ~bus->followers;
     for (uint64_t rest = bus->all & ~bus->followers; rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
         cw_bus_node *n = &bus->nodes[i];
-        if (n->queue.count > 0 && cw_mac_can_start(&n->mac)) {
+        if (n->queue.count > 0 && cw_mac_may_start(&n->mac)) {
             cw_mailboxes_load(bus, i);
             cw_offer_first(n);
         }

@@ -159,6 +159,8 @@ static bool goes_straight_to_look(const cw_bus *bus)
 static bool rules_let_pass(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
+    if (step->sure)
+        return false;
     if (step->look.bit != CW_NO_LOOK && !step->look.exact) {
         if (cw_frame_step_consume_look(bus))
             step->look.bit = CW_NO_LOOK;
@@ -206,7 +208,8 @@ static void look_at_stop(cw_bus *bus)
         return;
     }
     /* noise first: a rule that lets the bit pass has counted it, so the bit must pass then */
-    if (!cw_frame_step_is_noise_free(bus, 1) || !cw_frame_step_consume_look(bus))
+    if (!cw_frame_step_is_noise_free(bus, 1) || bus->frame_step.sure ||
+        !cw_frame_step_consume_look(bus))
         cw_wake_controllers(bus);
     else
         bus->frame_step.look = cw_frame_step_next_look(bus, bus->frame_step.at + 1u);

@@ -123,6 +123,7 @@ void cw_frame_step_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     step->contenders = contenders;
     step->undecided = 0;
     step->counted = CW_NO_RULE;
+    step->sure = false;
 }
 
 /* Lets all contenders begin to transmit; rules look at the frames of watched nodes. */
@@ -246,8 +247,10 @@ static bool rules_need_bits(cw_bus *bus, uint64_t watched)
 static void count_in_advance(cw_bus *bus)
 {
     cw_frame_step *step = &bus->frame_step;
-    if (step->watched != cw_node_bit(step->node) || step->hit ||
-        !cw_rules_count_off(&bus->rules, step->node))
+    if (step->watched != cw_node_bit(step->node))
+        return;
+    step->sure = cw_rules_hit_surely(&bus->rules, step->node);
+    if (step->hit || step->sure || !cw_rules_count_off(&bus->rules, step->node))
         return;
     step->counted = bus->rules.watcher[step->node];
     step->watched = 0;

@@ -14,8 +14,10 @@ void cw_frame_step_lower_counters(cw_bus *bus)
         unsigned i = cw_lowest_node(rest);
         cw_mac *m = &bus->nodes[i].mac;
         cw_confinement_rx_success(&m->confinement);
-        m->reported_state = m->confinement.state;
-        cw_report_state(bus, i);
+        if (m->reported_state != m->confinement.state) {
+            m->reported_state = m->confinement.state;
+            cw_report_state(bus, i);
+        }
         if (m->confinement.rec == 0)
             bus->outlook.counting &= ~cw_node_bit(i);
     }

@@ -11,6 +11,7 @@ static __attribute__((noinline)) bool rule_lets_whole_pass(cw_bus *bus, unsigned
     const cw_look look = {.rule = bus->rules.watcher[winner]};
     const cw_frame_view view = {.frame = frame, .length = bus->frame_step.length};
     bool passes = cw_rules_stop_roughly(&bus->rules, winner) &&
+                  !cw_rules_hit_surely(&bus->rules, winner) &&
                   cw_rules_consume(&bus->rules, 0, &look, &view);
     bus->frame_step.hit = !passes;
     return passes;

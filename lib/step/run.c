@@ -41,7 +41,7 @@ unsigned cw_held_bits(const cw_bus *bus)
 /* Returns the bits in which a controller has nothing to report, and which end its flag at most. */
 static uint64_t steady_bits_of(const cw_mac *m, bool level, bool waiting)
 {
-    return waiting && cw_mac_can_start(m) ? 0 : cw_mac_steady_bits(m, level);
+    return waiting && cw_mac_may_start(m) ? 0 : cw_mac_steady_bits(m, level);
 }
 
 /* Returns that for all controllers. */
