@@ -114,16 +114,16 @@ static bool starts_at_tick(cw_bus *bus)
  * can begin there. */
 static void run_or_step(cw_bus *bus, uint64_t tick)
 {
-    unsigned held;
+    cw_held held;
     do {
-        held = cw_held_bits(bus);
-        const uint64_t bits = cw_run_reach(bus, held, tick);
+        held = cw_find_held(bus);
+        const uint64_t bits = cw_run_reach(bus, &held, tick);
         if (bits == 0) {
             step_bit(bus);
             return;
         }
-        cw_run_go(bus, bits, held ? CW_DOMINANT : CW_RECESSIVE);
-    } while (held && !is_due(bus) && cw_ring_has_room(bus) && cw_next_bit_fits(bus, tick));
+        cw_run_go(bus, bits, &held);
+    } while (held.bits && !is_due(bus) && cw_ring_has_room(bus) && cw_next_bit_fits(bus, tick));
 }
 
 /* Goes on by some bits, at least one. */
@@ -224,12 +224,19 @@ void cw_bus_set_watching(cw_bus *bus, bool watching)
         cw_wake_controllers(bus);
 }
 
+/* Returns the bits up to a tick in which the wire stays recessive, and nothing happens. */
+static uint64_t quiet_bits(cw_bus *bus, uint64_t tick)
+{
+    const cw_held none = {.bits = 0};
+    return cw_run_reach(bus, &none, tick);
+}
+
 uint64_t cw_bus_rests_until(cw_bus *bus, uint64_t tick)
 {
     if (tick <= cw_now(bus) || bus->pending || !cw_bus_idle(bus))
         return cw_now(bus);
     return cw_wire_tick(&bus->time, cw_is_off_grid(bus) ? cw_timed_rest_reach(bus, tick)
-                                                        : cw_run_reach(bus, 0, tick));
+                                                        : quiet_bits(bus, tick));
 }
 
 /* Events at the end of a bit show in that bit, so the last bit is left to be simulated. */
@@ -241,7 +248,7 @@ uint64_t cw_bus_quiet_until(cw_bus *bus, uint64_t tick)
         return cw_wire_tick(&bus->time, cw_frame_seen_alike(bus, tick));
     if (!cw_view_is_quiet(bus))
         return cw_now(bus);
-    uint64_t bits = cw_run_reach(bus, 0, tick);
+    uint64_t bits = quiet_bits(bus, tick);
     return bits > 1 ? cw_wire_tick(&bus->time, bits - 1) : cw_now(bus);
 }
 

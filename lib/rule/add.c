@@ -58,7 +58,7 @@ static void count_kinds(cw_rule_set *set)
             set->copies += s->rule.number;
     }
     set->hand_in_rules = set->host_rules + (set->protection_count > 0);
-    set->stale = true;
+    cw_rules_forget_all(set);
 }
 
 /* Returns true when each frame has the bit: longer frames have it when the shortest ones have

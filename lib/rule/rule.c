@@ -35,7 +35,8 @@ void cw_rule_count_hit(cw_rule_set *set, unsigned rule, uint64_t reported)
     cw_rule_state *s = cw_rule_at(set, rule);
     s->hits++;
     s->last_hit = reported;
-    set->stale = set->stale || cw_rule_is_over(s);
+    if (cw_rule_is_over(s))
+        cw_rules_forget_all(set);
     cw_rule_arm_followers(set, rule, reported);
 }
 

@@ -399,6 +399,13 @@ static inline bool cw_rules_wait_for_frames(const cw_rule_set *set)
     return set->key_count + set->wildcard_count > 0;
 }
 
+/* Notes that rules have changed: no frame has been compared with them. */
+static inline void cw_rules_forget_all(cw_rule_set *set)
+{
+    set->stale = true;
+    set->known = set->always_known = 0;
+}
+
 /* Notes that the next frame of a node may have changed. */
 static inline void cw_rules_forget_frame(cw_rule_set *set, unsigned node)
 {
@@ -408,7 +415,7 @@ static inline void cw_rules_forget_frame(cw_rule_set *set, unsigned node)
 /* Returns true when the next frames of these nodes have been compared with the rules. */
 static inline bool cw_rules_know(const cw_rule_set *set, uint64_t nodes)
 {
-    return !set->stale && (nodes & ~set->known) == 0;
+    return (nodes & ~set->known) == 0;
 }
 
 /* Returns those of some nodes whose next frame has not been compared with the rules yet. */

@@ -236,10 +236,12 @@ static uint64_t find_contenders(cw_bus *bus, bool plain, unsigned *winner)
 /* Returns true when rules must see the bits of the next frame one by one. */
 static bool rules_need_bits(cw_bus *bus, uint64_t watched)
 {
-    if (bus->frame_step.fast.to != 0 && (watched || bus->rules.awake_count))
-        return true;
+    if (bus->frame_step.fast.to != 0)
+        return watched || bus->rules.awake_count;
+    if (watched == 0)
+        return false;
     const bool at_work = cw_rules_touch(&bus->rules) & CW_TOUCH_LEVELS;
-    return watched && (at_work || cw_rules_act_first(bus, watched));
+    return at_work || ((watched & bus->rules.early) && cw_rules_act_first(bus, watched));
 }
 
 /* Counts the match of the only rule that looks at the frame, when it passes over it. Then no rule

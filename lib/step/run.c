@@ -28,14 +28,16 @@ static void add_flag(flags *f, const cw_mac *m)
     f->overload = f->overload || m->phase == CW_MAC_OVERLOAD_FLAG;
 }
 
-unsigned cw_held_bits(const cw_bus *bus)
+cw_held cw_find_held(const cw_bus *bus)
 {
     flags f = {.least = CW_FLAG_BITS};
     if (bus->followers)
         add_flag(&f, &bus->common);
     for (uint64_t rest = cw_single_nodes(bus); rest; rest &= rest - 1)
         add_flag(&f, &bus->nodes[cw_lowest_node(rest)].mac);
-    return f.error && f.overload ? f.least : f.most;
+    const bool errors = f.error && !f.overload; /* passive flags change nothing of what is seen */
+    return (cw_held){.bits = f.error && f.overload ? f.least : f.most,
+                     .view = errors ? CW_WIRE_BUSY | CW_WIRE_ERROR : 0};
 }
 
 /* Returns the bits in which a controller has nothing to report, and which end its flag at most. */
@@ -85,14 +87,14 @@ static uint64_t bits_that_fit(const cw_bus *bus, uint64_t bits, uint64_t tick)
     return cw_least(bits, cw_wire_bits_until(&bus->time, bus->rules.next_due));
 }
 
-uint64_t cw_run_reach(cw_bus *bus, unsigned held, uint64_t tick)
+uint64_t cw_run_reach(cw_bus *bus, const cw_held *held, uint64_t tick)
 {
     const unsigned touch = cw_rules_touch(&bus->rules);
-    if ((touch & CW_TOUCH_MORE) || (held && (touch & CW_TOUCH_DOMINANT)))
+    if ((touch & CW_TOUCH_MORE) || (held->bits && (touch & CW_TOUCH_DOMINANT)))
         return 0;
-    uint64_t bits = steady_bits(bus, held ? CW_DOMINANT : CW_RECESSIVE);
-    if (held)
-        bits = cw_least(bits, held);
+    uint64_t bits = steady_bits(bus, held->bits ? CW_DOMINANT : CW_RECESSIVE);
+    if (held->bits)
+        bits = cw_least(bits, held->bits);
     if (bits == 0)
         return 0;
     bits = bits_that_fit(bus, bits, tick);
@@ -102,26 +104,29 @@ uint64_t cw_run_reach(cw_bus *bus, unsigned held, uint64_t tick)
 /* ---- Going ----------------------------------------------------------------------------------- */
 
 /* Skips bits of a controller. A new phase invalidates the outlook: the node may start, or be at the
- * point of the others. */
-static void skip(cw_bus *bus, cw_mac *m, uint64_t bits, bool level)
+ * point of the others. Returns true when there is one. */
+static bool skip(cw_bus *bus, cw_mac *m, uint64_t bits, bool level)
 {
     const unsigned phase = m->phase;
     cw_mac_skip(m, bits, level);
-    if (m->phase != phase)
-        cw_outlook_forget(bus);
+    if (m->phase == phase)
+        return false;
+    cw_outlook_forget(bus);
+    return true;
 }
 
-void cw_run_go(cw_bus *bus, uint64_t bits, bool level)
+void cw_run_go(cw_bus *bus, uint64_t bits, const cw_held *held)
 {
-    cw_watch_wire(bus, bits);
+    const bool level = held->bits ? CW_DOMINANT : CW_RECESSIVE;
+    cw_watch_view(bus, held->view ? held->view : cw_view_wire(bus), bits);
     if (bus->rules.awake_count)
         (void)cw_rules_consume(&bus->rules, bits, NULL, NULL);
     if (bus->followers)
-        skip(bus, &bus->common, bits, level);
+        (void)skip(bus, &bus->common, bits, level);
     for (uint64_t rest = cw_single_nodes(bus); rest; rest &= rest - 1) {
         unsigned i = cw_lowest_node(rest);
-        skip(bus, &bus->nodes[i].mac, bits, level);
-        cw_join(bus, i);
+        if (skip(bus, &bus->nodes[i].mac, bits, level))
+            cw_join(bus, i);
     }
     if (bus->dozing)
         (void)cw_doze(bus, level ? UINT64_MAX : 0, bits);

@@ -117,16 +117,21 @@ void cw_timed_take_over(cw_bus *bus, const cw_bus *old, const uint8_t *from);
 
 /* ---- run.c ----------------------------------------------------------------------------------- */
 
-/* Returns the bits in which flags hold the wire dominant, all of them of the same kind. Returns 0
- * when the wire is recessive as long as no node changes its own level. */
-unsigned cw_held_bits(const cw_bus *bus);
+/* The flags on the wire. */
+typedef struct cw_held {
+    unsigned bits; /* in which flags hold the wire dominant, all of them of the same kind; 0: the
+                      wire is recessive as long as no node changes its own level */
+    unsigned view; /* cw_view_wire() in all of these, or 0 when it is not known */
+} cw_held;
+
+cw_held cw_find_held(const cw_bus *bus);
 
 /* Returns the bits up to tick in which the wire keeps its level, no controller does anything new,
- * and nothing comes in. held: cw_held_bits(). Returns 0 when the next bit must be simulated. */
-uint64_t cw_run_reach(cw_bus *bus, unsigned held, uint64_t tick);
+ * and nothing comes in. Returns 0 when the next bit must be simulated. */
+uint64_t cw_run_reach(cw_bus *bus, const cw_held *held, uint64_t tick);
 
 /* Takes that many bits at once. */
-void cw_run_go(cw_bus *bus, uint64_t bits, bool level);
+void cw_run_go(cw_bus *bus, uint64_t bits, const cw_held *held);
 
 /* ---- frame*.c -------------------------------------------------------------------------------- */
 
