@@ -215,6 +215,15 @@ static void look_at_stop(cw_bus *bus)
         bus->frame_step.look = cw_frame_step_next_look(bus, bus->frame_step.at + 1u);
 }
 
+/* Returns true when the stop before the next bit can be looked at without a return to the caller:
+ * it would find nothing to do, and go on with this bit. */
+static bool stops_at_once(const cw_bus *bus, uint64_t tick)
+{
+    return bus->frame_step.at != frame_end_of(&bus->frame_step) &&
+           !cw_frame_step_is_broken(bus) && bus->rules.awake_count == 0 && !bus->pending &&
+           cw_first_due(bus) > cw_now(bus) && cw_next_bit_fits(bus, tick) && cw_ring_has_room(bus);
+}
+
 /* Goes on to the next moment of the frame, up to a tick. Ends the step where single bits are
  * needed. */
 static void frame_go_on(cw_bus *bus, uint64_t tick)
@@ -247,9 +256,7 @@ static void frame_go_on(cw_bus *bus, uint64_t tick)
     cw_frame_step_run_moment(bus);
     if (step->at == step->length + CW_INTERMISSION_BITS)
         cw_frame_step_end_slot(bus);
-    else if (step->at == step->look.bit && step->at != frame_end_of(step) &&
-             !cw_frame_step_is_broken(bus) && bus->rules.awake_count == 0 && !bus->pending &&
-             cw_first_due(bus) > cw_now(bus) && cw_next_bit_fits(bus, tick))
+    else if (step->at == step->look.bit && stops_at_once(bus, tick))
         look_at_stop(bus);
 }
 
