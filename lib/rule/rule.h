@@ -517,8 +517,8 @@ static inline bool cw_rules_count_off(cw_rule_set *set, unsigned node)
     return true;
 }
 
-/* Returns true when the only rule that waits for the frame of a node is sure to have a hit in it,
- * if it is sent to its end. */
+/* Returns true when one rule waits for the frame of a node and is sure to have a hit in it. The
+ * frame must be sent up to that bit. */
 static inline bool cw_rules_hit_surely(const cw_rule_set *set, unsigned node)
 {
     if (!(set->counting >> node & 1u))

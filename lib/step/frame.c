@@ -215,8 +215,8 @@ static void look_at_stop(cw_bus *bus)
         bus->frame_step.look = cw_frame_step_next_look(bus, bus->frame_step.at + 1u);
 }
 
-/* Returns true when the stop before the next bit can be looked at without a return to the caller:
- * it would find nothing to do, and go on with this bit. */
+/* Returns true when the stop before the next bit can be looked at before the step returns. The
+ * caller would find nothing to do, and go on with this bit. */
 static bool stops_at_once(const cw_bus *bus, uint64_t tick)
 {
     return bus->frame_step.at != frame_end_of(&bus->frame_step) &&

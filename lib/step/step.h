@@ -124,6 +124,7 @@ typedef struct cw_held {
     unsigned view; /* cw_view_wire() in all of these, or 0 when it is not known */
 } cw_held;
 
+/* Finds them. */
 cw_held cw_find_held(const cw_bus *bus);
 
 /* Returns the bits up to tick in which the wire keeps its level, no controller does anything new,
