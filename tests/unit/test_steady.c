@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * test_steady.c - a controller that takes several bits at once reaches the same state as one by
- * one. It neither drives nor reports anything new in them.
+ * one. It reports nothing in them, and its level changes only where its flag ends.
  */
 #include "cases.h"
 #include "format/bits.h"
