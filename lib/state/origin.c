@@ -125,24 +125,53 @@ static uint32_t winning_can_id(const cw_bus *bus, uint64_t nodes)
     return winner;
 }
 
-/* Returns true for a sender of a frame that others still see in part. A few bits after its end they
- * may not know of it: its error flag was passive, or is not yet six bits long. */
-static bool is_attempt(const cw_bus *bus, unsigned i)
+/* Returns those of some nodes whose frames have begun with that of one of them, less than a bit
+ * before or after it. */
+static uint64_t begun_with(const cw_bus *bus, uint64_t nodes, unsigned one)
 {
-    return is_at_frame(bus, i) || (has_just_stopped(bus, i) && bus->starts[i].end != CW_END_SENT);
+    const uint64_t bit = cw_rate_ticks(cw_wire_rate(&bus->time), 1);
+    const uint64_t begin = bus->starts[one].tick;
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        const uint64_t tick = bus->starts[cw_lowest_node(rest)].tick;
+        if (tick + bit <= begin || begin + bit <= tick)
+            nodes &= ~(rest & (~rest + 1));
+    }
+    return nodes;
 }
 
-/* Returns the nodes whose frame a node sees in part when it finds an error inside of a frame. A
- * dominant pulse that it has taken for a SOF is no frame of any node. */
-static uint64_t find_attempts(const cw_bus *bus, unsigned i)
+/* Returns that of some nodes, at least one, whose frame has begun first, or last. */
+static unsigned find_begun(const cw_bus *bus, uint64_t nodes, bool first)
 {
-    uint64_t nodes = 0;
+    unsigned found = cw_lowest_node(nodes);
+    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+        const unsigned i = cw_lowest_node(rest);
+        if (first ? bus->starts[i].tick < bus->starts[found].tick
+                  : bus->starts[i].tick > bus->starts[found].tick)
+            found = i;
+    }
+    return found;
+}
+
+/* Returns the nodes whose frame a node sees in part when it finds an error inside of a frame. They
+ * send it, or have been stopped a few bits ago: others may not know of it yet, since their flag is
+ * passive or not six bits long. One that sends over the frame of another one has begun later. A
+ * dominant pulse that is taken for a SOF is no frame of any node. */
+static uint64_t find_attempts(const cw_bus *bus, unsigned i, bool own)
+{
+    uint64_t sending = 0, stopped = 0;
     if (bus->nodes[i].mac.modes & CW_MODE_LOOPBACK)
         return cw_node_bit(i);
-    for (uint64_t rest = bus->all & cw_nodes_on_wire_of(bus, i); rest; rest &= rest - 1)
-        if (is_attempt(bus, cw_lowest_node(rest)))
-            nodes |= rest & (~rest + 1);
-    return nodes;
+    for (uint64_t rest = bus->all & cw_nodes_on_wire_of(bus, i); rest; rest &= rest - 1) {
+        const unsigned k = cw_lowest_node(rest);
+        if (is_at_frame(bus, k))
+            sending |= cw_node_bit(k);
+        else if (has_just_stopped(bus, k) && bus->starts[k].end != CW_END_SENT)
+            stopped |= cw_node_bit(k);
+    }
+    if (own)
+        return begun_with(bus, sending | stopped | cw_node_bit(i), i);
+    const uint64_t nodes = sending ? sending : stopped;
+    return nodes ? begun_with(bus, nodes, find_begun(bus, nodes, sending)) : 0;
 }
 
 void cw_find_error_frame(cw_bus *bus, unsigned i, cw_event *e)
@@ -153,7 +182,7 @@ void cw_find_error_frame(cw_bus *bus, unsigned i, cw_event *e)
     if (field >= CW_FIELD_OVERLOAD_FLAG || field == CW_FIELD_NONE)
         *last = (cw_error_frame){0};
     else if (field < CW_FIELD_INTERMISSION) {
-        last->from = find_attempts(bus, i);
+        last->from = find_attempts(bus, i, own);
         last->can_id = own ? sent_can_id(bus, i) : winning_can_id(bus, last->from);
     }
     e->from = last->from;

@@ -112,6 +112,7 @@ void cw_frame_step_prepare(cw_bus *bus, unsigned winner, uint64_t contenders)
     step->active = true;
     step->seen = false;
     step->node = (uint8_t)winner;
+    bus->starts[winner].tick = cw_now(bus);
     step->tail = (uint8_t)find_tail(bus, winner);
     step->hidden = 0;
     step->next_loss = UINT8_MAX;
