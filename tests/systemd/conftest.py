@@ -39,6 +39,18 @@ def systemctl(*words, status=0):
     return run("systemctl", *words, status=status)
 
 
+def checked(*words, status=0):
+    """Returns the line of `canwire status --check`. It gives systemctl 5 s to answer. A loaded guest
+    may need longer: then it is asked again."""
+    while True:
+        done = subprocess.run(["canwire", "status", "--check", *words], capture_output=True,
+                              text=True, check=False)
+        if "no answer within 5 s" not in done.stdout + done.stderr:
+            break
+    assert done.returncode == status, (words, done.stdout + done.stderr)
+    return done.stdout + done.stderr if status else done.stdout
+
+
 def links():
     return set(os.listdir("/sys/class/net"))
 

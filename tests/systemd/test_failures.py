@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from conftest import (PAIR, PATIENCE_S, ROOT, Bus, Frame, can_socket, links, run, systemctl,
-                      wait_until)
+from conftest import (PAIR, PATIENCE_S, ROOT, Bus, Frame, can_socket, checked, links, run,
+                      systemctl, wait_until)
 from readme import SYSTEM, Reader, blocks_of, build_sudo
 from scrape import ask
 
@@ -88,13 +88,13 @@ def test_monitoring_names_failed_units(new):
     good, bad = new("good"), new("bad", lambda text: text.replace("500000", "500k"))
     systemctl("reset-failed")  # some may be left by other tests
     good.start()
-    assert run("canwire", "status", "--check").startswith("CANWIRE OK - ")
+    assert checked().startswith("CANWIRE OK - ")
     systemctl("start", bad.unit, status=1)
-    line = run("canwire", "status", "--check", status=2)
+    line = checked(status=2)
     assert line.startswith("CANWIRE CRITICAL - good: load ") and f"; {bad.unit} has failed" in line
-    line = run("canwire", "status", "--check", "bad", "--wait", "0ms", status=2)
+    line = checked("bad", "--wait", "0ms", status=2)
     assert f"; {bad.unit} has failed" in line
-    assert run("canwire", "status", "--check", "good").startswith("CANWIRE OK - ")
+    assert checked("good").startswith("CANWIRE OK - ")
 
 
 def test_a_real_can0_that_is_missing_is_waited_for(new):
@@ -102,7 +102,7 @@ def test_a_real_can0_that_is_missing_is_waited_for(new):
     bus.start()
     assert "mp0" in links() and "can0" not in links()
     assert systemctl("show", "-P", "ActiveState", bus.vcan_unit).strip() == "active"
-    assert "b link missing" in run("canwire", "status", "--check", "mp", status=1)
+    assert "b link missing" in checked("mp", status=1)
 
 
 def test_a_path_that_can_never_be_made_fails_at_once(new):
@@ -148,7 +148,7 @@ def test_a_port_that_is_missing_is_tried_again(new):
     wait_until(lambda: int(bus.show("NRestarts")) > 0, "another try")
     assert bus.show("ActiveState") in ("activating", "inactive")
     assert bus.unit not in failed_units()
-    line = run("canwire", "status", "--check", status=2)
+    line = checked(status=2)
     assert f"{bus.unit} has failed and is tried again" in line
     wait_until(lambda: bus.show("ExecMainStatus") == "75", "an end")
     why = re.compile(r"(Trying again after: )?/etc/canwire/late\.yaml:[56]:\d+: node [ab]: port "

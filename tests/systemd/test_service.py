@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from conftest import (FRAME, RMEM_MAX, RMEM_MAX_DEFAULT, ROOT, can_socket, drop_in, links, run,
-                      systemctl, wait_until)
+from conftest import (FRAME, RMEM_MAX, RMEM_MAX_DEFAULT, ROOT, can_socket, checked, drop_in,
+                      links, run, systemctl, wait_until)
 
 CONFIGS = Path("/etc/canwire")
 EXPOSURE_MAX = 1.5  # of 10
@@ -368,11 +368,11 @@ def test_the_target_is_for_all_buses(bus):
 @pytest.mark.deep
 def test_monitoring(bus):
     one = bus("watched")
-    assert run("canwire", "status", "--check", one.name).startswith("CANWIRE OK - watched: ")
+    assert checked(one.name).startswith("CANWIRE OK - watched: ")
     run("ip", "link", "set", "watched1", "down")
-    assert "b link down" in run("canwire", "status", "--check", one.name, status=1)
+    assert "b link down" in checked(one.name, status=1)
     systemctl("stop", one.unit)
-    assert "CRITICAL" in run("canwire", "status", "--check", one.name, "--wait", "0ms", status=2)
+    assert "CRITICAL" in checked(one.name, "--wait", "0ms", status=2)
 
 
 def test_real_time_is_a_drop_in(bus):

@@ -125,6 +125,22 @@ TEST(defaults_are_set)
     assert_int_equal(config->catch_up.ns, 1000000000);
 }
 
+TEST(lcm_urls_may_leave_the_address_to_liblcm)
+{
+    static const char *const urls[] = {"udpm://", "udpm://?ttl=1", "udpm://239.255.76.67?ttl=0",
+                                       "mpudpm://", "tcpq://", "tcpq://my_host:7700"};
+    for (unsigned i = 0; i < sizeof urls / sizeof *urls; i++) {
+        char text[200];
+        (void)snprintf(text, sizeof text,
+                       "bus: { bitrate: 500000 }\nnodes: [{ name: a }]\nlcm: { url: \"%s\" }\n",
+                       urls[i]);
+        const cfg_file file = {.name = "lcm.yaml", .text = text, .size = strlen(text)};
+        CFG *config = cfg_load_text(&file, stderr);
+        assert_non_null(config);
+        assert_string_equal(config->lcm.url, urls[i]);
+    }
+}
+
 TEST(lcm_defaults_are_set)
 {
     CFG *config = load_good(GOOD "quoted.yaml");
