@@ -18,7 +18,7 @@
     "(:(6553[0-5]|655[0-2][0-9]|65[0-4][0-9]{2}|6[0-4][0-9]{3}|[1-5][0-9]{4}|[1-9][0-9]{0,3}))?"
 #define OPTION "[a-z_]+=[0-9]+"
 #define OPTIONS "([?]" OPTION "(&" OPTION ")*)?"
-#define MULTICAST "m?udpm://((22[4-9]|23[0-9])([.]" OCTET "){3}" PORT ")?" OPTIONS
+#define MULTICAST "(mp)?udpm://((22[4-9]|23[0-9])([.]" OCTET "){3}" PORT ")?" OPTIONS
 #define SERVER "tcpq://([A-Za-z0-9._-]+" PORT ")?"
 #define LCM_URL "^(" MULTICAST "|" SERVER "|file://[^?]+[?]mode=w|memq://)$"
 
