@@ -27,7 +27,7 @@ static bool can_take(const cw_bus *bus, unsigned i)
     return cw_refusal(bus, i) == CW_DROP_COUNT;
 }
 
-/* Returns the time that load rules count, in bits, or in ticks where bits are divided. */
+/* Returns the time that load rules count, in bits, or in ticks where bits may be shorter. */
 static uint64_t time_so_far(const cw_bus *bus, uint64_t *busy)
 {
     const uint64_t unit = bus->load.unit, saved = bus->timed.short_ticks;
@@ -65,6 +65,7 @@ void cw_link_rules(cw_bus *bus, uint64_t seed)
                                    .all = bus->all,
                                    .asleep = &bus->asleep,
                                    .seed = seed, .fd = bus->fd,
+                                   .unit = bus->load.unit,
                                    .divided = bus->timed.rates != NULL,
                                    .error_flag = &bus->error_flag,
                                    .overload_flag = &bus->overload_flag,

@@ -207,6 +207,8 @@ typedef struct cw_rule_bus {
     const uint64_t *asleep; /* nodes that sleep */
     uint64_t seed;
     bool fd;      /* some node knows FD frames */
+    uint32_t unit; /* of the time that load rules count: ticks of a bit where bits may be shorter,
+                      otherwise 1 */
     bool divided; /* some node has a data rate: bits may be shorter than the rate says (D10) */
     const cw_flag_watch *error_flag;
     const cw_flag_watch *overload_flag;

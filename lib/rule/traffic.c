@@ -91,8 +91,7 @@ void cw_fill_up(cw_rule_set *set, unsigned rule)
  * tick has been looked at. */
 static uint64_t bits_to_target(const cw_rule_set *set, const cw_rule_state *s)
 {
-    const uint64_t bit = set->bus.divided ? cw_rate_ticks(cw_wire_rate(set->bus.time), 1) : 1;
-    const uint64_t falls = s->rule.load_permille * bit; /* in each bit */
+    const uint64_t falls = (uint64_t)s->rule.load_permille * set->bus.unit; /* in each bit */
     uint64_t busy;
     uint64_t target = time_of_load(set, s, &busy) * s->rule.load_permille;
     busy *= 1000;

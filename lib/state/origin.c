@@ -35,14 +35,13 @@ static bool is_at_frame(const cw_bus *bus, unsigned i)
     return cw_mac_is_sending(m);
 }
 
-/* Returns true for a node whose transmission has ended a few bits ago. Others are still at its
- * frame then, behind a passive flag or none. */
-static bool has_just_stopped(const cw_bus *bus, unsigned i)
+/* Returns true for a node whose transmission has ended less than some bits ago. */
+static bool has_just_stopped(const cw_bus *bus, unsigned i, unsigned bits)
 {
     const cw_mac *m = &bus->nodes[i].mac;
     const uint64_t stopped = bus->starts[i].stopped;
     return stopped != 0 && m->role != CW_ROLE_RECEIVER && !(m->modes & CW_MODE_LOOPBACK) &&
-           cw_now(bus) - stopped < cw_rate_ticks(cw_wire_rate(&bus->time), PASSIVE_BITS);
+           cw_now(bus) - stopped < cw_rate_ticks(cw_wire_rate(&bus->time), bits);
 }
 
 /* Returns true for a sender of the frame whose last but one bit has come. An error may have stopped
@@ -53,7 +52,8 @@ static bool has_just_stopped(const cw_bus *bus, unsigned i)
  * in the arbitration, or is still at a frame before. */
 static bool sends_now(const cw_bus *bus, unsigned i)
 {
-    return is_at_frame(bus, i) || (has_just_stopped(bus, i) && bus->starts[i].end != CW_END_EARLY);
+    return is_at_frame(bus, i) || (has_just_stopped(bus, i, PASSIVE_BITS) &&
+                                   bus->starts[i].end != CW_END_EARLY);
 }
 
 uint64_t cw_find_senders(const cw_bus *bus, unsigned receiver)
@@ -153,8 +153,8 @@ static unsigned find_begun(const cw_bus *bus, uint64_t nodes, bool first)
 }
 
 /* Returns the nodes whose frame a node sees in part when it finds an error inside of a frame. They
- * send it, or have been stopped a few bits ago: others may not know of it yet, since their flag is
- * passive or not six bits long. One that sends over the frame of another one has begun later. A
+ * send it up to this bit, or have been stopped a few bits ago. Others may not know of that yet: the
+ * flag is passive, or not six bits long. One that sends over another frame has begun later. A
  * dominant pulse that is taken for a SOF is no frame of any node. */
 static uint64_t find_attempts(const cw_bus *bus, unsigned i, bool own)
 {
@@ -163,9 +163,10 @@ static uint64_t find_attempts(const cw_bus *bus, unsigned i, bool own)
         return cw_node_bit(i);
     for (uint64_t rest = bus->all & cw_nodes_on_wire_of(bus, i); rest; rest &= rest - 1) {
         const unsigned k = cw_lowest_node(rest);
-        if (is_at_frame(bus, k))
+        const bool sent = bus->starts[k].end == CW_END_SENT;
+        if (is_at_frame(bus, k) || (has_just_stopped(bus, k, 1) && !sent))
             sending |= cw_node_bit(k);
-        else if (has_just_stopped(bus, k) && bus->starts[k].end != CW_END_SENT)
+        else if (has_just_stopped(bus, k, PASSIVE_BITS) && !sent)
             stopped |= cw_node_bit(k);
     }
     if (own)
