@@ -182,11 +182,14 @@ static void reach(canwire_sim *sim, uint64_t tick)
 /* Goes on to a tick, in slices in which others have time to look. */
 static int go_to(canwire_sim *sim, uint64_t tick)
 {
+    const uint64_t before = cw_bus_now(sim->buses[0].run.bus);
     while (sim->rig && sim_group_now(&sim->group) + SLICE_TICKS < tick && !sim->no_memory &&
            !sim_group_failed(&sim->group))
         sim_group_go_to(&sim->group, sim_group_now(&sim->group) + SLICE_TICKS);
     sim_group_go_to(&sim->group, tick);
     const bool paused = sim->buses[0].run.paused;
+    if (!paused && cw_bus_now(sim->buses[0].run.bus) == before) /* bits do what is due before them */
+        sim_group_do_due(&sim->group, tick);
     if (!paused)
         sim_group_settle(&sim->group, tick);
     reach(sim, paused ? sim_group_now(&sim->group) : tick);

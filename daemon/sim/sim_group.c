@@ -323,16 +323,20 @@ void sim_group_settle(sim_group *g, uint64_t tick)
 {
     for (size_t i = 0; i < g->count; i++) {
         sim_run *run = g->runs[i];
-        if (!sim_owes_events(run, tick)) {
-            sim_do_due(run, tick);
+        if (!sim_owes_events(run, tick))
             continue;
-        }
         const uint64_t end = cw_bus_tick_after(run->bus, 1);
         if (g->meeting.gateways)
             stride(g, end, UINT32_C(1) << i);
         else
             sim_release_to(run, end);
     }
+}
+
+void sim_group_do_due(sim_group *g, uint64_t tick)
+{
+    for (size_t i = 0; i < g->count; i++)
+        sim_do_due(g->runs[i], tick);
 }
 
 void sim_group_begin(sim_group *g)

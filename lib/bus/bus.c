@@ -79,23 +79,6 @@ static void step_bit(cw_bus *bus)
         cw_tt_look(bus);
 }
 
-/* Goes on in a way other than frame steps, where the bus has to. Returns false when it has not. */
-static bool goes_another_way(cw_bus *bus, uint64_t tick)
-{
-    if (cw_is_off_grid(bus)) {
-        if (!cw_timed_may_leap(bus) ||
-            ((bus->tt || !cw_timed_frame_go(bus, tick)) && !cw_timed_rest_go(bus, tick)))
-            cw_step_bit_times(bus, tick);
-        return true;
-    }
-    if (bus->stepping || bus->watching) {
-        if (bus->stepping || !cw_frame_seen_go(bus))
-            step_bit(bus);
-        return true;
-    }
-    return false;
-}
-
 /* Takes a bit that ends early, since a frame begins then. Returns false when the next one does
  * not. */
 static bool starts_at_tick(cw_bus *bus)
@@ -108,6 +91,25 @@ static bool starts_at_tick(cw_bus *bus)
     bus->early_ticks += bus->time.short_by;
     step_bit(bus);
     return true;
+}
+
+/* Goes on in a way other than frame steps, where the bus has to. Returns false when it has not. */
+static bool goes_another_way(cw_bus *bus, uint64_t tick)
+{
+    if (bus->start_at_tick && starts_at_tick(bus))
+        return true;
+    if (cw_is_off_grid(bus)) {
+        if (!cw_timed_may_leap(bus) ||
+            ((bus->tt || !cw_timed_frame_go(bus, tick)) && !cw_timed_rest_go(bus, tick)))
+            cw_step_bit_times(bus, tick);
+        return true;
+    }
+    if (bus->stepping || bus->watching) {
+        if (bus->stepping || !cw_frame_seen_go(bus))
+            step_bit(bus);
+        return true;
+    }
+    return false;
 }
 
 /* Goes on by equal bits, or by one bit. Other bits follow those of a flag at once, since no frame
@@ -129,8 +131,6 @@ static void run_or_step(cw_bus *bus, uint64_t tick)
 /* Goes on by some bits, at least one. */
 static void bus_go_on(cw_bus *bus, uint64_t tick)
 {
-    if (bus->start_at_tick && starts_at_tick(bus))
-        return;
     if (bus->outlook.plain == 0 && goes_another_way(bus, tick))
         return;
     if (cw_frame_step_go(bus, tick)) {

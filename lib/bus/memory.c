@@ -326,7 +326,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
     cw_lengths *lengths = carve_room(a, 1, sizeof *lengths);
     cw_restart_times *restarts = carve(a, c->node_count, sizeof *restarts);
     cw_start *starts = carve(a, c->node_count, sizeof *starts);
-    cw_error_frame *error_frames = carve(a, c->node_count, sizeof *error_frames);
+    cw_error_frame *error_frames = carve(a, c->node_count + 1u, sizeof *error_frames);
     cw_sleep *sleeps = cw_is_lean(c) ? NULL : carve(a, c->node_count, sizeof *sleeps);
     const size_t entry_size = cw_inbox_entry_size(has_fd(c));
     const size_t event_size = cw_ring_event_size(has_fd(c));
@@ -338,7 +338,7 @@ static cw_bus *lay_out(arena *a, const cw_bus_config *c)
         memset(bus, 0, sizeof *bus);
         memset(nodes, 0, c->node_count * sizeof *nodes);
         memset(starts, 0, c->node_count * sizeof *starts);
-        memset(error_frames, 0, c->node_count * sizeof *error_frames);
+        memset(error_frames, 0, (c->node_count + 1u) * sizeof *error_frames);
         cw_lengths_clear(lengths);
         bus->lengths = lengths;
         bus->nodes = nodes;
@@ -413,6 +413,7 @@ cw_bus *cw_bus_init(void *memory, const cw_bus_config *config)
     bus->groups[0] = UINT64_MAX;
     bus->group_count = 1;
     bus->start_at_tick = config->start_at_tick;
+    bus->error_at = CW_NEVER;
     bus->wanted = CW_EVENTS_USUAL;
     bus->frame_step.after_ack = CW_AFTER_ACK_BITS; /* other ones only on a bus with FD */
     cw_load_init(&bus->load, cw_wire_rate(&bus->time),

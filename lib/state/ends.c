@@ -11,7 +11,6 @@ void cw_note_end(cw_bus *bus, unsigned i, uint64_t tick)
     cw_start *start = &bus->starts[i];
     start->stopped = tick;
     start->handed_in = slot->handed_in;
-    start->can_id = cw_frame_can_id(slot->frame);
     start->end = CW_END_SENT;
 }
 
@@ -19,7 +18,9 @@ void cw_note_stopped(cw_bus *bus, unsigned i, cw_place place)
 {
     if (bus->starts[i].stopped != 0)
         return;
+    const cw_bus_node *n = &bus->nodes[i];
     cw_note_end(bus, i, cw_now(bus));
+    bus->starts[i].can_id = cw_frame_can_id(cw_queue_at(&n->queue, n->offered_slot)->frame);
     bus->starts[i].end = place.field < CW_FIELD_CRC ? CW_END_EARLY : CW_END_LATE;
 }
 

@@ -44,6 +44,8 @@ static bool could_send(const cw_mac *m)
 uint64_t cw_nodes_on_wire_of(const cw_bus *bus, unsigned i)
 {
     unsigned g = 0;
+    if (bus->group_count == 1)
+        return bus->groups[0];
     while (g + 1 < bus->group_count && !(bus->groups[g] >> i & 1u))
         g++;
     return bus->groups[g];

@@ -35,13 +35,13 @@ static bool is_at_frame(const cw_bus *bus, unsigned i)
     return cw_mac_is_sending(m);
 }
 
-/* Returns true for a node whose transmission has ended less than some bits ago. */
-static bool has_just_stopped(const cw_bus *bus, unsigned i, unsigned bits)
+/* Returns true for a node whose transmission has ended a few bits ago. */
+static bool has_just_stopped(const cw_bus *bus, unsigned i)
 {
     const cw_mac *m = &bus->nodes[i].mac;
     const uint64_t stopped = bus->starts[i].stopped;
     return stopped != 0 && m->role != CW_ROLE_RECEIVER && !(m->modes & CW_MODE_LOOPBACK) &&
-           cw_now(bus) - stopped < cw_rate_ticks(cw_wire_rate(&bus->time), bits);
+           cw_now(bus) - stopped < cw_rate_ticks(cw_wire_rate(&bus->time), PASSIVE_BITS);
 }
 
 /* Returns true for a sender of the frame whose last but one bit has come. An error may have stopped
@@ -52,8 +52,7 @@ static bool has_just_stopped(const cw_bus *bus, unsigned i, unsigned bits)
  * in the arbitration, or is still at a frame before. */
 static bool sends_now(const cw_bus *bus, unsigned i)
 {
-    return is_at_frame(bus, i) || (has_just_stopped(bus, i, PASSIVE_BITS) &&
-                                   bus->starts[i].end != CW_END_EARLY);
+    return is_at_frame(bus, i) || (has_just_stopped(bus, i) && bus->starts[i].end != CW_END_EARLY);
 }
 
 uint64_t cw_find_senders(const cw_bus *bus, unsigned receiver)
@@ -115,6 +114,8 @@ static uint32_t can_id_key(uint32_t can_id)
 static uint32_t winning_can_id(const cw_bus *bus, uint64_t nodes)
 {
     uint32_t winner = 0, least = UINT32_MAX;
+    if (nodes && (nodes & (nodes - 1)) == 0)
+        return sent_can_id(bus, cw_lowest_node(nodes));
     for (uint64_t rest = nodes; rest; rest &= rest - 1) {
         const uint32_t can_id = sent_can_id(bus, cw_lowest_node(rest));
         const uint32_t key = can_id_key(can_id);
@@ -125,25 +126,35 @@ static uint32_t winning_can_id(const cw_bus *bus, uint64_t nodes)
     return winner;
 }
 
-/* Returns those of some nodes whose frames have begun with that of one of them, less than a bit
- * before or after it. */
-static uint64_t begun_with(const cw_bus *bus, uint64_t nodes, unsigned one)
+/* The nodes that may have sent what a node sees in part. */
+typedef struct attempts {
+    uint64_t sending; /* up to this bit */
+    uint64_t stopped; /* a few bits ago */
+} attempts;
+
+/* Adds a node whose controller is no receiver, if it has sent lately. One that has sent its frame as a
+ * whole has none that others see in part. */
+static inline void add_attempt(attempts *a, const cw_bus *bus, unsigned k, uint64_t bit)
 {
-    const uint64_t bit = cw_rate_ticks(cw_wire_rate(&bus->time), 1);
-    const uint64_t begin = bus->starts[one].tick;
-    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
-        const uint64_t tick = bus->starts[cw_lowest_node(rest)].tick;
-        if (tick + bit <= begin || begin + bit <= tick)
-            nodes &= ~(rest & (~rest + 1));
-    }
-    return nodes;
+    const cw_start *start = &bus->starts[k];
+    const cw_mac *m = &bus->nodes[k].mac;
+    const uint64_t ago = cw_now(bus) - start->stopped;
+    if (start->stopped ? start->end == CW_END_SENT || ago >= PASSIVE_BITS * bit
+                       : m->role != CW_ROLE_TRANSMITTER && !stops_now(bus, k))
+        return;
+    if (m->modes & CW_MODE_LOOPBACK)
+        return;
+    if (start->stopped == 0 || ago < bit)
+        a->sending |= cw_node_bit(k);
+    else
+        a->stopped |= cw_node_bit(k);
 }
 
-/* Returns that of some nodes, at least one, whose frame has begun first, or last. */
+/* Returns the node of some, at least one, whose frame has begun first, or last. */
 static unsigned find_begun(const cw_bus *bus, uint64_t nodes, bool first)
 {
     unsigned found = cw_lowest_node(nodes);
-    for (uint64_t rest = nodes; rest; rest &= rest - 1) {
+    for (uint64_t rest = nodes & (nodes - 1); rest; rest &= rest - 1) {
         const unsigned i = cw_lowest_node(rest);
         if (first ? bus->starts[i].tick < bus->starts[found].tick
                   : bus->starts[i].tick > bus->starts[found].tick)
@@ -152,40 +163,62 @@ static unsigned find_begun(const cw_bus *bus, uint64_t nodes, bool first)
     return found;
 }
 
+/* Returns those of some nodes whose frames have begun with that of one of them, less than a bit
+ * before or after it. */
+static uint64_t begun_with(const cw_bus *bus, uint64_t nodes, unsigned one)
+{
+    const uint64_t bit = cw_rate_ticks(cw_wire_rate(&bus->time), 1);
+    const uint64_t begin = bus->starts[one].tick;
+    for (uint64_t rest = nodes & ~cw_node_bit(one); rest; rest &= rest - 1) {
+        const uint64_t tick = bus->starts[cw_lowest_node(rest)].tick;
+        if (tick + bit <= begin || begin + bit <= tick)
+            nodes &= ~(rest & (~rest + 1));
+    }
+    return nodes;
+}
+
 /* Returns the nodes whose frame a node sees in part when it finds an error inside of a frame. They
  * send it up to this bit, or have been stopped a few bits ago. Others may not know of that yet: the
  * flag is passive, or not six bits long. One that sends over another frame has begun later. A
  * dominant pulse that is taken for a SOF is no frame of any node. */
 static uint64_t find_attempts(const cw_bus *bus, unsigned i, bool own)
 {
-    uint64_t sending = 0, stopped = 0;
+    const uint64_t bit = cw_rate_ticks(cw_wire_rate(&bus->time), 1);
+    attempts a = {.sending = 0};
     if (bus->nodes[i].mac.modes & CW_MODE_LOOPBACK)
         return cw_node_bit(i);
-    for (uint64_t rest = bus->all & cw_nodes_on_wire_of(bus, i); rest; rest &= rest - 1) {
-        const unsigned k = cw_lowest_node(rest);
-        const bool sent = bus->starts[k].end == CW_END_SENT;
-        if (is_at_frame(bus, k) || (has_just_stopped(bus, k, 1) && !sent))
-            sending |= cw_node_bit(k);
-        else if (has_just_stopped(bus, k, PASSIVE_BITS) && !sent)
-            stopped |= cw_node_bit(k);
-    }
+    for (uint64_t rest = bus->all & cw_nodes_on_wire_of(bus, i); rest; rest &= rest - 1)
+        if (bus->nodes[cw_lowest_node(rest)].mac.role != CW_ROLE_RECEIVER)
+            add_attempt(&a, bus, cw_lowest_node(rest), bit);
     if (own)
-        return begun_with(bus, sending | stopped | cw_node_bit(i), i);
-    const uint64_t nodes = sending ? sending : stopped;
-    return nodes ? begun_with(bus, nodes, find_begun(bus, nodes, sending)) : 0;
+        return begun_with(bus, a.sending | a.stopped | cw_node_bit(i), i);
+    const uint64_t nodes = a.sending ? a.sending : a.stopped;
+    return nodes ? begun_with(bus, nodes, find_begun(bus, nodes, a.sending)) : 0;
+}
+
+/* Finds the frame of an error of a receiver inside of a frame. On one wire it is that of all
+ * receivers at a tick. */
+static void find_received(cw_bus *bus, unsigned i, cw_error_frame *out)
+{
+    cw_error_frame *common = &bus->error_frames[bus->node_count];
+    if (bus->group_count > 1 || bus->error_at != cw_now(bus)) {
+        common->from = find_attempts(bus, i, false);
+        common->can_id = winning_can_id(bus, common->from);
+        bus->error_at = bus->nodes[i].mac.modes & CW_MODE_LOOPBACK ? CW_NEVER : cw_now(bus);
+    }
+    *out = *common;
 }
 
 void cw_find_error_frame(cw_bus *bus, unsigned i, cw_event *e)
 {
     cw_error_frame *last = &bus->error_frames[i];
     const cw_field field = (cw_field)e->error.place.field;
-    const bool own = e->error.role == CW_ROLE_TRANSMITTER;
     if (field >= CW_FIELD_OVERLOAD_FLAG || field == CW_FIELD_NONE)
         *last = (cw_error_frame){0};
-    else if (field < CW_FIELD_INTERMISSION) {
-        last->from = find_attempts(bus, i, own);
-        last->can_id = own ? sent_can_id(bus, i) : winning_can_id(bus, last->from);
-    }
+    else if (field < CW_FIELD_INTERMISSION && e->error.role == CW_ROLE_TRANSMITTER)
+        *last = (cw_error_frame){find_attempts(bus, i, true), sent_can_id(bus, i)};
+    else if (field < CW_FIELD_INTERMISSION)
+        find_received(bus, i, last);
     e->from = last->from;
     e->can_id = last->can_id;
 }

@@ -274,7 +274,8 @@ struct cw_bus {
     cw_bus_node *nodes;
     cw_restart_times *restarts; /* one for each node */
     cw_start *starts;        /* likewise: of the last transmission */
-    cw_error_frame *error_frames; /* likewise */
+    cw_error_frame *error_frames; /* likewise, and one more: of receivers at error_at */
+    uint64_t error_at;
     cw_sleep *sleeps;        /* likewise; NULL on a lean bus */
     cw_buffers *buffers;     /* ... or NULL: no node has filters, buffers or mailboxes */
     uint64_t replying;       /* nodes with replies of mailboxes in their queues */

@@ -77,6 +77,8 @@ static uint64_t find_plain(const cw_bus *bus, const cw_outlook *outlook)
         return 0;
     if ((outlook->acknowledgers & (outlook->acknowledgers - 1)) == 0)
         plain &= ~outlook->acknowledgers;
+    if (bus->start_at_tick) /* see goes_another_way() of bus.c */
+        plain = 0;
     for (uint64_t rest = plain; rest; rest &= rest - 1)
         if (cw_confinement_passive(&bus->nodes[cw_lowest_node(rest)].mac.confinement))
             plain &= ~(rest & (~rest + 1)); /* it suspends transmission (M8) */
