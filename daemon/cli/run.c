@@ -191,11 +191,16 @@ static bool take_node(void *out, const char *option, const char *text)
 static bool take_interface(void *out, const char *option, const char *text)
 {
     run_request *r = out;
-    if (r->count == 0)
+    const char **name = r->count > 0 ? &r->nodes[r->count - 1].interface : NULL;
+    if (!name)
         plain_print(stderr, "canwire run: %s %s: --as must stand before it\n", option, text);
-    else
-        r->nodes[r->count - 1].interface = text;
-    return r->count > 0;
+    else if (*name)
+        plain_print(stderr, "canwire run: %s %s: this node is %s already; --as comes first, for each "
+                            "node\n", option, text, *name);
+    if (!name || *name)
+        return false;
+    *name = text;
+    return true;
 }
 
 /* ---- The library ----------------------------------------------------------------------------- */

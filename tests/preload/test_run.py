@@ -42,6 +42,8 @@ def test_nodes_that_cannot_be_used(tmp_path, node, why):
 @pytest.mark.parametrize("words, status, why", [
     (["true"], 2, "usage: canwire run --bus BUS --as NODE"),
     (["--as", "engine", "true"], 1, "--as engine: --bus must stand before it"),
+    (["--bus", "x.yaml", "--as", "a", "--interface", "can0", "--interface", "can1", "true"], 1,
+     "--interface can1: this node is can0 already; --as comes first, for each node"),
     (["--bus", "b", "--interface", "can0", "true"], 1, "--interface can0: --as must stand before"),
     (["--bus", "b", "--as", "a-very-long-name", "true"], 1,
      "'a-very-long-name' cannot be the name of an interface, which has at most 15 characters"),
