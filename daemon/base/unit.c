@@ -4,6 +4,7 @@
  */
 #include "base/unit.h"
 
+#include "base/file/folder.h"
 #include "base/mounts.h"
 
 #include <errno.h>
@@ -62,8 +63,8 @@ void unit_blame(int number)
 
 const char *unit_run_folder(void)
 {
-    const char *folder = getenv("CANWIRE_RUN");
-    return folder && *folder ? folder : UNIT_RUN_FOLDER;
+    const char *chosen = getenv("CANWIRE_RUN");
+    return chosen && *chosen ? chosen : UNIT_RUN_FOLDER;
 }
 
 /* Writes the name of the file with the last failure. Returns false outside the service. */
@@ -74,14 +75,22 @@ static bool name_failure(char path[PATH_MAX])
                            PATH_MAX;
 }
 
-void unit_started(void)
+/* The next start has no failure to tell. */
+static void forget_failure(void)
 {
     char path[PATH_MAX];
+    folder at = FOLDER_NONE;
+    if (name_failure(path) && folder_open(&at, path) == 0)
+        (void)unlinkat(at.fd, at.name, 0);
+    folder_close(&at);
+}
+
+void unit_started(void)
+{
     is_started = true;
     if (unit_instance())
         mounts_remember();
-    if (name_failure(path))
-        (void)unlink(path);
+    forget_failure();
 }
 
 void unit_failed(const char *why)
@@ -132,9 +141,9 @@ const char *unit_hint(const char *path, int number)
 {
     if (!unit_instance() || (number != ENOENT && number != EACCES && number != EROFS))
         return "";
-    const size_t folder = path ? unit_find_folder(path) : FOLDERS;
-    if (folder < FOLDERS)
-        return private_folders[folder].hint;
+    const size_t found = path ? unit_find_folder(path) : FOLDERS;
+    if (found < FOLDERS)
+        return private_folders[found].hint;
     if (number == EROFS)
         return " (the service may write to " UNIT_RUN_FOLDER " and /var/lib/canwire)";
     if (number == ENOENT)

@@ -40,8 +40,8 @@ def systemctl(*words, status=0):
 
 
 def checked(*words, status=0):
-    """Returns the line of `canwire status --check`. It gives systemctl 5 s to answer. A loaded guest
-    may need longer: then it is asked again."""
+    """Returns the line of `canwire status --check`. It gives systemctl 5 s to answer. It is asked
+    again in a loaded guest, which may need longer."""
     while True:
         done = subprocess.run(["canwire", "status", "--check", *words], capture_output=True,
                               text=True, check=False)
