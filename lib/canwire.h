@@ -1255,7 +1255,8 @@ typedef struct cw_bus_config {
     bool marks;                  /* room for the marks of cw_bit_view */
     bool start_at_tick; /* a frame for a bus at rest begins at its tick, and the bits of all nodes
                            with it: the bit before is shorter. Otherwise it waits for the next bit.
-                           It also waits while bits of nodes differ, or a rule acts on bits */
+                           It also waits while bits of nodes differ, a rule acts on bits or on
+                           parts of them, or a node integrates, recovers or is suspended */
     bool keeps_setup; /* no node gets a clock or delays later, or falls asleep, by settings or
                          further rules, and the bus takes over no other one. So where no node has
                          any of this from the start, there is no memory for it, and they are

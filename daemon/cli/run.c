@@ -195,8 +195,8 @@ static bool take_interface(void *out, const char *option, const char *text)
     if (!name)
         plain_print(stderr, "canwire run: %s %s: --as must stand before it\n", option, text);
     else if (*name)
-        plain_print(stderr, "canwire run: %s %s: this node is %s already; --as comes first, for each "
-                            "node\n", option, text, *name);
+        plain_print(stderr, "canwire run: %s %s: this node is %s already; --as comes first, for "
+                            "each node\n", option, text, *name);
     if (!name || *name)
         return false;
     *name = text;

@@ -9,6 +9,8 @@
 
 #include <stdlib.h>
 
+#define AHEAD_MOST_S 10u
+
 /* Returns the tick of the first event of these kinds that has come already and is not known yet. A
  * bit may have ended later than the time of a run. CW_NEVER without one. */
 static uint64_t first_kept(const embed_bus *b, uint32_t kinds)
@@ -20,14 +22,22 @@ static uint64_t first_kept(const embed_bus *b, uint32_t kinds)
     return first;
 }
 
-/* Returns the tick up to which nothing is handed in by a bus of itself, not before its next bit has
- * ended. */
+/* Returns the tick up to which nothing is handed in by a bus of itself, after a bit when that is
+ * now. A look goes so far at most. */
 static uint64_t nothing_until(const embed_bus *b, uint64_t until)
 {
     const uint64_t bit = cw_bus_tick_after(b->run.bus, 1);
     const release_plan *plan = b->run.plan;
     const uint64_t next = release_is_fast(plan) ? 0 : release_next_tick(plan);
-    return least(until, next > bit ? next : bit);
+    const uint64_t most = least(until, cw_bus_now(b->run.bus) + AHEAD_MOST_S * CW_CLOCK_HZ);
+    return least(most, next > b->sim->reached ? next : bit);
+}
+
+/* Returns true for a bus on which nothing will happen, if nothing is handed in. */
+static bool ahead_is_none(const embed_bus *b)
+{
+    return cw_bus_next(b->run.bus) == CW_NEVER && release_next_tick(b->run.plan) == CW_NEVER &&
+           !release_is_fast(b->run.plan);
 }
 
 /* Makes room for a copy of a bus as it is now. Returns NULL without memory. */
@@ -46,11 +56,11 @@ static void *room_for_copy(embed_bus *b)
  * Returns false without memory. */
 static bool look_at_bus(embed_bus *b, uint32_t kinds, uint64_t *first, uint64_t *until)
 {
-    void *copy = room_for_copy(b);
-    if (!copy)
-        return false;
-    *until = nothing_until(b, *until);
+    void *copy = ahead_is_none(b) ? NULL : room_for_copy(b);
     *first = least(*first, first_kept(b, kinds));
+    if (!copy)
+        return ahead_is_none(b);
+    *until = nothing_until(b, *until);
     *first = least(*first, cw_bus_next_event(b->run.bus, copy, kinds, *until));
     return true;
 }
@@ -77,6 +87,8 @@ int canwire_sim_next_event(canwire_sim *sim, const char *text, int64_t until, in
                                                                   : embed_tick_until(until);
     if (!embed_read_kinds(sim, &kinds, text))
         return CANWIRE_SIM_INVALID;
+    if (known < sim->reached)
+        return embed_fail(sim, CANWIRE_SIM_INVALID, "that time is over");
     if (kinds & ~sim->kinds)
         return embed_fail(sim, CANWIRE_SIM_INVALID, "'%s' has events that are not kept", text);
     if (!look_at_all(sim, kinds, &first, &known)) {

@@ -188,7 +188,7 @@ static int go_to(canwire_sim *sim, uint64_t tick)
         sim_group_go_to(&sim->group, sim_group_now(&sim->group) + SLICE_TICKS);
     sim_group_go_to(&sim->group, tick);
     const bool paused = sim->buses[0].run.paused;
-    if (!paused && cw_bus_now(sim->buses[0].run.bus) == before) /* bits do what is due before them */
+    if (!paused && cw_bus_now(sim->buses[0].run.bus) == before) /* a bit does it before it begins */
         sim_group_do_due(&sim->group, tick);
     if (!paused)
         sim_group_settle(&sim->group, tick);

@@ -127,7 +127,7 @@ static void engine_on_timer(struct ev_loop *loop, ev_io *io, int events)
         return;
     engine_spin(e);
     uint64_t read_before = e->frames_read;
-    wake(e);
+    e->wake(e);
     if (e->ticking && e->frames_read == read_before) {
         engine_stop_ticking(e);
         engine_arm_timer(e);

@@ -117,6 +117,8 @@ static uint64_t next_stop(const engine *e, uint64_t wake_tick)
         stop = e->next->deadline;
     if (stop <= now)
         stop = now + 1; /* all that is due happens on the way */
+    else if (stop < cw_bus_tick_after(e->now.bus, 1))
+        stop = cw_bus_tick_after(e->now.bus, 1); /* a frame in the bit is taken at its end */
     return wake_tick < stop ? wake_tick : stop;
 }
 

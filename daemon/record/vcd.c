@@ -135,8 +135,8 @@ static grid grid_of(const vcd *self)
     return g;
 }
 
-/* Takes the coarsest unit that divides all bits and is fine enough. Clocks of nodes need the finest
- * one. */
+/* Takes the coarsest unit that divides all bits and is fine enough. Clocks of nodes, and bits that
+ * begin at any tick, need the finest one. */
 static void write_scale(vcd *self)
 {
     static const struct {
@@ -149,7 +149,7 @@ static void write_scale(vcd *self)
     size_t i = 0;
     while (i < last && (g.ps % units[i].ps != 0 || g.shortest_ps / units[i].ps < UNITS_PER_BIT_MIN))
         i++;
-    if (self->inside && !self->inside->levels_only)
+    if ((self->inside && !self->inside->levels_only) || self->config->start == CFG_START_TICK)
         i = last;
     self->unit_ps = units[i].ps;
     fprintf(self->out, "$timescale %s $end\n", units[i].name);

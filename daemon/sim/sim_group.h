@@ -48,7 +48,7 @@ void sim_group_simulate(sim_group *g);
 /* Advances all buses to a tick, with all releases up to there. */
 void sim_group_go_to(sim_group *g, uint64_t tick);
 
-/* Does what is due where the buses are, such as to drop a frame, when a tick is in their next bits. */
+/* Does what is due where the buses are, such as to drop a frame; the tick is in their next bits. */
 void sim_group_do_due(sim_group *g, uint64_t tick);
 
 /* Ends bits that have begun at a tick, where they may have events up to there: on each bus its

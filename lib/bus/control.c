@@ -13,7 +13,12 @@ static void send_error_flag(cw_bus *bus, unsigned i, const cw_rule *rule)
     cw_bus_node *n = &bus->nodes[i];
     cw_commit_early(bus, i);
     cw_note_left(bus, i);
-    if ((bus->asleep >> i & 1u) || !cw_mac_force_error(cw_own_mac(bus, i)))
+    const cw_role role = (cw_role)cw_mac_of(bus, i)->role;
+    if (bus->asleep >> i & 1u)
+        return;
+    const bool sent = cw_mac_force_error(cw_own_mac(bus, i));
+    cw_note_flag(bus, i, role == CW_ROLE_TRANSMITTER);
+    if (!sent)
         return;
     cw_frame frame;
     cw_frame_copy(&frame, cw_queue_at(&n->queue, n->offered_slot)->frame);

@@ -90,7 +90,6 @@ cw_frame_origin cw_find_origin(const cw_bus *bus, unsigned receiver)
     return origin;
 }
 
-
 /* ---- Errors ---------------------------------------------------------------------------------- */
 
 /* Returns the identifier of the frame that a node sends or has just stopped to send. */
@@ -132,8 +131,8 @@ typedef struct attempts {
     uint64_t stopped; /* a few bits ago */
 } attempts;
 
-/* Adds a node whose controller is no receiver, if it has sent lately. One that has sent its frame as a
- * whole has none that others see in part. */
+/* Adds a node whose controller is no receiver, if it has sent lately. One that has sent its whole
+ * frame has none that others see in part. */
 static inline void add_attempt(attempts *a, const cw_bus *bus, unsigned k, uint64_t bit)
 {
     const cw_start *start = &bus->starts[k];
@@ -177,7 +176,7 @@ static uint64_t begun_with(const cw_bus *bus, uint64_t nodes, unsigned one)
     return nodes;
 }
 
-/* Returns the nodes whose frame a node sees in part when it finds an error inside of a frame. They
+/* Returns the nodes whose frame a node sees in part when it finds an error inside a frame. They
  * send it up to this bit, or have been stopped a few bits ago. Others may not know of that yet: the
  * flag is passive, or not six bits long. One that sends over another frame has begun later. A
  * dominant pulse that is taken for a SOF is no frame of any node. */
@@ -196,8 +195,8 @@ static uint64_t find_attempts(const cw_bus *bus, unsigned i, bool own)
     return nodes ? begun_with(bus, nodes, find_begun(bus, nodes, a.sending)) : 0;
 }
 
-/* Finds the frame of an error of a receiver inside of a frame. On one wire it is that of all
- * receivers at a tick. */
+/* Finds the frame of an error of a receiver inside a frame. On one wire it is that of all receivers
+ * at a tick. */
 static void find_received(cw_bus *bus, unsigned i, cw_error_frame *out)
 {
     cw_error_frame *common = &bus->error_frames[bus->node_count];
@@ -209,16 +208,22 @@ static void find_received(cw_bus *bus, unsigned i, cw_error_frame *out)
     *out = *common;
 }
 
+void cw_note_flag(cw_bus *bus, unsigned i, bool own)
+{
+    if (own)
+        bus->error_frames[i] = (cw_error_frame){find_attempts(bus, i, true), sent_can_id(bus, i)};
+    else
+        find_received(bus, i, &bus->error_frames[i]);
+}
+
 void cw_find_error_frame(cw_bus *bus, unsigned i, cw_event *e)
 {
     cw_error_frame *last = &bus->error_frames[i];
     const cw_field field = (cw_field)e->error.place.field;
     if (field >= CW_FIELD_OVERLOAD_FLAG || field == CW_FIELD_NONE)
         *last = (cw_error_frame){0};
-    else if (field < CW_FIELD_INTERMISSION && e->error.role == CW_ROLE_TRANSMITTER)
-        *last = (cw_error_frame){find_attempts(bus, i, true), sent_can_id(bus, i)};
     else if (field < CW_FIELD_INTERMISSION)
-        find_received(bus, i, last);
+        cw_note_flag(bus, i, e->error.role == CW_ROLE_TRANSMITTER);
     e->from = last->from;
     e->can_id = last->can_id;
 }

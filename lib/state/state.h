@@ -609,7 +609,7 @@ void cw_tt_look(cw_bus *bus);
 void cw_tt_see_sof_at(cw_bus *bus, unsigned node, cw_span moment);
 void cw_tt_see_eof_at(cw_bus *bus, unsigned node, cw_span moment);
 
-/* Returns true when such a node has a slot that is over at a moment, at which a bit of it begins. */
+/* Returns true when such a node has a slot that is over at a moment at which a bit of it begins. */
 bool cw_tt_closes_by(const cw_bus *bus, unsigned node, cw_span moment);
 
 /* Ends that slot then. */
@@ -725,6 +725,9 @@ cw_frame_origin cw_find_origin(const cw_bus *bus, unsigned receiver);
 /* Sets the frame that an error belongs to, `from` and `can_id` of its event. An error in an error
  * flag or behind it belongs to the frame of the node's error before. */
 void cw_find_error_frame(cw_bus *bus, unsigned node, cw_event *event);
+
+/* Notes the frame in which a node begins an error flag. own: it has been the transmitter of it. */
+void cw_note_flag(cw_bus *bus, unsigned node, bool own);
 
 /* ---- order.c --------------------------------------------------------------------------------- */
 

@@ -24,11 +24,25 @@ static bool bus_rests(const cw_bus *bus)
     return rests;
 }
 
+/* Returns the tick of the first frame up to a tick whose node can begin it, or CW_NEVER. Others are
+ * dropped. */
+static uint64_t first_that_begins(const cw_bus *bus, uint64_t end)
+{
+    for (unsigned n = 0; n < bus->inbox.count; n++) {
+        const cw_inbox_entry *entry = cw_inbox_at(&bus->inbox, n);
+        if (entry->at_tick >= end)
+            break;
+        if (cw_mac_of(bus, entry->node)->phase == CW_MAC_IDLE)
+            return entry->at_tick;
+    }
+    return CW_NEVER;
+}
+
 uint64_t cw_start_in_bit(const cw_bus *bus, uint64_t end)
 {
     const uint64_t first = cw_inbox_first(bus);
     if (first <= cw_now(bus) || first >= end || bus->frame_step.active ||
         bus->rules.awake_count > 0 || cw_is_off_grid(bus) || !bus_rests(bus))
         return end;
-    return first;
+    return cw_least(end, first_that_begins(bus, end));
 }

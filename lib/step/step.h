@@ -161,11 +161,15 @@ static inline uint64_t cw_next_bit_end(const cw_bus *bus)
     return bus->start_at_tick ? cw_start_in_bit(bus, end) : end;
 }
 
+/* Returns true when the next bit ends at a tick or before it. */
 static inline bool cw_next_bit_fits(const cw_bus *bus, uint64_t tick)
 {
-    return cw_wire_fits_bit(&bus->time, tick) ||
-           ((bus->timed.rates || bus->start_at_tick) && tick > cw_now(bus) &&
-            cw_next_bit_end(bus) <= tick);
+    if (cw_wire_fits_bit(&bus->time, tick))
+        return true;
+    if (!(bus->timed.rates || bus->start_at_tick) || tick <= cw_now(bus))
+        return false;
+    const uint64_t end = cw_next_bit_end(bus); /* lower than now at the end of time */
+    return end > cw_now(bus) && end <= tick;
 }
 
 /* Continues the frame step that is under way, or begins one with the next frame. It goes as far as

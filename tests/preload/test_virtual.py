@@ -352,6 +352,28 @@ READ = "import can\nwith can.Bus(interface='socketcan', channel='engine') as b:\
     "    try:\n        b.recv()\n    except can.CanError as e:\n        print(e)\n"
 
 
+SENDS = """
+import socket, struct, time
+s = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+s.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 1)
+s.bind(("engine",))
+for _ in range(3):
+    time.sleep(0.0020511)
+    begin = time.clock_gettime_ns(time.CLOCK_MONOTONIC)
+    s.send(struct.pack("=IB3x8s", 0x123, 1, b"\\1"))
+    s.recv(16)
+    print(time.clock_gettime_ns(time.CLOCK_MONOTONIC) - begin)
+"""
+
+
+def test_a_frame_in_the_middle_of_a_bit_begins_with_the_next_one(bus):
+    """It has 55 bits of 2 us, and waits for a part of one. No time is skipped."""
+    b = bus()
+    took = b.run("engine", sys.executable, "-c", SENDS).split()
+    assert len(took) == 3 and all(110_000 <= int(ns) <= 112_000 for ns in took), took
+    assert "skipped" not in b.log.read_text()
+
+
 @pytest.mark.parametrize("code, said", [
     pytest.param(SLEEP, "True", id="sleeps"), pytest.param(READ, "Network is down", id="reads")])
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])

@@ -65,7 +65,7 @@ class Stop(Enum):
 class Ahead(NamedTuple):
     """The next event, see Bus.next_event()."""
 
-    comes: bool  #: an event comes at that time; otherwise none comes up to it
+    comes: bool  #: an event comes at that time; otherwise none comes before it
     t_ns: int
 
 
@@ -437,9 +437,9 @@ class Bus:
         """Looks for the next event of kinds that are kept, when nothing is handed in. Nothing
         happens by it.
 
-        Returns Ahead(True, t_ns) with its time. Ahead(False, t_ns) says that none comes up to that
-        time. This is `until`, or an earlier time at which the traffic of the file or a gateway may
-        hand in a frame. Then look again when time has come there.
+        Returns Ahead(True, t_ns) with its time. Ahead(False, t_ns) says that none comes before that
+        time. This is `until`, or 10 s from now. It is earlier when the traffic of the file or a
+        gateway may hand in a frame then. Look again when time has come there.
         """
         end = _library.NEVER if until is None else self._time_ns(until)
         at = ctypes.c_int64()
