@@ -237,6 +237,11 @@ static void inbox_take_first(cw_bus *bus)
     hand_in(bus, &first.entry);
 }
 
+void cw_take_inbox_first(cw_bus *bus)
+{
+    inbox_take_first(bus);
+}
+
 /* Does the same for a frame in the middle. */
 static void take_nth(cw_bus *bus, unsigned n)
 {

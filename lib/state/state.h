@@ -405,6 +405,9 @@ static inline void cw_take_inbox_before(cw_bus *bus, uint64_t tick)
         cw_take_inbox(bus, tick);
 }
 
+/* Takes the first frame out of the inbox, which has one. */
+void cw_take_inbox_first(cw_bus *bus);
+
 /* Takes the frames of a node that are due now out of the inbox, up to the first one of another
  * node. Those that came after a restart request stay while it is due. */
 void cw_take_inbox_of(cw_bus *bus, unsigned node);

@@ -178,7 +178,10 @@ static void drive(cw_bus *bus, unsigned i, cw_span moment)
 {
     cw_bus_node *n = &bus->nodes[i];
     if (cw_inbox_first(bus) <= cw_tick_of(bus, moment)) { /* it comes at this moment */
-        cw_take_inbox_of_before(bus, i, cw_tick_of(bus, moment + 1));
+        if (bus->rules.hand_in_rules)
+            cw_take_inbox_before(bus, cw_tick_of(bus, moment + 1)); /* all that have come */
+        else
+            cw_take_inbox_of_before(bus, i, cw_tick_of(bus, moment + 1));
         end_steadiness(bus);
     }
     if (bus->tt)
@@ -273,12 +276,37 @@ static uint64_t end_of_frames(const cw_bus *bus, unsigned i, cw_span end_of_bit)
     return joins ? end : cw_least(end, cw_bit_end(bus));
 }
 
+/* Returns the tick at which the present bit of a node ends. Until then the node cannot begin a frame
+ * that is queued now. */
+static uint64_t end_of_present_bit(cw_bus *bus, unsigned i)
+{
+    const cw_timed_node *n = node_at(bus, i);
+    cw_timed_settle(&bus->timed, i);
+    return n->pcs.sampled ? cw_tick_of(bus, n->next_begin) : cw_timed_end_of_bit(bus, i);
+}
+
+/* Hands in the frames of all nodes that come before a tick, since rules have to see them in that
+ * order. One for a later bit of its node stays: now it might begin in a bit before it comes. Those
+ * behind it wait with it. Nor does one come behind the bit time, since its hit would be an event of
+ * a later one. So in a rare case a frame that comes behind the sample point does not join a SOF
+ * (M6), as it would without such rules. It is handed in with the next bit of its node. */
+static void take_in_order(cw_bus *bus, uint64_t tick)
+{
+    const cw_inbox *box = &bus->inbox;
+    const uint64_t end = cw_least(tick, cw_bit_end(bus));
+    while (cw_inbox_first(bus) < end &&
+           cw_inbox_first(bus) < end_of_present_bit(bus, cw_inbox_at(box, 0)->node))
+        cw_take_inbox_first(bus);
+}
+
 /* Not inlined, since usually no frame comes. */
 __attribute__((noinline)) static void take_some_frames(cw_bus *bus, unsigned i, cw_span moment)
 {
     const cw_span end_of_bit = node_at(bus, i)->next_begin;
-    if (end_of_bit == cw_moment_of(bus, cw_bit_end(bus)) &&
-        all_look_at(&bus->timed.agenda, moment))
+    if (bus->rules.hand_in_rules)
+        take_in_order(bus, cw_tick_of(bus, end_of_bit));
+    else if (end_of_bit == cw_moment_of(bus, cw_bit_end(bus)) &&
+             all_look_at(&bus->timed.agenda, moment))
         cw_take_inbox_before(bus, cw_bit_end(bus));
     else
         cw_take_inbox_of_before(bus, i, end_of_frames(bus, i, end_of_bit));

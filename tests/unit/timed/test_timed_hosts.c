@@ -26,7 +26,7 @@ static cw_bus *make_bus_with(unsigned slower, uint16_t queue, unsigned first)
             .timing.bit = {.quantum = QUANTUM + QUANTUM / 2000 * (cw_span)(slower * (i + 1)),
                            .prop_seg = 6, .phase_seg1 = 5, .phase_seg2 = 4, .sjw = 4}};
     const cw_bus_config config = {.bit_ticks = BIT_TICKS, .node_count = NODES, .inbox = 64,
-                                  .events = 256, .nodes = nodes};
+                                  .events = 256, .nodes = nodes, .rule_room = 1};
     cw_bus *bus = cw_bus_init(malloc(cw_bus_size(&config)), &config);
     assert_non_null(bus);
     return bus;
@@ -300,7 +300,8 @@ static cw_bus *random_bus(dice *d, unsigned count)
     for (unsigned i = 0; i < count; i++)
         nodes[i] = (cw_node_config){.queue = 8, .warning_limit = 96, .timing = random_timing(d)};
     const cw_bus_config config = {.bit_ticks = BIT_TICKS, .node_count = (uint8_t)count,
-                                  .inbox = 64, .events = 4096, .nodes = nodes};
+                                  .inbox = 64, .events = 4096, .nodes = nodes,
+                                  .rule_room = 1};
     cw_bus *bus = cw_bus_init(malloc(cw_bus_size(&config)), &config);
     assert_non_null(bus);
     return bus;
@@ -351,4 +352,91 @@ TEST(a_bus_on_another_line_goes_on)
         }
         forget_events(bus);
     }
+}
+
+/* ---- Rules between hosts and controllers ------------------------------------------------------ */
+
+#define SENDS 40u
+
+/* Hands in frames to nodes by turns, some of them within one bit. Their identifiers say in which
+ * order they come. */
+static void send_closely(dice *d, cw_bus *bus, unsigned count)
+{
+    uint64_t tick = 0;
+    for (unsigned k = 0; k < SENDS; k++) {
+        tick += 1 + below(d, k % 4 ? 30 : 200 * BIT_TICKS);
+        const cw_frame frame = {.id = k};
+        assert_int_equal(cw_node_send(bus, (unsigned)below(d, count), &frame, tick), CW_OK);
+    }
+}
+
+/* Goes on by single bits. Returns the frames that a rule has dropped, as bits, in order. */
+static uint64_t drops_of_rule(cw_bus *bus)
+{
+    uint64_t dropped = 0, last = 0;
+    for (unsigned bits = 0; bits < 8000; bits++) {
+        cw_event e;
+        assert_int_equal(cw_bus_advance(bus, cw_bus_now(bus) + BIT_TICKS), CW_OK);
+        while (cw_bus_poll(bus, &e)) {
+            assert_true(e.tick >= last);
+            last = e.tick;
+            if (e.kind == CW_EVENT_DROP && e.why == CW_DROP_FAULT)
+                dropped |= UINT64_C(1) << e.frame.id;
+        }
+    }
+    return dropped;
+}
+
+/* A rule takes every third frame in the order in which hosts hand them in. Nodes look at their
+ * queues at moments of their own. */
+TEST(rules_see_frames_of_all_nodes_in_the_order_of_time)
+{
+    const cw_rule third = {.name = "third", .trigger = CW_TRIGGER_FRAME, .time_end = CW_NEVER,
+                           .every = 3, .probability = UINT64_MAX, .action = CW_ACTION_DROP};
+    uint64_t expected = 0;
+    for (unsigned k = 0; k < SENDS; k += 3)
+        expected |= UINT64_C(1) << k;
+    for (unsigned seed = 1; seed < 200; seed++) {
+        dice d = {seed * UINT64_C(0x9E3779B97F4A7C15)};
+        const unsigned count = 2 + (unsigned)below(&d, MOST_NODES - 1);
+        FREED cw_bus *bus = random_bus(&d, count);
+        unsigned rule;
+        assert_int_equal(cw_bus_add_rule(bus, &rule, &third), CW_OK);
+        send_closely(&d, bus, count);
+        assert_int_equal(drops_of_rule(bus), expected);
+    }
+}
+
+/* Hands in a frame to the last node, and one to each other node a tick later. Returns the tick at
+ * which the first one has been sent. */
+static uint64_t sent_with(const cw_rule *rule, unsigned slower, uint64_t tick)
+{
+    cw_event e;
+    uint64_t sent = CW_NEVER;
+    FREED cw_bus *bus = make_bus(slower);
+    unsigned index;
+    if (rule)
+        assert_int_equal(cw_bus_add_rule(bus, &index, rule), CW_OK);
+    assert_int_equal(cw_node_send(bus, NODES - 1, &(cw_frame){.id = 1}, tick), CW_OK);
+    for (unsigned i = 0; i < NODES - 1; i++)
+        assert_int_equal(cw_node_send(bus, i, &(cw_frame){.id = 2 + i}, tick + 1), CW_OK);
+    assert_int_equal(cw_bus_advance(bus, tick + 70 * BIT_TICKS), CW_OK);
+    while (cw_bus_poll(bus, &e))
+        if (e.kind == CW_EVENT_TX && e.frame.id == 1)
+            sent = e.tick;
+    return sent;
+}
+
+/* Clocks run apart before the frames come. A frame that a rule sees before those of other nodes, and
+ * with these, begins no earlier than without the rule. */
+TEST(a_frame_that_rules_see_begins_as_without_them)
+{
+    const cw_rule none = {.name = "none", .trigger = CW_TRIGGER_FRAME, .time_end = CW_NEVER,
+                          .skip = UINT32_MAX, .probability = UINT64_MAX,
+                          .action = CW_ACTION_DROP};
+    for (unsigned slower = 0; slower < 20; slower++)
+        for (unsigned k = 0; k < BIT_TICKS; k++) {
+            const uint64_t tick = 300 * BIT_TICKS + k;
+            assert_int_equal(sent_with(&none, slower, tick), sent_with(NULL, slower, tick));
+        }
 }
