@@ -46,3 +46,9 @@ uint64_t cw_start_in_bit(const cw_bus *bus, uint64_t end)
         return end;
     return cw_least(end, first_that_begins(bus, end));
 }
+
+bool cw_short_bit_fits(const cw_bus *bus, uint64_t tick)
+{
+    const uint64_t end = cw_next_bit_end(bus); /* lower than now at the end of time */
+    return tick > cw_now(bus) && end > cw_now(bus) && end <= tick;
+}

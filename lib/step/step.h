@@ -161,15 +161,14 @@ static inline uint64_t cw_next_bit_end(const cw_bus *bus)
     return bus->start_at_tick ? cw_start_in_bit(bus, end) : end;
 }
 
-/* Returns true when the next bit ends at a tick or before it. */
+/* Returns true when the next bit ends at a tick or before it, where it may be a short one. */
+bool cw_short_bit_fits(const cw_bus *bus, uint64_t tick);
+
+/* Returns the same for any bus. */
 static inline bool cw_next_bit_fits(const cw_bus *bus, uint64_t tick)
 {
-    if (cw_wire_fits_bit(&bus->time, tick))
-        return true;
-    if (!(bus->timed.rates || bus->start_at_tick) || tick <= cw_now(bus))
-        return false;
-    const uint64_t end = cw_next_bit_end(bus); /* lower than now at the end of time */
-    return end > cw_now(bus) && end <= tick;
+    return cw_wire_fits_bit(&bus->time, tick) ||
+           ((bus->timed.rates || bus->start_at_tick) && cw_short_bit_fits(bus, tick));
 }
 
 /* Continues the frame step that is under way, or begins one with the next frame. It goes as far as
