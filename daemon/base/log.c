@@ -183,7 +183,7 @@ static void log_put(message *m)
         send_message(m);
 }
 
-/* A message begins with its bus, in a rig, then with a place in a file or NULL, and with its node. */
+/* A message begins with its bus, in a rig, then with a place in a file or NULL, and its node. */
 static void __attribute__((format(printf, 4, 0)))
 print_at(const char *where, priority p, const char *node, const char *format, va_list args)
 {

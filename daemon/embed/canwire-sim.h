@@ -145,9 +145,9 @@ CANWIRE_SIM_API int64_t canwire_sim_next(const canwire_sim *sim);
 
 /* Looks for the next event of these kinds behind canwire_sim_now(), when nothing is handed in. They
  * are kinds that are kept, as in canwire_sim_keep_events(). Returns 1 with its time in *at. Returns
- * 0 when none comes before *at. That is `until`, or 10 s from now. It is earlier when the traffic of
- * a file or a gateway may hand in a frame then. Look again when time has come there; events at that
- * time are known then. A look costs as much as to go there, and two copies of the bus. Nothing
+ * 0 when none comes before *at. That is `until`, or 10 s from now. It is earlier when the traffic
+ * of a file or a gateway may hand in a frame then. Look again when time has come there; events at
+ * that time are known then. A look costs as much as to go there, and two copies of the bus. Nothing
  * happens by it. CANWIRE_SIM_INVALID: there are no such events, or they are not kept; `until` is
  * before now. */
 CANWIRE_SIM_API int canwire_sim_next_event(canwire_sim *sim, const char *kinds, int64_t until,

@@ -9,7 +9,7 @@
 
 #define WORD sizeof(uint64_t)
 
-/* An entry outside of the inbox: whole words, as in it, also where a uint64_t has less alignment. */
+/* An entry outside the inbox: whole words, as in it, also where a uint64_t has less alignment. */
 typedef union entry_room {
     cw_inbox_entry entry;
     unsigned char bytes[(sizeof(cw_inbox_entry) + sizeof(cw_frame) + WORD - 1) / WORD * WORD];

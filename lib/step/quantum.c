@@ -276,8 +276,8 @@ static uint64_t end_of_frames(const cw_bus *bus, unsigned i, cw_span end_of_bit)
     return joins ? end : cw_least(end, cw_bit_end(bus));
 }
 
-/* Returns the tick at which the present bit of a node ends. Until then the node cannot begin a frame
- * that is queued now. */
+/* Returns the tick at which the present bit of a node ends. Until then the node cannot begin a
+ * frame that is queued now. */
 static uint64_t end_of_present_bit(cw_bus *bus, unsigned i)
 {
     const cw_timed_node *n = node_at(bus, i);

@@ -40,8 +40,8 @@ static const char help[] =
 
 static const char exit_status[] =
     "\n"
-    "Exit status: 0, 1 a value or a file is bad, or a row is not a scenario, 2 wrong usage, 3 (run)\n"
-    "a row has not passed.\n";
+    "Exit status: 0, 1 a value or a file is bad, or a row is not a scenario, 2 wrong usage,\n"
+    "3 (run) a row has not passed.\n";
 
 typedef struct options {
     campaign_run_options run;

@@ -354,7 +354,7 @@ TEST(a_bus_on_another_line_goes_on)
     }
 }
 
-/* ---- Rules between hosts and controllers ------------------------------------------------------ */
+/* ---- Rules between hosts and controllers ----------------------------------------------------- */
 
 #define SENDS 40u
 
@@ -427,8 +427,8 @@ static uint64_t sent_with(const cw_rule *rule, unsigned slower, uint64_t tick)
     return sent;
 }
 
-/* Clocks run apart before the frames come. A frame that a rule sees before those of other nodes, and
- * with these, begins no earlier than without the rule. */
+/* Clocks run apart before the frames come. A frame that a rule sees before those of other nodes,
+ * and with these, begins no earlier than without the rule. */
 TEST(a_frame_that_rules_see_begins_as_without_them)
 {
     const cw_rule none = {.name = "none", .trigger = CW_TRIGGER_FRAME, .time_end = CW_NEVER,
