@@ -402,18 +402,20 @@ static bool record_bus_begin(recording *r)
     return r->recorder != NULL;
 }
 
-/* Says what was written and what was lost. A quiet recording speaks only of losses. */
-static void tell_end(const recording *r, bool written)
+/* Says what was written and what was lost. A quiet recording speaks only of losses. Entries behind
+ * the end of the reader are not lost: nobody wants them. */
+static void tell_end(const recording *r, bool written, bool reader_gone)
 {
     const char *file = r->order->what.file;
     recorder_stats stats;
     recorder_get_stats(r->recorder, &stats);
-    if (r->order->quiet && written && r->lost + stats.lost == 0)
+    const uint64_t lost = r->lost + (reader_gone ? r->told : stats.lost);
+    if (r->order->quiet && written && lost == 0)
         return;
     plain_print(stderr, "%s: %s: %s, %s", r->order->tool, file,
                 counted(stats.entries, "entry").text, counted(stats.bytes, "byte").text);
-    if (r->lost + stats.lost > 0)
-        plain_print(stderr, ", %" PRIu64 " lost", r->lost + stats.lost);
+    if (lost > 0)
+        plain_print(stderr, ", %" PRIu64 " lost", lost);
     fputc('\n', stderr);
     if (!written)
         plain_print(stderr, "%s: %s: the last of them are not written, nobody reads them\n",
@@ -428,9 +430,10 @@ static int record_bus_finish(recording *r)
         thread_in_seconds(r->order->stream >= 0 ? STREAM_PATIENCE_S : PATIENCE_S);
     const bool written = recorder_wait(r->recorder, &until);
     int error = recorder_error(r->recorder);
-    if (!reader && error == EPIPE)
+    const bool reader_gone = !reader && error == EPIPE;
+    if (reader_gone)
         error = 0;
-    tell_end(r, written);
+    tell_end(r, written, reader_gone);
     if (error != 0)
         plain_print(stderr, "%s: %s: stopped: %s\n", r->order->tool, r->order->what.file,
                     spool_explain(error));
