@@ -173,6 +173,18 @@ static rig *new_matrix(const cw_time_trigger *of_slave, unsigned count)
     return r;
 }
 
+/* The clock of the slave is fast by 1000 ppm. The bus has not begun. */
+static rig *rig_with_fast_slave(const cw_time_trigger *of_slave)
+{
+    rig *r = rig_new(3);
+    give_schedule(r, MASTER, of_master, 2);
+    give_schedule(r, 1, of_slave, 1);
+    r->nodes[1].timing.bit = (cw_bit_timing){.quantum = cw_quantum(8000000, 1, 1000),
+                                             .prop_seg = 7, .phase_seg1 = 4, .phase_seg2 = 4,
+                                             .sjw = 4};
+    return r;
+}
+
 /* The SOF of each frame is the first bit that begins at its trigger or after it. */
 TEST(frames_go_in_their_slots)
 {
@@ -241,12 +253,7 @@ TEST(a_slot_ends_at_one_tick_whoever_asks_for_synchronisations)
     const cw_frame other = {.id = 0x123, .dlc = 8};
     uint64_t ticks[2];
     for (unsigned asks = 0; asks < 2; asks++) {
-        RIG *r = rig_new(3);
-        give_schedule(r, MASTER, of_master, 2);
-        give_schedule(r, 1, of_slave, 1);
-        r->nodes[1].timing.bit = (cw_bit_timing){.quantum = cw_quantum(8000000, 1, 1000),
-                                                 .prop_seg = 7, .phase_seg1 = 4, .phase_seg2 = 4,
-                                                 .sjw = 4};
+        RIG *r = rig_with_fast_slave(of_slave);
         rig_start(r);
         cw_bus_set_events(r->bus, CW_EVENTS_USUAL | (asks ? 1u << CW_EVENT_SYNC : 0));
         rig_send(r, 2, &other, ((CYCLE * US + SAMPLE) / US + 990) * US);
@@ -295,12 +302,7 @@ TEST(a_master_without_an_answer_tries_again)
 TEST(a_node_with_another_clock_knows_the_time_of_the_master)
 {
     const cw_time_trigger of_slave[] = {trigger(1000, 50, 0x300)};
-    RIG *r = rig_new(3);
-    give_schedule(r, MASTER, of_master, 2);
-    give_schedule(r, 1, of_slave, 1);
-    r->nodes[1].timing.bit = (cw_bit_timing){.quantum = cw_quantum(8000000, 1, 1000),
-                                             .prop_seg = 7, .phase_seg1 = 4, .phase_seg2 = 4,
-                                             .sjw = 4};
+    RIG *r = rig_with_fast_slave(of_slave);
     r->nodes[1].local.unit = cw_quantum(1000000, 1, 1000);
     r->nodes[1].local.start = 500;
     rig_start(r);
